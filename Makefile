@@ -33,7 +33,7 @@ lint: setup      ## check style, types, layers, and that modules import each oth
 test: lint       ## run lint and all tests
 	$(BIN)/pytest -n 2
 
-fast: setup      ## run the tests that answer within two minutes
+fast: setup      ## run the tests that answer within a minute
 	$(BIN)/pytest -n 2 -m "not slow"
 
 fuzz: setup      ## try EXAMPLES streams of odd frames by SEED, or the usual number

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pyrealsense2 as rs
 
-from voxdepth import CorrectionPipeline, Frame, Intrinsics, VoxDepth
+from voxdepth import CorrectionPipeline, Frame, Intrinsics, TemporalCorrector
 
 TIMEOUT_MS = 5000
 """How long a frame may take to come."""
@@ -103,7 +103,7 @@ def main() -> None:
     options = parser.parse_args()
     camera, start = Camera(options.file, projector=options.projector), time.perf_counter()
     # `latest` suits a live camera: if the corrector falls behind, a newer frame replaces the one that waits.
-    pipeline = CorrectionPipeline(VoxDepth(camera.intrinsics), camera.frames(), latest=options.file is None)
+    pipeline = CorrectionPipeline(TemporalCorrector(camera.intrinsics), camera.frames(), latest=options.file is None)
     count, printed_s = 0, float("-inf")
     with pipeline, suppress(KeyboardInterrupt):
         for count, (frame, corrected) in enumerate(pipeline, 1):

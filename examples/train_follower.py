@@ -237,7 +237,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--steps", type=int, default=20_000, help="steps of the environment in each training")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="seeds of the trainings")
     parser.add_argument("--depth", choices=["truth", "noisy", "stereo"], default="stereo", help="what is corrected")
-    parser.add_argument("--corrector", default="voxdepth", help="name of the depth corrector, as in `voxdepth run`")
+    parser.add_argument("--corrector", default="temporal", help="name of the depth corrector, as in `voxdepth run`")
     parser.add_argument("--steering", choices=["shielded", "direct"], default="shielded", help="what obeys the policy")
     parser.add_argument("--episodes", type=int, default=20, help="test worlds")
     parser.add_argument("--envs", type=int, default=2, help="environments of each training")

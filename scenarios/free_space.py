@@ -34,7 +34,7 @@ NEAR_M, TOLERANCE_M, ALARM, WEAK_TEXTURE = 6.0, 0.25, 0.7, 0.3
 a surface is hard to match, as mirrors are."""
 THRESHOLDS = (0.2, 0.5, 0.7)
 """Confidences from which a pixel is trusted."""
-CORRECTORS = ("raw", "realsense", "paper", "voxdepth")
+CORRECTORS = ("raw", "realsense", "voxdepth", "temporal")
 BY, COUNTED = ["corrector", "trusted from", "surfaces"], ["false free", "known free", "warned", "false alarm"]
 """What is counted of the cells: those that claim free space behind the true surface, those that claim at least half of
 the free space that there is, those that show a surface no farther than the true one, and those that show a near one at

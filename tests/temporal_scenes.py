@@ -9,8 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from voxdepth.temporal.config import VoxDepthConfig
-from voxdepth.temporal.method import VoxDepth
+from voxdepth.temporal.config import TemporalConfig
+from voxdepth.temporal.method import TemporalCorrector
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=70, baseline_m=0.1)
@@ -135,17 +135,17 @@ def dark(index: int, camera: Intrinsics = CAMERA) -> Frame:
     return Frame(stamp_s=index / 30, gray=np.zeros(camera.shape, np.uint8), depth_m=np.zeros(camera.shape, np.float32))
 
 
-def method(camera: Intrinsics = CAMERA, **settings: object) -> VoxDepth:
+def method(camera: Intrinsics = CAMERA, **settings: object) -> TemporalCorrector:
     """The default method with some settings."""
-    return VoxDepth(camera, VoxDepthConfig.model_validate(settings))
+    return TemporalCorrector(camera, TemporalConfig.model_validate(settings))
 
 
-def process(corrector: VoxDepth, frame: Frame) -> CorrectedDepth:
+def process(corrector: TemporalCorrector, frame: Frame) -> CorrectedDepth:
     """Both halves of the work on a frame."""
     return corrector.combine(corrector.align(frame))
 
 
-def run(corrector: VoxDepth, frames: Sequence[Frame]) -> list[CorrectedDepth]:
+def run(corrector: TemporalCorrector, frames: Sequence[Frame]) -> list[CorrectedDepth]:
     """A whole stream."""
     return [process(corrector, frame) for frame in frames]
 

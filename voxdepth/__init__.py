@@ -9,12 +9,12 @@ corrected = corrector.process(Frame.from_millimetres(stamp_s=0.0, gray=gray, dep
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .paper.config import PaperConfig
-    from .paper.method import PaperVoxDepth
+    from .paper.config import VoxDepthConfig
+    from .paper.method import VoxDepth
     from .pipeline import CorrectionPipeline
     from .registry import create_corrector
-    from .temporal.config import VoxDepthConfig
-    from .temporal.method import VoxDepth
+    from .temporal.config import TemporalConfig
+    from .temporal.method import TemporalCorrector
     from .types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
 __all__ = [
@@ -23,19 +23,19 @@ __all__ = [
     "DepthCorrector",
     "Frame",
     "Intrinsics",
-    "PaperConfig",
-    "PaperVoxDepth",
     "Source",
+    "TemporalConfig",
+    "TemporalCorrector",
     "VoxDepth",
     "VoxDepthConfig",
     "create_corrector",
 ]
 
 _HOMES = {
-    "VoxDepth": "temporal.method",
-    "PaperVoxDepth": "paper.method",
-    "VoxDepthConfig": "temporal.config",
-    "PaperConfig": "paper.config",
+    "TemporalCorrector": "temporal.method",
+    "VoxDepth": "paper.method",
+    "TemporalConfig": "temporal.config",
+    "VoxDepthConfig": "paper.config",
     "create_corrector": "registry",
     "CorrectionPipeline": "pipeline",
     **dict.fromkeys(("CorrectedDepth", "DepthCorrector", "Frame", "Intrinsics", "Source"), "types"),

@@ -81,10 +81,10 @@ class CorrectorSpec(Model):
 
 
 def parse_corrector(text: str) -> tuple[str, dict[str, Any]]:
-    """Split a corrector with a setting, as in `voxdepth[fill=all]`, into its name and its configuration.
+    """Split a corrector with a setting, as in `temporal[fill=all]`, into its name and its configuration.
 
     Without a setting the configuration is empty. Dots lead to keys of tables, as in
-    `voxdepth[odometry.min_tracks=9]`. A value that is not JSON is a text. Neither the name nor the key is looked up.
+    `temporal[odometry.min_tracks=9]`. A value that is not JSON is a text. Neither the name nor the key is looked up.
 
     Raises:
         ConfigError: The text has another form.
@@ -94,7 +94,7 @@ def parse_corrector(text: str) -> tuple[str, dict[str, Any]]:
         return name, {}
     key, equals, value = setting.removesuffix("]").partition("=")
     if not (key and equals and value and setting.endswith("]")):
-        raise ConfigError(f"expected a corrector with a setting as in voxdepth[fill=all], got {text!r}")
+        raise ConfigError(f"expected a corrector with a setting as in temporal[fill=all], got {text!r}")
     given: Any = value
     with suppress(ValueError):
         given = json.loads(value)

@@ -18,8 +18,8 @@ from .errors import ConfigError
 from .types import DepthCorrector, Intrinsics
 
 if TYPE_CHECKING:
-    from .paper.config import PaperConfig
-    from .temporal.config import VoxDepthConfig
+    from .paper.config import VoxDepthConfig
+    from .temporal.config import TemporalConfig
 
 __all__ = [
     "CORRECTOR_NAMES",
@@ -37,7 +37,7 @@ __all__ = [
 
 ENTRY_POINTS = "voxdepth.correctors"
 """Group of the entry points by which other distributions add correctors."""
-DEFAULT, PAPER = "voxdepth", "paper"
+DEFAULT, PAPER = "temporal", "voxdepth"
 """The corrector that is used unless another is named, and the method of the paper."""
 
 
@@ -84,8 +84,8 @@ _REGISTRY = {
     "navier-stokes": _single_frame("single_frame:OpenCvInpaint", 0.0035, method="navier_stokes"),
     "global-smoother": Entry("baselines.global_smoother:GlobalSmoother", 0.0064),
     "learned": Entry("baselines.learned:Learned", 0.0113, needs="onnxruntime"),
-    PAPER: Entry("paper.method:PaperVoxDepth", 0.0034, config="paper.config:PaperConfig"),
-    DEFAULT: Entry("temporal.method:VoxDepth", 0.0087, config="temporal.config:VoxDepthConfig"),
+    PAPER: Entry("paper.method:VoxDepth", 0.0034, config="paper.config:VoxDepthConfig"),
+    DEFAULT: Entry("temporal.method:TemporalCorrector", 0.0087, config="temporal.config:TemporalConfig"),
 }
 
 CORRECTOR_NAMES = tuple(_REGISTRY)
@@ -109,17 +109,17 @@ def require_known(name: str) -> None:
         raise ConfigError(f"there is no corrector {name!r}; choose one of: {', '.join(corrector_names())}")
 
 
-def config_of(name: str) -> "VoxDepthConfig | PaperConfig | None":
+def config_of(name: str) -> "TemporalConfig | VoxDepthConfig | None":
     """The default configuration of a known corrector; None for a corrector without one."""
     require_known(name)
     entry = _REGISTRY.get(name)
     if entry is None or entry.config is None:
         return None
-    default: VoxDepthConfig | PaperConfig = _imported(entry.config)()
+    default: TemporalConfig | VoxDepthConfig = _imported(entry.config)()
     return default
 
 
-def resolve_config(name: str, given: Mapping[str, Any]) -> "VoxDepthConfig | PaperConfig":
+def resolve_config(name: str, given: Mapping[str, Any]) -> "TemporalConfig | VoxDepthConfig":
     """The configuration of a corrector with the given values over its defaults.
 
     A table replaces the default values key by key, or as a whole if it names another `method` than the default table.
@@ -166,7 +166,7 @@ def _dotted(config: Mapping[str, Any]) -> Iterator[str]:
 
 
 def create_corrector(
-    name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | PaperConfig | Mapping[str, Any] | None" = None
+    name: str, intrinsics: Intrinsics, config: "TemporalConfig | VoxDepthConfig | Mapping[str, Any] | None" = None
 ) -> DepthCorrector:
     """Create the corrector of that name, one of `corrector_names()`, for one camera.
 
@@ -187,7 +187,7 @@ def create_corrector(
 
 
 def create_bare(
-    name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | PaperConfig | Mapping[str, Any] | None" = None
+    name: str, intrinsics: Intrinsics, config: "TemporalConfig | VoxDepthConfig | Mapping[str, Any] | None" = None
 ) -> DepthCorrector:
     """Create a corrector as `create_corrector` does, but with the confidence of the method itself.
 

@@ -36,7 +36,7 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="A,B,C",
-            help=r"Methods by name, perhaps with a setting as in voxdepth\[fill=all], or your own as "
+            help=r"Methods by name, perhaps with a setting as in temporal\[fill=all], or your own as "
             "package.module:factory. Default: all, and the oracle true-pose where a recording has true poses.",
         ),
     ] = None,

@@ -62,7 +62,7 @@ def find_method(name: str) -> Method:
     """Find a method; a name or a setting that does not exist is a `ConfigError` or a `ScenarioError`.
 
     It is the name of a corrector, perhaps with one setting of its configuration as in
-    `voxdepth[fill=all]`, or your own corrector as `package.module:factory`.
+    `temporal[fill=all]`, or your own corrector as `package.module:factory`.
     """
     if name == ORACLE:
         return Method(name=name, make=_oracle, sees_true_pose=True)

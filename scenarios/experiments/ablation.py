@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 
 from voxdepth.registry import DEFAULT
-from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.table import Column, Table, Value
 
 from ..evaluation.measurements import Selector
@@ -20,7 +20,7 @@ NEVER = 100_000
 """A threshold that nothing reaches."""
 ANY = 1e-6
 """A threshold that everything passes."""
-DEFAULT_CONFIG = VoxDepthConfig()
+DEFAULT_CONFIG = TemporalConfig()
 SEQUENCES = ("sim-LN", "sim-MB", "sim-PLF", "sim-cross", "sim-approach", "sim-hover")
 """Near and far surfaces, with and without parallax, and objects that move across and towards the camera."""
 
@@ -32,7 +32,7 @@ class Variant:
     name: str
     off: str
     """The part that is off or different."""
-    config: VoxDepthConfig = DEFAULT_CONFIG
+    config: TemporalConfig = DEFAULT_CONFIG
     sees_true_pose: bool = False
     """Whether it is told the true pose, as an oracle."""
 
@@ -45,7 +45,7 @@ class Variant:
 
 
 def _variant(name: str, off: str, **changes: Any) -> Variant:
-    return Variant(name, off, VoxDepthConfig.model_validate(changes))
+    return Variant(name, off, TemporalConfig.model_validate(changes))
 
 
 VARIANTS = (

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pandas as pd
 
-from voxdepth import PaperVoxDepth
-from voxdepth.paper.config import PaperConfig
+from voxdepth import VoxDepth
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.epochs import Phase
 from voxdepth.tools.table import Column, Table
 from voxdepth.types import Frame
@@ -25,7 +25,7 @@ STEPS = {
 """Steps of the corrector that make up each of the paper's components."""
 PER_EPOCH = ("fusion", "inpainting")
 """Components that run once in an epoch."""
-CONFIG = PaperConfig(max_epoch_frames=20, fusion_lag_frames=0)
+CONFIG = VoxDepthConfig(max_epoch_frames=20, fusion_lag_frames=0)
 """Nothing runs in parallel to what is measured; epochs are short, so that a window is fused every 29 frames."""
 ROUNDS, RATE_HZ = 5, 30.0
 """How often the frames are played forwards and backwards, and how fast by their times."""
@@ -43,7 +43,7 @@ def time_components(context: ExperimentContext) -> Findings:
         frames = list(context.frames_of(name))
         played = (frames + frames[::-1]) * ROUNDS
         stamped = (replace(frame, stamp_s=k / RATE_HZ) for k, frame in enumerate(played))
-        times_ms = component_times_ms(PaperVoxDepth(camera, CONFIG), stamped)
+        times_ms = component_times_ms(VoxDepth(camera, CONFIG), stamped)
         rows += [
             (f"{name} {camera.width_px}x{camera.height_px}", component, of.median(), of.quantile(0.95), len(of),
              *COMPONENTS_MS[component])
@@ -68,7 +68,7 @@ def time_components(context: ExperimentContext) -> Findings:
     )  # fmt: skip
 
 
-def component_times_ms(corrector: PaperVoxDepth, frames: Iterable[Frame]) -> Mapping[str, pd.Series]:
+def component_times_ms(corrector: VoxDepth, frames: Iterable[Frame]) -> Mapping[str, pd.Series]:
     """Times [ms] by component: of all fusions but the first, and of each frame that is corrected after the second.
 
     Raises:

@@ -52,7 +52,7 @@ NOTES = (
     "The default method was tuned on seed 101, with a look at 102 and 103, so results of these seeds prove nothing. "
     "Those of seed 0, the default, and of any other are fair.",
     "The default method leaves a pixel empty where its guess is unlikely (fill = likely). Errors after completion are "
-    "those of `voxdepth[fill=all]`, which shows a depth at every pixel; all else is of the default.",
+    "those of `temporal[fill=all]`, which shows a depth at every pixel; all else is of the default.",
     "Every sequence has the same weight in a mean. An undefined value shows as - and is in no mean; the closed share "
     "of the gap is undefined where true-pose is not better than the best baseline.",
     "Flicker is |change of the error| from frame to frame where the same surface stays, of pixels with a depth in both "

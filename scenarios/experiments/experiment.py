@@ -9,9 +9,9 @@ import pandas as pd
 from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import create_corrector
-from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.table import Table
 from voxdepth.types import Frame
 
@@ -143,7 +143,7 @@ class ExperimentContext:
 
 
 def configured_method(
-    corrector: str, name: str, config: VoxDepthConfig | PaperConfig, *, sees_true_pose: bool = False
+    corrector: str, name: str, config: TemporalConfig | VoxDepthConfig, *, sees_true_pose: bool = False
 ) -> Method:
     """A corrector with a configuration, to which the name must belong alone: results are stored under it."""
     return Method(

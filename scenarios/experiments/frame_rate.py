@@ -7,10 +7,10 @@ from typing import Any
 
 import pandas as pd
 
-from voxdepth import CorrectionPipeline, PaperVoxDepth
+from voxdepth import CorrectionPipeline, VoxDepth
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.networks import has_runtime
-from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import create_corrector
 from voxdepth.tools.table import Column, Table
 from voxdepth.types import Intrinsics
@@ -29,7 +29,7 @@ COLUMNS = (
 )  # fmt: skip
 
 ONE_BY_ONE, PIPELINED = "one by one", "three stages in threads"
-BLOCKING, LAGGING = (partial(PaperVoxDepth, config=PaperConfig(fusion_lag_frames=lag)) for lag in (0, 3))
+BLOCKING, LAGGING = (partial(VoxDepth, config=VoxDepthConfig(fusion_lag_frames=lag)) for lag in (0, 3))
 """Fusing stops all, or goes on beside."""
 SETUPS: Mapping[str, tuple[Callable[[Intrinsics], Any], str]] = {
     "VD": (LAGGING, PIPELINED),

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.registry import PAPER
 from voxdepth.tools.table import Column, Table
@@ -17,7 +17,7 @@ CHOSEN, LARGEST = "200", "600"
 """The paper's choice, and the largest size."""
 REGISTRATIONS = {str(size_px): RegistrationConfig(size_px=size_px) for size_px in (100, 150, 200, 300, 400, 600)}
 """By the width and height that gray images are reduced to [px]."""
-METHODS = {size: configured_method(PAPER, f"size-{size}", PaperConfig(registration=config))
+METHODS = {size: configured_method(PAPER, f"size-{size}", VoxDepthConfig(registration=config))
            for size, config in REGISTRATIONS.items()}  # fmt: skip
 DISTANCE, MAX_PAIRS = 10, 10
 """Frames between the two images of a pair, and pairs of a sequence."""

@@ -13,7 +13,7 @@ from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import Sums
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.networks import has_runtime
-from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.inpainting import Inpainting, InpaintingName
 from voxdepth.paper.method import MOTION_MODELS
 from voxdepth.paper.odometry import PhotometricOdometry
@@ -31,7 +31,7 @@ METHODS: Mapping[str, Inpainting] = {
 }
 """`convex` needs the extra `learned`."""
 SPARSE = "as projected"
-CONFIG = PaperConfig()
+CONFIG = VoxDepthConfig()
 REPETITIONS = 5
 """Timed repetitions of each method on each window, after one to warm up."""
 NEAR_M = 20.0

@@ -18,7 +18,7 @@ from . import paper_results as paper
 from .experiment import Claim, Experiment, ExperimentContext, Findings, alike, listed, most_hold
 from .paper_results import REAL, percentages_table, saturated
 
-_METHODS = {"VD": "paper", "RS": "realsense-left", "GS": "lmeds", "DS": "learned", "raw": "raw"}
+_METHODS = {"VD": "voxdepth", "RS": "realsense-left", "GS": "lmeds", "DS": "learned", "raw": "raw"}
 METHODS = {name: method for name, method in _METHODS.items() if method in installed_names()}
 """Our method by the paper's name of it, and the depth that all of them receive. DS needs the extra `learned`."""
 NAMES = {

@@ -6,9 +6,9 @@ from statistics import mean
 import numpy as np
 import pandas as pd
 
-from voxdepth import PaperVoxDepth
+from voxdepth import VoxDepth
 from voxdepth.baselines.optical_flow import Dis
-from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.epochs import EpochEnd
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.tools.table import Column, Table, Value
@@ -38,7 +38,7 @@ def count_switches(context: ExperimentContext) -> Findings:
             if distance < context.frames]  # fmt: skip
     movement = Table.of("Pixel movement and quality of registration", MOVEMENT_COLUMNS, rows, name="movement")
     flows_px, psnrs_db = (movement.pivot("distance", "sequence", name) for name in ("flow", "gray PSNR"))
-    rates = pd.DataFrame({"here, by matches alone": switches.series(RATE), "paper": switches.series(PAPER_RATE)})
+    rates = pd.DataFrame({"here, by matches alone": switches.series(RATE), "voxdepth": switches.series(PAPER_RATE)})
     return Findings(
         tables=(switches, movement),
         claims=(_switches_claim(switches.series(RATE)), _movement_claim(flows_px, psnrs_db)),
@@ -64,8 +64,8 @@ def count_switches(context: ExperimentContext) -> Findings:
 
 def _count_ends(context: ExperimentContext, name: str) -> tuple[Value, ...]:
     """A row with the ends of epochs by the rules about matches alone, and with the limit to their length."""
-    configs = (PaperConfig(max_epoch_frames=UNLIMITED), PaperConfig())
-    correctors = [PaperVoxDepth(context.recording(name).intrinsics, config) for config in configs]
+    configs = (VoxDepthConfig(max_epoch_frames=UNLIMITED), VoxDepthConfig())
+    correctors = [VoxDepth(context.recording(name).intrinsics, config) for config in configs]
     by_rule, limited = Counter[EpochEnd | None](), Counter[EpochEnd | None]()
     for frame in context.frames_of(name):
         for corrector, ends in zip(correctors, (by_rule, limited), strict=True):

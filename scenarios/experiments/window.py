@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 
 from swarm.perception import frame_of
-from voxdepth import PaperVoxDepth
+from voxdepth import VoxDepth
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import psnr_db
 from voxdepth.metrics.paper import PEAK16_M
-from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.tools.table import Column, Table, Value
 
 from ..results.figure import panels, plotted
@@ -57,7 +57,7 @@ def compare_windows(context: ExperimentContext) -> Findings:
 
 def measure(context: ExperimentContext, name: str, window_frames: int) -> tuple[Value, ...]:
     """The numbers of a window size on a sequence, in the order of `COLUMNS`."""
-    corrector = PaperVoxDepth(context.recording(name).intrinsics, PaperConfig(window_frames=window_frames))
+    corrector = VoxDepth(context.recording(name).intrinsics, VoxDepthConfig(window_frames=window_frames))
     times_ms, errors_m2, template, fusing_ms = [], [], None, 0.0
     for capture in context.captures(name):
         frame, truth_m = frame_of(capture), capture.depth_true_m

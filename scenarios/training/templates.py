@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.method import MOTION_MODELS
 from voxdepth.paper.odometry import PhotometricOdometry
 from voxdepth.paper.steps import create_steps
@@ -13,7 +13,7 @@ from voxdepth.types import FloatImage, Frame
 from .clips import Clip
 from .samples import RATE_HZ
 
-CONFIG = PaperConfig()
+CONFIG = VoxDepthConfig()
 
 
 class SparseTemplate(NamedTuple):

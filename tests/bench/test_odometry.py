@@ -27,7 +27,7 @@ from voxdepth.paper.odometry import (
     reduced,
     view_of,
 )
-from voxdepth.temporal.method import VoxDepth
+from voxdepth.temporal.method import TemporalCorrector
 from voxdepth.temporal.odometry import TrackingResult
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
@@ -161,7 +161,7 @@ def beside_a_wall(frame: Frame, visible: float) -> Frame:
 
 def motions_of_the_default(film: list[Frame]) -> list[FloatArray | None]:
     """The motion of the camera to each frame but the first; None where the default method does not find it."""
-    corrector = VoxDepth(CAMERA)
+    corrector = TemporalCorrector(CAMERA)
     found = [corrector.process(frame).diagnostics for frame in film]
     return [one.T_frame_keyframe for one in found[1:] if isinstance(one, TrackingResult)]
 

@@ -27,7 +27,7 @@ from swarm.mapping import MappingPilot
 from swarm.mission import Mission
 from swarm.task import MissionConfig
 from tests.helpers import camera_at
-from voxdepth import VoxDepth
+from voxdepth import TemporalCorrector
 from voxdepth.tools.table import Column, Table
 from voxdepth.types import Intrinsics
 
@@ -74,8 +74,8 @@ def test_physics_and_control_at_240_hz(n_drones: int) -> None:
 
 @pytest.mark.parametrize(
     ("depth", "corrector", "size"),
-    [("truth", "raw", (160, 120)), ("stereo", "raw", (160, 120)), ("stereo", "paper", (160, 120)),
-     ("stereo", "voxdepth", (160, 120)), ("stereo", "paper", (320, 180)), ("stereo", "voxdepth", (320, 180))],
+    [("truth", "raw", (160, 120)), ("stereo", "raw", (160, 120)), ("stereo", "voxdepth", (160, 120)),
+     ("stereo", "temporal", (160, 120)), ("stereo", "voxdepth", (320, 180)), ("stereo", "temporal", (320, 180))],
 )  # fmt: skip
 def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
     changes = {"rig.depth": depth, "corrector": corrector, **images_of(*size)}
@@ -87,7 +87,7 @@ def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("size", [(160, 120), (320, 180)])
 def test_two_threads_against_one(size: tuple[int, int]) -> None:
-    changes = {"corrector": "voxdepth", **images_of(*size), "mission.duration_s": 3.0}
+    changes = {"corrector": "temporal", **images_of(*size), "mission.duration_s": 3.0}
     run = load_run("city", 0, changes)
     fly(run, threads=2)
     one_s, two_s = (min(fly(run, threads=threads).wall_s for _ in range(3)) for threads in (1, 2))
@@ -113,7 +113,7 @@ MAP = (MappingPilot, "fly")
 PARTS = {
     "drawing": (StereoSensor, "render"),
     "noise and matching": (StereoSensor, "capture"),
-    "correction": (VoxDepth, "process"),
+    "correction": (TemporalCorrector, "process"),
     "decisions of the drones": (Mission, "_decide"),
     "physics": (Mission, "_move"),
 }
@@ -145,7 +145,7 @@ def test_profile_of_a_mission(monkeypatch: pytest.MonkeyPatch) -> None:
     profiles, shares = {}, {}
     cameras = {"160x120": images_of(160, 120), "320x180": images_of(320, 180), "480x270 / 3": {}}
     for camera, size in cameras.items():
-        changes = {"corrector": "voxdepth", **size}
+        changes = {"corrector": "temporal", **size}
         fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}), threads=1)
         run = load_run("city", 0, changes | {"mission.duration_s": 5.0})
         ms = spent_ms(run, {**PARTS, "a tick": TICK, "maps": MAP}, monkeypatch)

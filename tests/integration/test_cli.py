@@ -35,7 +35,7 @@ def voxdepth(*arguments: str | Path, cwd: Path | None = None) -> "subprocess.Com
     """Run a command in this process: a new one takes seconds to import what it needs."""
     handlers = {number: signal.getsignal(number) for number in ENDING}
     with (
-        mock.patch.object(sys, "argv", ["voxdepth", *map(str, arguments)]),
+        mock.patch.object(sys, "argv", ["temporal", *map(str, arguments)]),
         mock.patch.dict(os.environ, COLUMNS="120"),
         contextlib.chdir(cwd or Path.cwd()),
         contextlib.redirect_stdout(io.StringIO()) as out,
@@ -321,7 +321,7 @@ def flown_s(recording: Path) -> float:
 def test_list_names_everything() -> None:
     done = voxdepth("list")
     assert done.returncode == 0
-    for word in ("city", "truth, noisy, stereo", "raw, median", "paper, voxdepth", "raster, raycast, tiny"):
+    for word in ("city", "truth, noisy, stereo", "raw, median", "voxdepth, temporal", "raster, raycast, tiny"):
         assert word in done.stdout
 
 

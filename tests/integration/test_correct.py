@@ -22,9 +22,9 @@ from sim.types import Capture
 from tests.integration.test_cli import ENVIRONMENT
 from tests.unit.test_correction import contents
 from voxdepth.errors import ConfigError, DatasetError
-from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import create_corrector
-from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.cli import create_app, explained
 from voxdepth.tools.errors import ToolError
 from voxdepth.types import Frame
@@ -71,7 +71,7 @@ def whole(sequence: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def short(sequence: Path) -> tuple[str | Path, ...]:
-    return "--corrector", "paper", "--config", sequence.parent / "short.toml"
+    return "--corrector", "voxdepth", "--config", sequence.parent / "short.toml"
 
 
 def correct(*arguments: str | Path) -> Result:
@@ -88,7 +88,7 @@ def rows(path: Path, entity: str) -> int:
     return sum(chunk.num_rows for chunk in rr.chunk.RrdReader(path).stream().filter(content=entity).to_chunks())
 
 
-@pytest.mark.parametrize(("options", "name"), [([], "voxdepth"), (["--corrector", "paper"], "paper")])
+@pytest.mark.parametrize(("options", "name"), [([], "temporal"), (["--corrector", "voxdepth"], "voxdepth")])
 def test_the_images_are_those_of_the_corrector_alone(
     options: list[str], name: str, sequence: Path, captures: list[Capture], tmp_path: Path
 ) -> None:
@@ -111,11 +111,11 @@ def test_the_images_are_those_of_the_corrector_alone(
 
 def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path, tmp_path: Path) -> None:
     done = correct(sequence, "--out", tmp_path / "out", *short(sequence), "--frames", "12")
-    for words in ("walk, tum: 12 frames, corrector paper", "pixels with depth", "% corrected", "epoch end",
+    for words in ("walk, tum: 12 frames, corrector voxdepth", "pixels with depth", "% corrected", "epoch end",
                   "median", "frames per second", f"report.json are in {tmp_path / 'out'}"):  # fmt: skip
         assert words in done.output, words
     config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())
-    assert (config["corrector"], config["folder"], config["format"]) == ("paper", "walk", "tum")
+    assert (config["corrector"], config["folder"], config["format"]) == ("voxdepth", "walk", "tum")
     assert config["intrinsics"]["width_px"] == 160
     assert "numpy" in config["versions"]
     assert config["config"]["max_epoch_frames"] == 5
@@ -237,8 +237,11 @@ def test_a_missing_extra_is_named_before_anything_else_is_done(
         (["--corrector", "magic"], "there is no corrector 'magic'"),
         (["--corrector", "raw", "--config", "short.toml"], "the corrector 'raw' takes no configuration"),
         (["--corrector", "raw[a=1]"], "the corrector 'raw' takes no configuration"),
-        (["--corrector", "voxdepth[fill]"], "with a setting as in voxdepth[fill=all], got 'voxdepth[fill]'"),
-        (["--corrector", "paper[window_frames=9]", "--config", "short.toml"], "write it to short.toml, or leave out"),
+        (["--corrector", "temporal[fill]"], "with a setting as in temporal[fill=all], got 'temporal[fill]'"),
+        (
+            ["--corrector", "voxdepth[window_frames=9]", "--config", "short.toml"],
+            "write it to short.toml, or leave out",
+        ),
         (["--record", "out.mp4"], "--record must name an .rrd file, got out.mp4"),
         (["--format", "recording"], "holds no dataset that can be read"),
         (["--config", "nowhere.toml"], "cannot read nowhere.toml"),
@@ -277,7 +280,7 @@ def test_a_mistyped_name_is_told_before_an_output_that_exists(sequence: Path, tm
 )
 def test_bad_configurations_say_where_and_what(text: str, message: str, sequence: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(text)
-    options = ["--corrector", "paper", "--config", tmp_path / "mine.toml"]
+    options = ["--corrector", "voxdepth", "--config", tmp_path / "mine.toml"]
     done = correct(sequence, "--out", tmp_path / "out", *options)
     assert isinstance(done.exception, ToolError)
     assert "mine.toml" in str(done.exception)
@@ -288,12 +291,12 @@ def test_bad_configurations_say_where_and_what(text: str, message: str, sequence
 
 def test_a_table_may_leave_out_the_keys_that_stay(sequence: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("[inpainting]\nsize_px = 7\n[registration]\nsize_px = 100\n")
-    options = ["--corrector", "paper", "--config", tmp_path / "mine.toml", "--frames", "2"]
+    options = ["--corrector", "voxdepth", "--config", tmp_path / "mine.toml", "--frames", "2"]
     done = correct(sequence, "--out", tmp_path / "out", *options)
     assert done.exit_code == 0, done.exception
     config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())["config"]
-    assert config["inpainting"] == PaperConfig().inpainting.model_dump(mode="json") | {"size_px": 7}
-    assert config["registration"] == PaperConfig().registration.model_dump(mode="json") | {"size_px": 100}
+    assert config["inpainting"] == VoxDepthConfig().inpainting.model_dump(mode="json") | {"size_px": 7}
+    assert config["registration"] == VoxDepthConfig().registration.model_dump(mode="json") | {"size_px": 100}
 
 
 def test_a_baseline_that_is_assumed_is_told_with_the_place_to_state_it(sequence: Path, tmp_path: Path) -> None:
@@ -332,17 +335,17 @@ def test_a_recording_is_never_written_among_the_input(name: str, sequence: Path,
 def test_the_configuration_of_another_corrector_is_refused(whole: Path, sequence: Path, tmp_path: Path) -> None:
     done = correct(sequence, "--out", tmp_path / "out", "--config", whole / "config.toml")
     assert isinstance(done.exception, ToolError)
-    assert "config.toml configures the corrector 'paper': ask for that with --corrector" in str(done.exception)
+    assert "config.toml configures the corrector 'voxdepth': ask for that with --corrector" in str(done.exception)
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("arguments", [[], ["voxdepth"], ["paper"]])
+@pytest.mark.parametrize("arguments", [[], ["temporal"], ["voxdepth"]])
 def test_the_command_config_prints_the_configuration_and_correct_takes_it(
     arguments: list[str], sequence: Path, tmp_path: Path
 ) -> None:
     printed = CliRunner().invoke(create_app(), ["config", *arguments])
     assert printed.exit_code == 0
-    own = PaperConfig() if arguments == ["paper"] else VoxDepthConfig()
+    own = VoxDepthConfig() if arguments == ["voxdepth"] else TemporalConfig()
     assert type(own).model_validate(tomllib.loads(printed.stdout)) == own
     options = ["--corrector", *arguments] if arguments else []
     file = tmp_path / "all.toml"

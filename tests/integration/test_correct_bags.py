@@ -74,7 +74,7 @@ def test_a_bag_has_the_correction_of_every_frame_with_its_own_header(
     assert [path.name for path in tmp_path.iterdir()] == [name]
     dataset = open_dataset(bag)
     assert dataset.intrinsics.baseline_m is not None
-    corrector = create_corrector("voxdepth", dataset.intrinsics)
+    corrector = create_corrector("temporal", dataset.intrinsics)
     written = list(messages(tmp_path / name))
     for index, stamp_ns in enumerate(STAMPS_NS):
         found = {topic: message for topic, received_ns, message in written if received_ns == stamp_ns}
@@ -118,7 +118,7 @@ def test_a_bag_becomes_a_folder_of_images_like_any_other_recording(bag: Path, tm
     assert run("correct", bag, "--out", tmp_path / "out").exit_code == 0
     depth_mm = cv2.imread(str(tmp_path / "out" / "depth" / "000002.png"), cv2.IMREAD_UNCHANGED)
     dataset = open_dataset(bag)
-    corrector = create_corrector("voxdepth", dataset.intrinsics)
+    corrector = create_corrector("temporal", dataset.intrinsics)
     for index in range(3):
         corrected = corrector.process(dataset[index])
     np.testing.assert_allclose(depth_mm / 1000, corrected.depth_m, atol=0.00051)

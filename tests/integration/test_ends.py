@@ -32,7 +32,7 @@ ENDS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", "voxdepth"])
+@pytest.mark.parametrize("name", ["voxdepth", "temporal"])
 @pytest.mark.parametrize("end", ENDS)
 def test_the_program_ends_cleanly_with_all_of_its_work_done(name: str, end: str) -> None:
     program = PROGRAM.format(name=name) + ENDS[end]

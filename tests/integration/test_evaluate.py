@@ -124,7 +124,7 @@ def test_a_group_stands_for_its_sequences(given: list[str], names: tuple[str, ..
 
 
 def test_commas_in_a_setting_do_not_part_methods(tmp_path: Path) -> None:
-    names = ["voxdepth[fill=all]", "paper[voxels.cell_m=[0.2,0.2,0.1]]", "raw"]
+    names = ["temporal[fill=all]", "voxdepth[voxels.cell_m=[0.2,0.2,0.1]]", "raw"]
     plan = _planned(["sim-LN"], [], open_dataset, ", ".join(names), 1, None, tmp_path)
     assert [method.name for method in plan.methods] == names
 

@@ -109,7 +109,7 @@ def test_confidence_is_fitted_where_there_are_fills_and_its_file_can_be_read(out
     (table,) = result.tables
     own, fitted = (dict(zip(table.column("corrector"), table.column(f"calibration error, {what}"), strict=True))
                    for what in ("own", "fitted"))  # fmt: skip
-    assert fitted.pop("voxdepth") is None
+    assert fitted.pop("temporal") is None
     assert fitted["raw"] == own["raw"]
     assert all(fitted[name] != own[name] for name in fitted if name != "raw")
     ((name, content),) = result.files.items()
@@ -132,7 +132,7 @@ def test_ablation_judges_every_variant(out: Path) -> None:
     assert means.column("variant") == each.column("variant")
     assert all(isinstance(value, float) for value in means.column("measured RMSE"))
     by_variant = dict(zip(means.column("variant"), means.column("measured RMSE"), strict=True))
-    assert by_variant["single-frame"] != by_variant["voxdepth"]
+    assert by_variant["single-frame"] != by_variant["temporal"]
 
 
 @pytest.mark.slow

@@ -46,8 +46,8 @@ def test_a_short_flight_succeeds_and_reports() -> None:
 @pytest.mark.parametrize(
     ("depth", "corrector"),
     [
-        ("stereo", "voxdepth"),
-        *(pytest.param(depth, "paper", marks=pytest.mark.slow) for depth in ("truth", "noisy", "stereo")),
+        ("stereo", "temporal"),
+        *(pytest.param(depth, "voxdepth", marks=pytest.mark.slow) for depth in ("truth", "noisy", "stereo")),
     ],
 )
 def test_the_same_seed_gives_the_same_flight_with_any_number_of_threads(depth: str, corrector: str) -> None:

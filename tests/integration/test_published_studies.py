@@ -126,7 +126,7 @@ def test_the_earlier_registrations_of_the_cells(tmp_path: Path) -> None:
     for name, seeds in EARLIER_CELLS.items():
         data = read([STORES / "cells_earlier" / f"{name}.sqlite.xz"], tmp_path)
         arms = by_name(data)
-        raw, default = ([arms[cell, arm] for cell in CELLS] for arm in ("raw", "voxdepth"))
+        raw, default = ([arms[cell, arm] for cell in CELLS] for arm in ("raw", "temporal"))
         (row,) = (row for row in ends if row[0] == seeds)
         assert row[2].split()[0] == str(len(data.records))
         assert [row[3].split(",")[0], row[4].split(",")[0]] == [_over(raw), _over(default)]
@@ -186,7 +186,7 @@ def test_how_the_runs_of_each_cell_ended(study_text: str, tmp_path: Path) -> Non
     assert {spec.run.scenario.mission.pilot.holes for spec in data.specs} == {"evidenced"}
 
     def row(cell: str) -> Row:
-        in_cell = [arms[cell, name] for name in ("raw", "voxdepth", "truth")]
+        in_cell = [arms[cell, name] for name in ("raw", "temporal", "truth")]
         return [cell, *map(arrived, in_cell), *(str(arm.collisions) for arm in in_cell), *map(seconds, in_cell)]
 
     section = study_text[study_text.index("### `cells`") :]
@@ -194,7 +194,7 @@ def test_how_the_runs_of_each_cell_ended(study_text: str, tmp_path: Path) -> Non
     assert f"{len(data.records)} of the {len(data.specs)} runs" in section
     pairs, difference = _difference(data)
     assert f"{difference}, {pairs} pairs" in " ".join(section.split())
-    raw, default = (_over([arms[cell, name] for cell in CELLS]) for name in ("raw", "voxdepth"))
+    raw, default = (_over([arms[cell, name] for cell in CELLS]) for name in ("raw", "temporal"))
     readme = " ".join((DOCS.parent / "README.md").read_text().split())
     assert f"{raw} swarms arrive with raw depth and {default} with the default" in readme
 
@@ -207,7 +207,7 @@ def test_how_the_runs_of_each_policy_ended(study_text: str, tmp_path: Path) -> N
         means = [mean(arm, DRONES_LOST, 2), mean(arm, LEADER_PROGRESS, 1)]
         return [label, arrived(arm), collided(arm), percent(arm.collisions, arm.n), *means]
 
-    rows = [row("raw depth", "free, raw"), row("default", "free, voxdepth"), row("true depth", "free, truth")]
+    rows = [row("raw depth", "free, raw"), row("default", "free, temporal"), row("true depth", "free, truth")]
     assert table(study_text, "### `policy`: holes that are free space", "policy `free`") == rows
     assert {arrived(arms["city", f"{holes}, truth"]) for holes in ("free", "fixed_range", "evidenced")} == {"39 of 40"}
 
@@ -216,9 +216,9 @@ def test_how_the_pilot_runs_ended_that_take_holes_for_free(study_text: str, tmp_
     arms = by_name(present("free-pilot", tmp_path))
     labels = {
         "raw depth": "raw",
-        "default": "voxdepth",
-        "default, every depth counts": "voxdepth, every depth",
-        "default with all holes filled, every depth counts": "voxdepth, every depth, fill all",
+        "default": "temporal",
+        "default, every depth counts": "temporal, every depth",
+        "default with all holes filled, every depth counts": "temporal, every depth, fill all",
         "`realsense-left`, every depth counts": "realsense-left, every depth",
         "true depth": "truth",
     }

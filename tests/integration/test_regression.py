@@ -23,7 +23,7 @@ from scenarios.regression import (
 from scenarios.rerun.frames import record_case
 from sim import testing
 from tests.integration.test_cli import voxdepth
-from voxdepth import PaperConfig, PaperVoxDepth
+from voxdepth import VoxDepth, VoxDepthConfig
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.tools.errors import ToolError
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
@@ -33,7 +33,7 @@ GOLDEN = Path(__file__).parents[1] / "golden"
 
 def smoother(intrinsics: Intrinsics) -> DepthCorrector:
     """The paper's corrector with one parameter changed."""
-    return PaperVoxDepth(intrinsics, PaperConfig(median_size_px=3))
+    return VoxDepth(intrinsics, VoxDepthConfig(median_size_px=3))
 
 
 def table_of(name: str, frames: int = testing.FRAMES) -> dict:
@@ -41,7 +41,7 @@ def table_of(name: str, frames: int = testing.FRAMES) -> dict:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("corrector", ["raw", "paper", "voxdepth"])
+@pytest.mark.parametrize("corrector", ["raw", "voxdepth", "temporal"])
 def test_the_shipped_correctors_do_what_they_did(corrector: str, tmp_path: Path) -> None:
     done = voxdepth("regress", "--corrector", corrector, "--golden", GOLDEN, "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -51,7 +51,7 @@ def test_the_shipped_correctors_do_what_they_did(corrector: str, tmp_path: Path)
 
 
 def test_exact_depth_has_absolute_limits() -> None:
-    cases = read_golden(golden_path(GOLDEN, "voxdepth"))
+    cases = read_golden(golden_path(GOLDEN, "temporal"))
     assert not beyond_limits(cases)
     cases["blank/low"]["mae_m"] = 0.2
     assert [difference.case for difference in beyond_limits(cases)] == ["blank/low"]
@@ -62,7 +62,7 @@ def test_a_changed_parameter_of_the_corrector_fails_with_a_table_and_a_recording
     (tmp_path / "golden").mkdir()
     name = "tests.integration.test_regression:smoother"
     target = golden_path(tmp_path / "golden", name)
-    target.write_bytes(golden_path(GOLDEN, "paper").read_bytes())
+    target.write_bytes(golden_path(GOLDEN, "voxdepth").read_bytes())
     done = voxdepth("regress", "--corrector", name, "--golden", target.parent, "--out", tmp_path / "out")
     assert done.returncode == 1, done.stdout + done.stderr
     for words in ("outside of the tolerance", "golden", "excess", "worse", "the worst case"):

@@ -61,7 +61,7 @@ def tiny(tmp_path: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
 def test_all_executors_give_the_same_records_bit_by_bit() -> None:
-    specs = expand(study(arm("truth"), noisy("paper", 0.5, corrector="paper"), arm("stereo", depth="stereo")))
+    specs = expand(study(arm("truth"), noisy("voxdepth", 0.5, corrector="voxdepth"), arm("stereo", depth="stereo")))
     executors: list[Executor] = [Serial(), Processes(2, 60.0), Cluster(LOCAL, 1, 60.0)]
     serial, processes, cluster = ({done.key: done for done in executor.run(specs)} for executor in executors)
     assert len(serial) == 6

@@ -119,7 +119,7 @@ def test_python_examples_are_valid() -> None:
             ast.parse(example)
 
 
-@pytest.mark.parametrize(("name", "word"), [("README.md", "from_millimetres"), ("docs/paper.md", "PaperVoxDepth")])
+@pytest.mark.parametrize(("name", "word"), [("README.md", "from_millimetres"), ("docs/paper.md", "VoxDepth")])
 def test_the_examples_of_the_library_run(name: str, word: str) -> None:
     (example,) = [block for block in blocks(ROOT / name, "python") if word in block]
     names: dict = {}
@@ -155,8 +155,8 @@ def test_the_examples_of_configurations_are_accepted() -> None:
     from voxdepth.registry import resolve_config
 
     default, paper = blocks(ROOT / "docs" / "cameras.md", "toml")
-    assert resolve_config("voxdepth", tomllib.loads(default)).fill == "none"
-    assert resolve_config("paper", tomllib.loads(paper)).motion == "per_frame"
+    assert resolve_config("temporal", tomllib.loads(default)).fill == "none"
+    assert resolve_config("voxdepth", tomllib.loads(paper)).motion == "per_frame"
 
 
 def test_the_example_of_a_sequence_can_be_loaded(tmp_path: Path) -> None:

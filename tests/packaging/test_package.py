@@ -76,7 +76,7 @@ import pkgutil
 from importlib import import_module
 import numpy as np
 import voxdepth
-from voxdepth import Frame, Intrinsics, PaperConfig, PaperVoxDepth
+from voxdepth import Frame, Intrinsics, VoxDepthConfig, VoxDepth
 from voxdepth.devices import cuda_devices
 from voxdepth.errors import ConfigError
 from voxdepth.registry import create_corrector, installed_names
@@ -96,12 +96,13 @@ for name in installed_names():
     print(name, source[20:24, 30:34].max())
 print(cuda_devices())
 try:
-    PaperVoxDepth(camera, PaperConfig(device="cuda"))
+    VoxDepth(camera, VoxDepthConfig(device="cuda"))
 except ConfigError as error:
     print(error)
 """
 
 
+@pytest.mark.slow
 def test_without_warp_everything_but_cuda_works() -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT_WARP], capture_output=True, text=True, check=True)
     *filled, devices, error = done.stdout.strip().splitlines()
@@ -109,8 +110,8 @@ def test_without_warp_everything_but_cuda_works() -> None:
     assert tuple(sources) == installed_names()
     assert {name for name, source in sources.items() if source == str(int(Source.INVALID))} == {"raw"}
     assert {name for name, source in sources.items() if source == str(int(Source.MEMORY))} - {"learned"} == {
-        "paper",
         "voxdepth",
+        "temporal",
     }
     assert devices == "()"
     assert error == "device = 'cuda' needs Warp: pip install 'voxdepth[cuda]', or choose 'cpu'"

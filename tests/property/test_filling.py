@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scenarios.sequences import captures, load_sequence
 from tests.property.test_temporal import seeds
 from tests.temporal_scenes import CAMERA, ROOM, frames_of, method, noisy, run, walk
-from voxdepth import VoxDepth, VoxDepthConfig
+from voxdepth import TemporalConfig, TemporalCorrector
 from voxdepth.metrics import is_correct
 from voxdepth.metrics.obstacles import Phantoms
 from voxdepth.temporal.working_resolution import WorkingResolution
@@ -148,6 +148,7 @@ class TestHoverBeforeSpecks:
             frames.append(Frame(stamp_s=index / 30, gray=gray, depth_m=RESOLUTION.depth(disparity_px)))
         return frames
 
+    @pytest.mark.slow
     @DECIMATIONS
     @pytest.mark.parametrize("hole_px", [3, 7, 15, 61, 101])
     @pytest.mark.parametrize("near_px", [17.0, 20.0, 40.0])
@@ -186,7 +187,7 @@ class TestHeldOutConfidence:
             seeded = load_sequence(name, TestHeldOutConfidence.SEED, {})
             for capture in captures(seeded, TestHeldOutConfidence.FRAMES):
                 camera, true_m = capture.intrinsics, capture.depth_true_m
-                corrector = corrector or VoxDepth(camera, VoxDepthConfig(fill="all"))
+                corrector = corrector or TemporalCorrector(camera, TemporalConfig(fill="all"))
                 frame = Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m)
                 result = corrector.process(frame)
                 hole = (capture.depth_raw_m == 0) & (true_m > 0) & (true_m < 40) & (result.depth_m > 0)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.voxel_twins import integrate_numpy, integrate_points, occupied_centres, project_nearest
-from voxdepth import PaperConfig
+from voxdepth import VoxDepthConfig
 from voxdepth.paper.config import CombineConfig
 from voxdepth.paper.inpainting import Inpainting
 from voxdepth.paper.steps import HostSteps
@@ -41,7 +41,7 @@ def depth_image(seed: int) -> np.ndarray:
 
 
 def both_steps(**changes: object) -> tuple[HostSteps, WarpSteps]:
-    config = PaperConfig().model_copy(update={"voxels": GRID} | changes)
+    config = VoxDepthConfig().model_copy(update={"voxels": GRID} | changes)
     return HostSteps(CAMERA, config), WarpSteps(CAMERA, config, device="cpu")
 
 

@@ -48,7 +48,7 @@ def test_the_default_keeps_its_own() -> None:
 
 
 def test_two_stages_stay_two_and_give_the_same_in_a_pipeline() -> None:
-    staged, alone = create_corrector("paper", CAMERA), create_corrector("paper", CAMERA)
+    staged, alone = create_corrector("voxdepth", CAMERA), create_corrector("voxdepth", CAMERA)
     assert isinstance(staged, StagedCorrector)
     for frame, got in CorrectionPipeline(staged, [holed_frame(k) for k in range(16)]):
         want = alone.process(frame)

@@ -125,6 +125,7 @@ def test_a_second_process_reads_from_the_disk_without_a_word(package: Package, t
     assert [path.stat().st_mtime_ns for path in sorted(folder.rglob("*.nb*"))] == before
 
 
+@pytest.mark.slow
 def test_a_change_of_any_source_has_a_folder_of_its_own(package: Package, tmp_path: Path) -> None:
     package.run()
     package.write_steps("STEP = 20.0\n")
@@ -138,6 +139,7 @@ def test_a_change_of_any_source_has_a_folder_of_its_own(package: Package, tmp_pa
     assert all(name.startswith("loops-") for name in names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("variable", "kept_in"), [("XDG_CACHE_HOME", "elsewhere/voxdepth"), ("NUMBA_CACHE_DIR", "elsewhere")]
 )
@@ -147,6 +149,7 @@ def test_the_folder_follows_the_environment(package: Package, tmp_path: Path, va
     assert not (tmp_path / "home").exists()
 
 
+@pytest.mark.slow
 def test_without_a_folder_to_write_to_every_process_compiles(package: Package, tmp_path: Path) -> None:
     # Below a file there can be no folder, not even for a user who may write everywhere.
     (tmp_path / "file").touch()
@@ -163,11 +166,13 @@ def test_the_first_call_compiles_for_the_declared_types(package: Package) -> Non
     assert package.run() == (12, "")
 
 
+@pytest.mark.slow
 def test_an_interruption_while_llvm_calls_python_is_not_lost(package: Package) -> None:
     assert package.run(INTERRUPTED)[0] == 12
     assert package.run(INTERRUPTED) == (12, "")  # As well when the functions are read from the disk.
 
 
+@pytest.mark.slow
 def test_processes_may_compile_at_the_same_time(package: Package) -> None:
     processes = [package.start() for _ in range(2)]
     assert [result_of(process)[0] for process in processes] == [12, 12]

@@ -16,7 +16,7 @@ import pytest
 from scenarios.errors import ScenarioError
 from scenarios.sensor_pictures import make_sheet
 from voxdepth.errors import DatasetError
-from voxdepth.paper.epochs import EpochEnd, PaperDiagnostics, Phase
+from voxdepth.paper.epochs import EpochEnd, Phase, VoxDepthDiagnostics
 from voxdepth.paper.registration import Registration, RegistrationStatus
 from voxdepth.ros import confidence_levels
 from voxdepth.tools.correction import Correction, CorrectionConfig
@@ -78,7 +78,7 @@ class Remembering:
             source=np.where(raw_m > 0, 1, 2 * (depth_m > 0)).astype(np.uint8),
             confidence=np.where(raw_m > 0, 1, 0.5 * (depth_m > 0)).astype(np.float32),
             timings_s={"warp": 0.001 * (index + 1)},
-            diagnostics=PaperDiagnostics(
+            diagnostics=VoxDepthDiagnostics(
                 phase=Phase.CORRECTING if index else Phase.PASSTHROUGH,
                 registration=Registration(status=status, n_matches=index),
                 epoch_end=EpochEnd.FEW_MATCHES if index == 3 else None,

@@ -12,25 +12,25 @@ from voxdepth import (
     CorrectedDepth,
     Frame,
     Intrinsics,
-    PaperConfig,
-    PaperVoxDepth,
     Source,
+    TemporalConfig,
+    TemporalCorrector,
     VoxDepth,
     VoxDepthConfig,
     create_corrector,
 )
 from voxdepth.corrector import StreamCorrector
 from voxdepth.errors import ConfigError, FrameError
-from voxdepth.paper.epochs import PaperDiagnostics, Phase
+from voxdepth.paper.epochs import Phase, VoxDepthDiagnostics
 from voxdepth.paper.registration import RegistrationStatus
 from voxdepth.temporal.odometry import TrackingResult
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
 DEPTH_M = 4.0
 Create = Callable[[], StreamCorrector]
-PAPER = PaperConfig(window_frames=4, fusion_lag_frames=0)
+PAPER = VoxDepthConfig(window_frames=4, fusion_lag_frames=0)
 both = pytest.mark.parametrize(
-    "create", [lambda: VoxDepth(CAMERA), lambda: PaperVoxDepth(CAMERA, PAPER)], ids=["default", "paper"]
+    "create", [lambda: TemporalCorrector(CAMERA), lambda: VoxDepth(CAMERA, PAPER)], ids=["default", "paper"]
 )
 
 
@@ -59,19 +59,22 @@ def require_equal(got: Sequence[CorrectedDepth], want: Sequence[CorrectedDepth])
 
 
 def test_the_default_method_is_the_rigid_one() -> None:
-    results = [VoxDepth(CAMERA).process(walk(1)[0]), VoxDepth(CAMERA, VoxDepthConfig()).process(walk(1)[0])]
+    results = [
+        TemporalCorrector(CAMERA).process(walk(1)[0]),
+        TemporalCorrector(CAMERA, TemporalConfig()).process(walk(1)[0]),
+    ]
     require_equal(results[:1], results[1:])
-    corrector = VoxDepth(CAMERA)
+    corrector = TemporalCorrector(CAMERA)
     found = [corrector.process(frame).diagnostics for frame in walk(3)]
     assert all(isinstance(one, TrackingResult) for one in found)
     assert [one.T_frame_keyframe is not None for one in found] == [False, True, True]
 
 
 def test_the_papers_corrector_uses_the_papers_method_and_parameters() -> None:
-    corrector = PaperVoxDepth(CAMERA)
+    corrector = VoxDepth(CAMERA)
     results = [corrector.process(frame) for frame in walk(13)]
     assert [one.diagnostics.phase for one in results] == [Phase.PASSTHROUGH] * 12 + [Phase.CORRECTING]
-    assert isinstance(results[0].diagnostics, PaperDiagnostics)
+    assert isinstance(results[0].diagnostics, VoxDepthDiagnostics)
     assert results[0].diagnostics.registration.status is RegistrationStatus.NOT_TRIED
 
 
@@ -156,12 +159,12 @@ def test_the_input_is_neither_modified_nor_kept(create: Create) -> None:
 
 
 def test_arguments_of_other_types_are_refused_in_one_line() -> None:
-    with pytest.raises(ConfigError, match="VoxDepthConfig, got Intrinsics and dict"):
-        VoxDepth(CAMERA, {"window_frames": 3})  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match="PaperConfig, got Intrinsics and VoxDepthConfig"):
-        PaperVoxDepth(CAMERA, VoxDepthConfig())  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="TemporalConfig, got Intrinsics and dict"):
+        TemporalCorrector(CAMERA, {"window_frames": 3})  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="VoxDepthConfig, got Intrinsics and TemporalConfig"):
+        VoxDepth(CAMERA, TemporalConfig())  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="got str and"):
-        VoxDepth("camera")  # type: ignore[arg-type]
+        TemporalCorrector("camera")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -177,7 +180,7 @@ def test_arguments_of_other_types_are_refused_in_one_line() -> None:
 )
 def test_bad_configurations_of_the_default_method_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="validation error"):
-        VoxDepthConfig(**bad)  # type: ignore[arg-type]
+        TemporalConfig(**bad)  # type: ignore[arg-type]
 
 
 @both
@@ -206,7 +209,7 @@ def test_a_reset_and_an_end_wait_for_the_frame_that_another_thread_has_in_work(c
 
 
 def test_the_paper_by_name_can_be_closed() -> None:
-    corrector = create_corrector("paper", CAMERA)
+    corrector = create_corrector("voxdepth", CAMERA)
     corrector.process(walk(1)[0])
     corrector.close()
     with pytest.raises(FrameError, match="closed"):

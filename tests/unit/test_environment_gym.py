@@ -31,6 +31,7 @@ def test_gymnasium_finds_nothing_to_warn_of() -> None:
     env.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "name"), [("gymnasium", SHORT_NAME), ("gymnasium", NAME), ("swarm.environments.task, gymnasium", NAME)]
 )
@@ -60,7 +61,7 @@ def same(first: Any, second: Any) -> bool:
     )
 
 
-@pytest.mark.parametrize(("depth", "corrector"), [("noisy", "median"), ("stereo", "voxdepth")])
+@pytest.mark.parametrize(("depth", "corrector"), [("noisy", "median"), ("stereo", "temporal")])
 def test_the_same_seed_and_actions_give_the_same_episode(depth: Any, corrector: str) -> None:
     options = quick() | {"rig": RigConfig(width_px=48, height_px=36, depth=depth), "corrector": corrector}
     env, other = LeaderFollowerEnv(**options), LeaderFollowerEnv(**options)

@@ -31,8 +31,8 @@ def test_an_interval_is_about_as_wide_as_that_of_a_mean() -> None:
 
 def test_the_lead_is_over_the_best_other_baseline_and_of_pairs_of_frames() -> None:
     raw, telea = [(10, 100), (60, 100), (20, 100)], [(40, 100), (90, 100), (50, 100)]
-    values = found({"raw": raw, "telea": telea, "voxdepth": [(close + 10, n) for close, n in telea]})
-    for method, lead in (("voxdepth", 0.1), ("raw", -0.3), ("telea", 0.3)):
+    values = found({"raw": raw, "telea": telea, "temporal": [(close + 10, n) for close, n in telea]})
+    for method, lead in (("temporal", 0.1), ("raw", -0.3), ("telea", 0.3)):
         shown = [values[method, f"close_lead{end}"].value for end in ("", "_low", "_high")]
         assert shown == pytest.approx([lead] * 3), method
 
@@ -50,10 +50,10 @@ def test_frames_without_a_pixel_do_not_count() -> None:
 
 def test_the_change_of_the_error_is_that_of_pairs_of_frames() -> None:
     raw = [(1.0, 10), (9.0, 10), (2.0, 10)]
-    sums = {"raw": raw, "voxdepth": [(0.8 * error, n) for error, n in raw], "flow": [(0.0, 0)] * 3}
+    sums = {"raw": raw, "temporal": [(0.8 * error, n) for error, n in raw], "flow": [(0.0, 0)] * 3}
     values = {(method, m.metric): m for method, m in error_intervals(sums)}
-    assert {method for method, _ in values} == {"voxdepth"}
-    shown = [values["voxdepth", name].value for name in ("mae_change", "mae_change_low", "mae_change_high")]
+    assert {method for method, _ in values} == {"temporal"}
+    shown = [values["temporal", name].value for name in ("mae_change", "mae_change_low", "mae_change_high")]
     assert shown == pytest.approx([-0.2] * 3)
-    assert not list(error_intervals({"voxdepth": raw}))
-    assert not list(error_intervals({"raw": [(0.0, 5)], "voxdepth": [(1.0, 5)]}))
+    assert not list(error_intervals({"temporal": raw}))
+    assert not list(error_intervals({"raw": [(0.0, 5)], "temporal": [(1.0, 5)]}))

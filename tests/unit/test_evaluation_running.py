@@ -223,8 +223,8 @@ def test_the_warm_up_is_as_long_as_the_method_asks_and_the_sequence_allows(asked
 
 
 def test_the_warm_up_of_the_paper_reaches_every_stage() -> None:
-    assert find_method("paper").warm_up_frames == 10 + 3 + 2
-    assert find_method("raw").warm_up_frames == find_method("voxdepth").warm_up_frames == WARM_UP_FRAMES
+    assert find_method("voxdepth").warm_up_frames == 10 + 3 + 2
+    assert find_method("raw").warm_up_frames == find_method("temporal").warm_up_frames == WARM_UP_FRAMES
 
 
 def test_only_methods_of_ours_are_not_foreign(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -283,8 +283,8 @@ def test_a_picture_is_depth_in_millimetres() -> None:
 def test_methods_are_found_by_name_and_refused_by_name() -> None:
     assert METHOD_NAMES[-1] == ORACLE
     assert [m.name for m in find_methods(METHOD_NAMES) if m.sees_true_pose] == [ORACLE]
-    assert find_method("paper").config["window_frames"] == 10
-    assert find_method("voxdepth").config["decimation"] == "auto"
+    assert find_method("voxdepth").config["window_frames"] == 10
+    assert find_method("temporal").config["decimation"] == "auto"
     assert find_method("voxdepth.baselines.single_frame:Raw").name == "voxdepth.baselines.single_frame:Raw"
     with pytest.raises(ConfigError, match="there is no corrector 'magic'"):
         find_methods(["raw", "magic"])
@@ -293,11 +293,11 @@ def test_methods_are_found_by_name_and_refused_by_name() -> None:
 
 
 def test_a_method_may_have_a_setting_which_its_name_tells() -> None:
-    method = find_method("voxdepth[smoothing_window_px=1]")
-    assert (method.name, method.is_foreign) == ("voxdepth[smoothing_window_px=1]", False)
+    method = find_method("temporal[smoothing_window_px=1]")
+    assert (method.name, method.is_foreign) == ("temporal[smoothing_window_px=1]", False)
     assert method.config is not None
     assert method.config["smoothing_window_px"] == 1
-    fill, tracks = (find_method(f"voxdepth[{setting}]").config for setting in ("fill=all", "odometry.min_tracks=9"))
+    fill, tracks = (find_method(f"temporal[{setting}]").config for setting in ("fill=all", "odometry.min_tracks=9"))
     assert fill is not None
     assert fill["fill"] == "all"
     assert tracks is not None
@@ -306,7 +306,7 @@ def test_a_method_may_have_a_setting_which_its_name_tells() -> None:
     assert is_baseline("telea")
 
 
-@pytest.mark.parametrize("name", ["voxdepth[colour=red]", "voxdepth[smoothing_window_px]", "raw[a=1]", "voxdepth[a=1"])
+@pytest.mark.parametrize("name", ["temporal[colour=red]", "temporal[smoothing_window_px]", "raw[a=1]", "temporal[a=1"])
 def test_a_setting_that_does_not_exist_is_refused(name: str) -> None:
     with pytest.raises(ConfigError):
         find_method(name)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from scenarios.experiments.ablation import DEFAULT_CONFIG, VARIANTS
-from voxdepth import VoxDepth
+from voxdepth import TemporalCorrector
 from voxdepth.registry import DEFAULT
 from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, Source
 
@@ -18,7 +18,7 @@ GRAY = cv2.GaussianBlur(RNG.integers(0, 255, CAMERA.shape, np.uint8), (3, 3), 0)
 
 def corrected(name: str, *depths_m: FloatImage) -> CorrectedDepth:
     """The last frame of a sequence, by a variant."""
-    corrector = VoxDepth(CAMERA, BY_NAME[name].config)
+    corrector = TemporalCorrector(CAMERA, BY_NAME[name].config)
     for index, depth_m in enumerate(depths_m):
         result = corrector.process(Frame(stamp_s=index / 30, gray=GRAY, depth_m=depth_m))
     return result

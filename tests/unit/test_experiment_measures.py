@@ -83,18 +83,25 @@ HOLE = "mae__holes__near__completed"
 HOLES_OF: dict[str, dict[str, dict[str, Any]]] = {
     sequence: {name: {HOLE: value} for name, value in errors.items()}
     for sequence, errors in {
-        "sim-LN": {"raw": 4.0, "flow": 2.0, "global-smoother": 1.6, "paper": 0.1, "voxdepth": 1.2, "true-pose": 0.2},
-        "sim-hover": {"raw": 1.0, "flow": 3.0, "global-smoother": 2.0, "paper": 0.1, "voxdepth": 1.1, "true-pose": 0.2},
+        "sim-LN": {"raw": 4.0, "flow": 2.0, "global-smoother": 1.6, "voxdepth": 0.1, "temporal": 1.2, "true-pose": 0.2},
+        "sim-hover": {
+            "raw": 1.0,
+            "flow": 3.0,
+            "global-smoother": 2.0,
+            "voxdepth": 0.1,
+            "temporal": 1.1,
+            "true-pose": 0.2,
+        },
     }.items()
 }
 
 
 def test_errors_after_completion_are_those_of_the_method_that_completes_itself() -> None:
-    filled = {sequence: {**methods, "voxdepth[fill=all]": {HOLE: 0.8}} for sequence, methods in HOLES_OF.items()}
+    filled = {sequence: {**methods, "temporal[fill=all]": {HOLE: 0.8}} for sequence, methods in HOLES_OF.items()}
     comparison = comparison_of(filled)
     assert list(comparison.values(HOLES)) == [0.8, 0.8]
-    assert comparison.own(HOLES._replace(on="filled")) == "voxdepth"
-    assert "voxdepth[fill=all]" not in comparison.baselines
+    assert comparison.own(HOLES._replace(on="filled")) == "temporal"
+    assert "temporal[fill=all]" not in comparison.baselines
     assert list(comparison_of(HOLES_OF).values(HOLES)) == [1.2, 1.1], "the only default that took part"
 
 
@@ -137,7 +144,7 @@ def test_the_best_baseline_may_have_to_fill() -> None:
 )
 def test_the_closed_share_of_the_gap(own: float, baseline: float, oracle: float, closed: float) -> None:
     seen = "mae__holes_seen__near__completed"
-    methods = {"flow": {seen: baseline}, "voxdepth": {seen: own}, "true-pose": {seen: oracle}}
+    methods = {"flow": {seen: baseline}, "temporal": {seen: own}, "true-pose": {seen: oracle}}
     assert list(gap_closed_percent(comparison_of({"sim-LN": methods}))) == pytest.approx([closed], nan_ok=True)
 
 
@@ -166,8 +173,8 @@ def test_every_criterion_reads_the_quantity_that_it_names() -> None:
     }
     paper = {"psnr_40m__all__near__completed": 20.0, "psnr_40m__all__all__completed": 10.0}
     fills = {"off__holes__near__completed": 0.4, "coverage__all__near__filled": 1.0}
-    methods = {"raw": raw, "voxdepth": own, "paper": paper, "flow": fills}
-    comparison = comparison_of({"sim-LN": methods, "sim-hover": {"voxdepth": {"phantoms__all__all__as_given": 1.0}}})
+    methods = {"raw": raw, "temporal": own, "voxdepth": paper, "flow": fills}
+    comparison = comparison_of({"sim-LN": methods, "sim-hover": {"temporal": {"phantoms__all__all__as_given": 1.0}}})
     for what, requirement, value, outcome in (
         ("Holes more than 10 % off", "", -25, "missed by 5"),
         ("RMSE of measured", "each", 5, "missed by 5"),
@@ -194,8 +201,8 @@ def test_confidence_is_pooled_by_pixels_and_falls_where_less_are_correct() -> No
         return {f"correct__{mask}confidence_{lower:g}-{lower + 0.1:g}__0-40_m__filled": value}
 
     cells = {
-        "sim-LN": {"voxdepth": share(0.1, 0.4) | share(0.4, 0.8, "holes,_") | share(0.6, 0.3, "holes,_")},
-        "sim-MB": {"voxdepth": share(0.1, 0.2) | share(0.6, 0.9)},
+        "sim-LN": {"temporal": share(0.1, 0.4) | share(0.4, 0.8, "holes,_") | share(0.6, 0.3, "holes,_")},
+        "sim-MB": {"temporal": share(0.1, 0.2) | share(0.6, 0.9)},
     }
     comparison = comparison_of(cells)
     table = confidence_table(comparison)

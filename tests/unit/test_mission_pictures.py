@@ -77,8 +77,8 @@ def test_the_folder_of_a_run_says_what_was_flown(tmp_path: Path) -> None:
     noisy = run("city", **{"rig.depth": "noisy", "rig.noise.scale.theta": 0.5, "corrector": "median"})
     assert folder_name(noisy) == "city-0-noisy0.5-median"
     config = {"fill": "none", "max_featureless_frames": 7, "smoothing_window_px": 3}
-    set_up = folder_name(run("city", **{"corrector": {"name": "voxdepth", "config": config}}))
-    assert re.fullmatch(rf"city-0-truth-voxdepth-fill-none[\w.-]{{,{LONGEST_CORRECTOR}}}", set_up)
+    set_up = folder_name(run("city", **{"corrector": {"name": "temporal", "config": config}}))
+    assert re.fullmatch(rf"city-0-truth-temporal-fill-none[\w.-]{{,{LONGEST_CORRECTOR}}}", set_up)
     folders = [fly_and_write(run("crossing"), tmp_path, record=False).folder for _ in range(2)]
     names = [folder.name for folder in folders if folder is not None]
     assert len(set(names)) == 2

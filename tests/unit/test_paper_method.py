@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from voxdepth import Frame, Intrinsics, PaperConfig, PaperVoxDepth, Source, create_corrector
+from voxdepth import Frame, Intrinsics, Source, VoxDepth, VoxDepthConfig, create_corrector
 from voxdepth.devices import cuda_devices
 from voxdepth.errors import ConfigError
 from voxdepth.paper.config import CombineConfig
@@ -12,7 +12,7 @@ from voxdepth.paper.epochs import EpochEnd, Phase
 from voxdepth.paper.registration import RegistrationStatus
 
 CAMERA = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)
-CONFIG = PaperConfig(window_frames=4, max_epoch_frames=20, fusion_lag_frames=0)
+CONFIG = VoxDepthConfig(window_frames=4, max_epoch_frames=20, fusion_lag_frames=0)
 CELL_Z_M = CONFIG.voxels.cell_m[2]
 
 
@@ -25,32 +25,32 @@ def flat(depth_m: float) -> np.ndarray:
     return np.full(CAMERA.shape, depth_m, np.float32)
 
 
-def feed(corrector: PaperVoxDepth, depths: list[np.ndarray], gray: np.ndarray, start_s: float = 0.0) -> list:
+def feed(corrector: VoxDepth, depths: list[np.ndarray], gray: np.ndarray, start_s: float = 0.0) -> list:
     return [corrector.process(Frame(stamp_s=start_s + 0.1 * i, gray=gray, depth_m=d)) for i, d in enumerate(depths)]
 
 
-def feed_still(corrector: PaperVoxDepth, depths: list[np.ndarray]) -> list:
+def feed_still(corrector: VoxDepth, depths: list[np.ndarray]) -> list:
     """With poses that say the camera stands still: odometry knows the scale of things, so depth must not be scaled."""
     frames = (Frame(stamp_s=0.1 * i, gray=texture(0), depth_m=d, T_world_cam=np.eye(4)) for i, d in enumerate(depths))
     return [corrector.process(frame) for frame in frames]
 
 
 def test_it_passes_frames_through_until_the_first_template_is_there() -> None:
-    results = feed(PaperVoxDepth(CAMERA, CONFIG), [flat(10.0)] * 6, texture(0))
+    results = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 6, texture(0))
     assert [r.diagnostics.phase for r in results] == [Phase.PASSTHROUGH] * 3 + [Phase.CORRECTING] * 3
     assert results[0].diagnostics.registration.status is RegistrationStatus.NOT_TRIED
 
 
 @pytest.mark.parametrize("depth_m", [3.0, 10.0, 25.0])
 def test_constant_depth_stays_constant_within_a_voxel(depth_m: float) -> None:
-    for result in feed(PaperVoxDepth(CAMERA, CONFIG), [flat(depth_m)] * 8, texture(0)):
+    for result in feed(VoxDepth(CAMERA, CONFIG), [flat(depth_m)] * 8, texture(0)):
         assert np.abs(result.depth_m - depth_m).max() <= CELL_Z_M
 
 
 def test_a_hole_is_filled_from_the_template_within_a_voxel() -> None:
     holed = flat(10.0)
     holed[60:120, 100:200] = 0
-    result = feed(PaperVoxDepth(CAMERA, CONFIG), [flat(10.0)] * 5 + [holed], texture(0))[-1]
+    result = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 5 + [holed], texture(0))[-1]
     hole = np.s_[63:117, 103:197]
     assert np.abs(result.depth_m[hole] - 10.0).max() <= CELL_Z_M
     assert (result.source[hole] == Source.MEMORY).all()
@@ -60,7 +60,7 @@ def test_a_hole_is_filled_from_the_template_within_a_voxel() -> None:
 def test_flicker_is_removed() -> None:
     spotted = flat(10.0)
     spotted[::15, ::15] = 3.0
-    result = feed(PaperVoxDepth(CAMERA, CONFIG), [spotted], texture(0))[0]
+    result = feed(VoxDepth(CAMERA, CONFIG), [spotted], texture(0))[0]
     assert np.abs(result.depth_m[5:-5, 5:-5] - 10.0).max() == 0
 
 
@@ -81,19 +81,19 @@ def test_scaling_depth_and_voxels_together_scales_the_output() -> None:
             )
         }
     )
-    once = feed_still(PaperVoxDepth(CAMERA, CONFIG), depths)
-    doubled = feed_still(PaperVoxDepth(CAMERA, twice), [2 * d for d in depths])
+    once = feed_still(VoxDepth(CAMERA, CONFIG), depths)
+    doubled = feed_still(VoxDepth(CAMERA, twice), [2 * d for d in depths])
     for a, b in zip(once, doubled, strict=True):
         np.testing.assert_array_equal(2 * a.depth_m, b.depth_m)
 
 
 @pytest.mark.parametrize("depth_m", [10.0, 17.3, 25.0, 40.0])
 def test_static_noise_free_planes_come_back_within_a_voxel(depth_m: float) -> None:
-    result = feed(PaperVoxDepth(CAMERA, CONFIG), [flat(depth_m)] * 5, texture(0))[-1]
+    result = feed(VoxDepth(CAMERA, CONFIG), [flat(depth_m)] * 5, texture(0))[-1]
     assert result.diagnostics.phase is Phase.CORRECTING
     assert np.abs(result.depth_m - depth_m).max() <= CELL_Z_M
     empty = Frame(stamp_s=9.0, gray=texture(0), depth_m=flat(0.0))
-    template_alone = PaperVoxDepth(CAMERA, CONFIG)
+    template_alone = VoxDepth(CAMERA, CONFIG)
     feed(template_alone, [flat(depth_m)] * 5, texture(0))
     filled = template_alone.process(empty).depth_m
     seen = filled > 0  # the grid ends 16 m above and below the axis
@@ -105,7 +105,7 @@ def test_at_depth_steps_the_erosion_is_bounded_which_is_a_known_fault() -> None:
     """The dilation moves the far side over the near one by half its window, and the median by its radius more."""
     step = flat(40.0)
     step[40:140, 100:220] = 18.0
-    result = feed(PaperVoxDepth(CAMERA, CONFIG), [step] * 6, texture(0))[-1]
+    result = feed(VoxDepth(CAMERA, CONFIG), [step] * 6, texture(0))[-1]
     lost_px = CONFIG.inpainting.size_px // 2 + CONFIG.median_size_px // 2
     kept = np.s_[40 + lost_px : 140 - lost_px, 100 + lost_px : 220 - lost_px]
     assert np.abs(result.depth_m[kept] - 18.0).max() <= CELL_Z_M
@@ -116,13 +116,13 @@ def test_at_depth_steps_the_erosion_is_bounded_which_is_a_known_fault() -> None:
 def test_a_near_object_is_erased_which_is_a_known_fault() -> None:
     with_drone = flat(10.0)
     with_drone[60:120, 100:200] = 2.0
-    result = feed(PaperVoxDepth(CAMERA, CONFIG), [flat(10.0)] * 5 + [with_drone], texture(0))[-1]
+    result = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 5 + [with_drone], texture(0))[-1]
     assert (result.depth_m[70:110, 110:190] > 9).all()
 
 
 def test_a_receding_surface_is_overwritten_which_is_a_known_fault() -> None:
     receding = [flat(10.0)] * 5 + [flat(10.5)]
-    result = feed(PaperVoxDepth(CAMERA, CONFIG), receding, texture(0))[-1]
+    result = feed(VoxDepth(CAMERA, CONFIG), receding, texture(0))[-1]
     assert np.abs(result.depth_m - 10.0).max() <= CELL_Z_M
     assert (result.source == Source.MEMORY).all()
 
@@ -131,12 +131,12 @@ def test_both_faults_can_be_switched_off() -> None:
     config = CONFIG.model_copy(update={"combine": CombineConfig(reject_near=False, reject_far=False)})
     changed = flat(12.0)
     changed[60:120, 100:200] = 2.0
-    result = feed(PaperVoxDepth(CAMERA, config), [flat(10.0)] * 5 + [changed], texture(0))[-1]
+    result = feed(VoxDepth(CAMERA, config), [flat(10.0)] * 5 + [changed], texture(0))[-1]
     np.testing.assert_array_equal(result.depth_m, cv2.medianBlur(changed, 5))
 
 
 def test_a_new_epoch_begins_after_a_cut_and_not_on_a_still_camera() -> None:
-    corrector = PaperVoxDepth(CAMERA, CONFIG)
+    corrector = VoxDepth(CAMERA, CONFIG)
     still = feed(corrector, [flat(10.0)] * 15, texture(0))
     assert {r.diagnostics.phase for r in still[3:]} == {Phase.CORRECTING}
     cut = feed(corrector, [flat(5.0)] * 8, texture(1), start_s=100.0)
@@ -149,7 +149,7 @@ def test_a_new_epoch_begins_after_a_cut_and_not_on_a_still_camera() -> None:
 
 
 def test_an_epoch_ends_after_its_longest_length() -> None:
-    results = feed(PaperVoxDepth(CAMERA, CONFIG), [flat(10.0)] * 40, texture(0))
+    results = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 40, texture(0))
     ends = [i for i, r in enumerate(results) if r.diagnostics.epoch_end is EpochEnd.MAX_FRAMES]
     assert ends == [22]  # its template serves the frames 3 to 22: twenty
     assert {r.diagnostics.phase for r in results[22:25]} == {Phase.FUSING}
@@ -158,20 +158,20 @@ def test_an_epoch_ends_after_its_longest_length() -> None:
 
 @pytest.mark.parametrize("gray", [np.zeros(CAMERA.shape, np.uint8), np.full(CAMERA.shape, 255, np.uint8)])
 def test_featureless_images_end_in_a_status(gray: np.ndarray) -> None:
-    result = feed(PaperVoxDepth(CAMERA, CONFIG), [flat(10.0)] * 6, gray)[-1]
+    result = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 6, gray)[-1]
     assert result.diagnostics.registration.status is RegistrationStatus.FEW_MATCHES
     np.testing.assert_array_equal(result.depth_m, flat(10.0))
 
 
 def test_frames_without_any_depth_stay_empty() -> None:
-    result = feed(PaperVoxDepth(CAMERA, CONFIG), [flat(0.0)] * 6, texture(0))[-1]
+    result = feed(VoxDepth(CAMERA, CONFIG), [flat(0.0)] * 6, texture(0))[-1]
     assert not result.depth_m.any()
     assert not result.confidence.any()
     assert (result.source == Source.INVALID).all()
 
 
 def test_registration_follows_a_shifted_image() -> None:
-    corrector = PaperVoxDepth(CAMERA, CONFIG)
+    corrector = VoxDepth(CAMERA, CONFIG)
     feed(corrector, [flat(10.0)] * 5, texture(0))
     shifted = np.roll(texture(0), 8, axis=1)
     result = corrector.process(Frame(stamp_s=9.0, gray=shifted, depth_m=flat(10.0)))
@@ -181,15 +181,15 @@ def test_registration_follows_a_shifted_image() -> None:
 
 def test_the_lag_delays_the_template_and_changes_nothing_else() -> None:
     depths = [(flat(10.0) + 0.01 * i).astype(np.float32) for i in range(12)]
-    at_once = feed(PaperVoxDepth(CAMERA, CONFIG), depths, texture(0))
-    later = feed(PaperVoxDepth(CAMERA, CONFIG.model_copy(update={"fusion_lag_frames": 2})), depths, texture(0))
+    at_once = feed(VoxDepth(CAMERA, CONFIG), depths, texture(0))
+    later = feed(VoxDepth(CAMERA, CONFIG.model_copy(update={"fusion_lag_frames": 2})), depths, texture(0))
     assert [r.diagnostics.phase for r in later] == [Phase.PASSTHROUGH] * 5 + [Phase.CORRECTING] * 7
     for a, b in zip(at_once[5:], later[5:], strict=True):
         np.testing.assert_array_equal(a.depth_m, b.depth_m)
 
 
 def test_the_halves_together_are_the_whole() -> None:
-    whole, halves = PaperVoxDepth(CAMERA, CONFIG), PaperVoxDepth(CAMERA, CONFIG)
+    whole, halves = VoxDepth(CAMERA, CONFIG), VoxDepth(CAMERA, CONFIG)
     frames = [Frame(stamp_s=0.1 * i, gray=texture(0), depth_m=flat(10.0 + 0.01 * i)) for i in range(8)]
     expected = [whole.process(frame) for frame in frames]
     aligned = [halves.align(frame) for frame in frames]
@@ -203,11 +203,11 @@ def test_without_a_gpu_cuda_is_refused_in_one_line() -> None:
     if cuda_devices():
         pytest.skip("there is a GPU")
     with pytest.raises(ConfigError, match="no CUDA device"):
-        PaperVoxDepth(CAMERA, CONFIG.model_copy(update={"device": "cuda"}))
+        VoxDepth(CAMERA, CONFIG.model_copy(update={"device": "cuda"}))
 
 
 def test_reset_forgets_the_stream() -> None:
-    corrector = PaperVoxDepth(CAMERA, CONFIG)
+    corrector = VoxDepth(CAMERA, CONFIG)
     first = feed(corrector, [flat(10.0)] * 6, texture(0))
     corrector.reset()
     again = feed(corrector, [flat(10.0)] * 6, texture(0))
@@ -217,7 +217,7 @@ def test_reset_forgets_the_stream() -> None:
 
 
 @pytest.mark.parametrize("median_size_px", [1, 5])
-@pytest.mark.parametrize("name", ["raw", "paper"])
+@pytest.mark.parametrize("name", ["raw", "voxdepth"])
 def test_results_have_arrays_of_their_own(name: str, median_size_px: int) -> None:
     config = None if name == "raw" else CONFIG.model_copy(update={"median_size_px": median_size_px})
     corrector = create_corrector(name, CAMERA, config)
@@ -248,9 +248,9 @@ def approaching(start_m: float, step_m: float, n: int) -> list[Frame]:
 
 @pytest.mark.parametrize("motion", ["constant", "per_frame"])
 def test_a_moving_camera_fuses_its_window_into_the_last_frame(motion: str) -> None:
-    config = PaperConfig(window_frames=8, fusion_lag_frames=0, motion=motion)  # type: ignore[arg-type]
+    config = VoxDepthConfig(window_frames=8, fusion_lag_frames=0, motion=motion)  # type: ignore[arg-type]
     *window, last = approaching(10.0, 0.1, 8)
-    corrector = PaperVoxDepth(CAMERA, config)
+    corrector = VoxDepth(CAMERA, config)
     for frame in window:
         corrector.process(frame)
     hole = np.s_[40:140, 100:220]
@@ -265,7 +265,7 @@ def test_a_moving_camera_fuses_its_window_into_the_last_frame(motion: str) -> No
 def test_the_template_grows_with_what_the_camera_comes_near_to() -> None:
     step = flat(10.0)
     step[:, 160:] = 0
-    corrector = PaperVoxDepth(CAMERA, CONFIG)
+    corrector = VoxDepth(CAMERA, CONFIG)
     feed(corrector, [step] * 4, texture(3))
     scale, (height, width) = 1.2, CAMERA.shape
     zoom = np.array([[scale, 0, 40 - scale * 40], [0, scale, CAMERA.cy_px - scale * CAMERA.cy_px]])  # about column 40
@@ -278,7 +278,7 @@ def test_the_template_grows_with_what_the_camera_comes_near_to() -> None:
 
 @pytest.mark.parametrize("cut_at", range(1, 16))
 def test_a_cut_at_any_frame_leaves_no_depth_of_the_other_scene_behind(cut_at: int) -> None:
-    corrector = PaperVoxDepth(CAMERA, PaperConfig(window_frames=6, fusion_lag_frames=2))
+    corrector = VoxDepth(CAMERA, VoxDepthConfig(window_frames=6, fusion_lag_frames=2))
     feed(corrector, [flat(12.0)] * cut_at, texture(0))
     for result in feed(corrector, [flat(5.0)] * 20, texture(1), start_s=100.0):
         assert np.abs(result.depth_m - 5.0).max() <= CELL_Z_M
@@ -288,7 +288,7 @@ def test_the_input_is_not_modified() -> None:
     depth = flat(10.0)
     depth[5:9] = 0
     before = depth.copy()
-    feed(PaperVoxDepth(CAMERA, CONFIG), [depth] * 6, texture(0))
+    feed(VoxDepth(CAMERA, CONFIG), [depth] * 6, texture(0))
     np.testing.assert_array_equal(depth, before)
 
 
@@ -316,4 +316,4 @@ def test_raw_returns_the_frame() -> None:
 )
 def test_bad_configurations_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="validation error"):
-        PaperConfig(**bad)  # type: ignore[arg-type]
+        VoxDepthConfig(**bad)  # type: ignore[arg-type]

@@ -25,15 +25,15 @@ from tests.fakes import (
     nothing,
     pipeline_threads,
 )
-from voxdepth import PaperVoxDepth, VoxDepth
+from voxdepth import TemporalCorrector, VoxDepth
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
-from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=90, hfov_deg=86, baseline_m=0.095)
-SHORT_EPOCHS = PaperConfig().model_copy(update={"window_frames": 3, "max_epoch_frames": 2, "fusion_lag_frames": 2})
+SHORT_EPOCHS = VoxDepthConfig().model_copy(update={"window_frames": 3, "max_epoch_frames": 2, "fusion_lag_frames": 2})
 
 
 @pytest.fixture(autouse=True)
@@ -68,8 +68,8 @@ def require_equal(got: CorrectedDepth, want: CorrectedDepth) -> None:
 
 
 MAKERS: dict[str, Callable[[], Any]] = {
-    "paper": lambda: PaperVoxDepth(CAMERA, SHORT_EPOCHS),
-    "default": lambda: VoxDepth(CAMERA),
+    "voxdepth": lambda: VoxDepth(CAMERA, SHORT_EPOCHS),
+    "default": lambda: TemporalCorrector(CAMERA),
     "without halves": Raw,
 }
 
@@ -89,9 +89,9 @@ def test_it_gives_the_images_of_the_corrector_alone(name: str, queue_size: int) 
         assert source is frame
         require_equal(got, alone.process(frame))
         last = got
-    for corrector in (alone, piped) if name == "paper" else ():
+    for corrector in (alone, piped) if name == "voxdepth" else ():
         corrector.close()  # its fusion thread would outlive the test by an instant
-    assert name != "paper" or np.any(last.source == Source.MEMORY), "templates serve"
+    assert name != "voxdepth" or np.any(last.source == Source.MEMORY), "templates serve"
 
 
 @settings(max_examples=15)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from voxdepth.errors import ConfigError, FrameError
-from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import (
     CORRECTOR_NAMES,
     ENTRY_POINTS,
@@ -27,7 +27,7 @@ from voxdepth.registry import (
     require_known,
     resolve_config,
 )
-from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.temporal.config import TemporalConfig
 from voxdepth.types import Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.1)
@@ -67,16 +67,16 @@ def test_the_oracle_has_no_name_here() -> None:
 
 @pytest.mark.parametrize("name", CORRECTOR_NAMES)
 def test_only_the_methods_of_voxdepth_take_a_configuration(name: str) -> None:
-    own = {"voxdepth": VoxDepthConfig(), "paper": PaperConfig()}.get(name)
+    own = {"temporal": TemporalConfig(), "voxdepth": VoxDepthConfig()}.get(name)
     assert config_of(name) == own
     if own is None:
-        with pytest.raises(ConfigError, match=f"'{name}' takes no configuration; .*one of: paper, voxdepth"):
-            create_corrector(name, CAMERA, VoxDepthConfig())
+        with pytest.raises(ConfigError, match=f"'{name}' takes no configuration; .*one of: voxdepth, temporal"):
+            create_corrector(name, CAMERA, TemporalConfig())
 
 
 def test_a_configuration_reaches_its_corrector() -> None:
     frame = holed_frame(0.0)
-    for name, config in (("voxdepth", VoxDepthConfig(fill="none")), ("paper", PaperConfig(median_size_px=1))):
+    for name, config in (("temporal", TemporalConfig(fill="none")), ("voxdepth", VoxDepthConfig(median_size_px=1))):
         own, changed = create_corrector(name, CAMERA), create_corrector(name, CAMERA, config)
         assert (own.process(frame).depth_m > 0).sum() > (changed.process(frame).depth_m > 0).sum()
 
@@ -84,10 +84,10 @@ def test_a_configuration_reaches_its_corrector() -> None:
 @pytest.mark.parametrize(
     ("name", "config", "message"),
     [
-        ("voxdepth", PaperConfig(), "VoxDepthConfig, got .* PaperConfig"),
-        ("paper", VoxDepthConfig(), "PaperConfig, got .* VoxDepthConfig"),
-        ("paper", {"window_frames": 0}, "'paper': window_frames: "),
-        ("voxdepth", {"windows": 3}, "'voxdepth': unknown key 'windows'; "),
+        ("temporal", VoxDepthConfig(), "TemporalConfig, got .* VoxDepthConfig"),
+        ("voxdepth", TemporalConfig(), "VoxDepthConfig, got .* TemporalConfig"),
+        ("voxdepth", {"window_frames": 0}, "'voxdepth': window_frames: "),
+        ("temporal", {"windows": 3}, "'temporal': unknown key 'windows'; "),
     ],
 )
 def test_a_wrong_configuration_is_refused(name: str, config: Any, message: str) -> None:
@@ -97,8 +97,8 @@ def test_a_wrong_configuration_is_refused(name: str, config: Any, message: str) 
 
 def test_a_mapping_changes_single_values_of_the_default() -> None:
     frame = holed_frame(0.0)
-    by_type = create_corrector("voxdepth", CAMERA, VoxDepthConfig(fill="none")).process(frame)
-    by_values = create_corrector("voxdepth", CAMERA, {"fill": "none"}).process(frame)
+    by_type = create_corrector("temporal", CAMERA, TemporalConfig(fill="none")).process(frame)
+    by_values = create_corrector("temporal", CAMERA, {"fill": "none"}).process(frame)
     np.testing.assert_array_equal(by_values.depth_m, by_type.depth_m)
     with pytest.raises(ConfigError, match="'raw' takes no configuration"):
         create_corrector("raw", CAMERA, {})
@@ -106,7 +106,7 @@ def test_a_mapping_changes_single_values_of_the_default() -> None:
 
 def test_a_value_that_no_configuration_can_hold_is_refused() -> None:
     with pytest.raises(ConfigError, match="date"):
-        create_corrector("voxdepth", CAMERA, {"fill": date(2020, 1, 1)})
+        create_corrector("temporal", CAMERA, {"fill": date(2020, 1, 1)})
 
 
 def test_every_corrector_has_a_simulated_latency() -> None:
@@ -117,7 +117,7 @@ def test_every_corrector_has_a_simulated_latency() -> None:
 
 
 def test_an_unknown_name_is_answered_with_all_names() -> None:
-    with pytest.raises(ConfigError, match=r"there is no corrector 'magic'; choose one of: raw, .*paper"):
+    with pytest.raises(ConfigError, match=r"there is no corrector 'magic'; choose one of: raw, .*temporal"):
         create_corrector("magic", CAMERA)
 
 
@@ -154,7 +154,7 @@ def test_another_distribution_adds_a_corrector(foreign: Path, monkeypatch: pytes
     assert latency_s("theirs") == 0.25
     assert type(create_corrector("theirs", CAMERA)).__name__ == "Theirs"
     with pytest.raises(ConfigError, match="'theirs' takes no configuration"):
-        create_corrector("theirs", CAMERA, VoxDepthConfig())
+        create_corrector("theirs", CAMERA, TemporalConfig())
 
 
 def test_our_names_win(foreign: Path) -> None:
@@ -217,7 +217,7 @@ def test_images_of_an_upright_camera_are_corrected_like_copies_of_them(name: str
 
 
 def test_a_frame_that_raised_an_error_may_come_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    corrector = create_bare("voxdepth", CAMERA)
+    corrector = create_bare("temporal", CAMERA)
     corrector.process(holed_frame(0.0))
     with monkeypatch.context() as broken:
         broken.setattr(type(corrector), "_align", lambda self, frame: 1 / 0)
@@ -226,7 +226,7 @@ def test_a_frame_that_raised_an_error_may_come_again(monkeypatch: pytest.MonkeyP
     corrector.process(holed_frame(1.0))
 
 
-@pytest.mark.parametrize("name", ["voxdepth", "paper"])
+@pytest.mark.parametrize("name", ["temporal", "voxdepth"])
 def test_a_corrector_that_another_thread_uses_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     corrector = create_bare(name, CAMERA)
     begun, go_on = Event(), Event()
@@ -247,7 +247,7 @@ def test_a_corrector_that_another_thread_uses_is_refused(name: str, monkeypatch:
 
 def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_terminal() -> None:
     with pytest.raises(ConfigError) as told:
-        resolve_config("voxdepth", {"é\n\x1b[2J\u2028": 1})
+        resolve_config("temporal", {"é\n\x1b[2J\u2028": 1})
     assert r"é\n\x1b[2J\u2028" in str(told.value) and str(told.value).isprintable()
 
 
@@ -257,9 +257,9 @@ def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_termi
         ({"fil": "none"}, "unknown key 'fil'; did you mean fill"),
         ({"max_evidence": 8.0}, "unknown key 'max_evidence'; did you mean fusion.max_evidence; `voxdepth config"),
         ({"fusion": {"max_evidnce": 8.0}}, "'fusion.max_evidnce'; did you mean fusion.max_evidence"),
-        ({"zzz": 1}, "unknown key 'zzz'; `voxdepth config voxdepth` prints all"),
+        ({"zzz": 1}, "unknown key 'zzz'; `voxdepth config temporal` prints all"),
     ],
 )
 def test_a_mistyped_key_is_told_with_those_that_may_be_meant(given: dict[str, Any], told: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(told)):
-        resolve_config("voxdepth", given)
+        resolve_config("temporal", given)

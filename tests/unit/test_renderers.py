@@ -63,6 +63,7 @@ def agreement(a: Images, b: Images, *, within_m: float = 60.0, world: World | No
     return float((gap <= tolerance_m)[judged].mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", SCENES, ids=lambda spec: spec.kind)
 def test_they_agree_in_every_scene_rolled_pitched_and_close_to_walls(spec: SceneSpec) -> None:
     scene = spec.build(3)

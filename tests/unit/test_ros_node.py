@@ -58,8 +58,8 @@ def stream() -> ModuleType:
 
 
 def test_a_frame_becomes_what_the_corrector_makes_of_it() -> None:
-    corrector = stream().MessageCorrector(CorrectorSpec(name="voxdepth"), baseline_m=0.07)
-    reference = create_corrector("voxdepth", CAMERA)
+    corrector = stream().MessageCorrector(CorrectorSpec(name="temporal"), baseline_m=0.07)
+    reference = create_corrector("temporal", CAMERA)
     for index in range(3):
         gray, depth = gray_message(S + index), depth_message(S + index)
         fields = corrector.correct(gray, depth, info_message())
@@ -119,7 +119,7 @@ def test_another_camera_gets_a_new_corrector_and_an_earlier_stamp_a_new_stream(m
     ],
 )
 def test_bad_messages_are_frame_errors_and_the_next_good_one_is_corrected(gray: Any, depth: Any, info: Any) -> None:
-    corrector = stream().MessageCorrector(CorrectorSpec(name="voxdepth"))
+    corrector = stream().MessageCorrector(CorrectorSpec(name="temporal"))
     corrector.correct(gray_message(S), depth_message(S), info_message())
     with pytest.raises(FrameError):
         corrector.correct(gray, depth, info)

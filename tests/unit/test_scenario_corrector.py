@@ -9,14 +9,14 @@ from scenarios.config import Run, Scenario, load_run
 from scenarios.errors import ScenarioError
 from voxdepth import registry
 from voxdepth.errors import ConfigError
-from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.files import to_toml
 
 
 def test_the_latency_of_the_corrector_comes_on_top_of_that_of_the_sensor() -> None:
-    frozen = {"mission.latency_s": 0.03, "corrector_latency_s": {"voxdepth": 0.04, "median": 0.01}}
+    frozen = {"mission.latency_s": 0.03, "corrector_latency_s": {"temporal": 0.04, "median": 0.01}}
     latencies_s = [
-        load_run("city", 0, {**frozen, "corrector": name}).scenario.latency_s for name in ("voxdepth", "median", "raw")
+        load_run("city", 0, {**frozen, "corrector": name}).scenario.latency_s for name in ("temporal", "median", "raw")
     ]
     assert latencies_s == pytest.approx([0.07, 0.04, 0.03])
 
@@ -42,16 +42,16 @@ def test_a_missing_latency_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_published_run_keeps_its_text_and_its_latency() -> None:
-    published = {"corrector": "voxdepth", "corrector_latency_s": {"median": 0.0002, "voxdepth": 0.0087}}
+    published = {"corrector": "temporal", "corrector_latency_s": {"median": 0.0002, "temporal": 0.0087}}
     run = Run(scenario=Scenario.model_validate({"name": "city", "description": "", **published}), seed=0)
     assert run.model_dump(mode="json")["scenario"]["corrector_latency_s"] == published["corrector_latency_s"]
-    assert run.model_dump(mode="json")["scenario"]["corrector"] == "voxdepth"
+    assert run.model_dump(mode="json")["scenario"]["corrector"] == "temporal"
     assert run.scenario.latency_s == 0.03 + 0.0087
 
 
 @pytest.mark.parametrize(
     ("latency_s", "message"),
-    [({"voxdept": 0.04}, "there is no corrector 'voxdept'"), ({"voxdepth": -0.01}, "corrector_latency_s.voxdepth")],
+    [({"voxdept": 0.04}, "there is no corrector 'voxdept'"), ({"temporal": -0.01}, "corrector_latency_s.temporal")],
 )
 def test_a_latency_that_would_have_no_effect_is_refused(latency_s: dict[str, float], message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
@@ -74,13 +74,13 @@ def test_a_bare_name_stays_a_bare_name() -> None:
 
 
 def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Path) -> None:
-    run = with_corrector({"name": "voxdepth", "config": CONFIG})
-    assert run.scenario.corrector.resolved_config() == VoxDepthConfig(max_featureless_frames=30)
-    assert run != with_corrector("voxdepth")
+    run = with_corrector({"name": "temporal", "config": CONFIG})
+    assert run.scenario.corrector.resolved_config() == TemporalConfig(max_featureless_frames=30)
+    assert run != with_corrector("temporal")
     path = tmp_path / "config.toml"
     path.write_text(to_toml(run))
     assert load_run(str(path), None, {}) == run
-    assert load_run(str(path), None, {"corrector": "voxdepth"}) == with_corrector("voxdepth")
+    assert load_run(str(path), None, {"corrector": "temporal"}) == with_corrector("temporal")
 
 
 @pytest.mark.parametrize(
@@ -92,19 +92,19 @@ def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Pa
     ],
 )
 def test_a_text_may_have_a_setting(setting: str, config: dict[str, Any]) -> None:
-    assert with_corrector(f"voxdepth[{setting}]") == with_corrector({"name": "voxdepth", "config": config})
+    assert with_corrector(f"temporal[{setting}]") == with_corrector({"name": "temporal", "config": config})
 
 
 @pytest.mark.parametrize(
     ("corrector", "message"),
     [
-        ("voxdepth[fill]", r"expected a corrector with a setting as in voxdepth\[fill=all\], got 'voxdepth\[fill\]'"),
-        ("voxdepth[fil=all]", "unknown key 'fil'; did you mean fill"),
+        ("temporal[fill]", r"expected a corrector with a setting as in temporal\[fill=all\], got 'temporal\[fill\]'"),
+        ("temporal[fil=all]", "unknown key 'fil'; did you mean fill"),
         ("magic", "there is no corrector 'magic'"),
         ({"name": "median", "config": {"window": 5}}, "'median' takes no configuration"),
-        ({"name": "voxdepth", "config": {"windov": 5}}, "config of the corrector 'voxdepth': unknown key 'windov'"),
-        ({"name": "paper", "config": {"fusion_lag_frames": "ready"}}, "fusion_lag_frames"),
-        ({"name": "voxdepth", "confg": {}}, "corrector.confg"),
+        ({"name": "temporal", "config": {"windov": 5}}, "config of the corrector 'temporal': unknown key 'windov'"),
+        ({"name": "voxdepth", "config": {"fusion_lag_frames": "ready"}}, "fusion_lag_frames"),
+        ({"name": "temporal", "confg": {}}, "corrector.confg"),
     ],
 )
 def test_a_corrector_that_cannot_be_created_is_refused_when_the_scenario_is_loaded(

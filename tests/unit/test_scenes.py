@@ -65,6 +65,7 @@ def test_same_seed_same_scene(spec: SceneSpec) -> None:
     assert first.seed == 0
 
 
+@pytest.mark.slow
 @EACH_SPEC
 @pytest.mark.parametrize("seed", range(2))
 def test_a_way_is_free_and_has_things_on_both_sides(spec: SceneSpec, seed: int) -> None:

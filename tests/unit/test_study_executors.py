@@ -58,6 +58,7 @@ def test_a_number_that_is_not_finite_is_a_failure_of_its_run(where: str, monkeyp
     assert "expected finite numbers" in failure.text
 
 
+@pytest.mark.slow
 def test_workers_that_raise_die_or_hang_take_nothing_but_their_run_with_them() -> None:
     specs = expand(study(arm("a"), arm("dies"), arm("raises"), arm("hangs")))
     start = time.monotonic()

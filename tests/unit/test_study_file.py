@@ -11,7 +11,7 @@ from scenarios.files import shipped_names
 from scenarios.study.design import Arm, Study, by_importance, digest, expand, key_of, load_study
 from tests.studies import ONE_DRONE, arm, noisy, study
 from voxdepth.corrector_spec import CorrectorSpec
-from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.temporal.config import TemporalConfig
 
 TEXT = """
 name = "mine"
@@ -154,15 +154,15 @@ def test_what_one_arm_sets_inside_a_table_of_the_study_reaches_no_other() -> Non
 
 def test_an_arm_flies_a_configured_corrector(tmp_path: Path) -> None:
     """An ablation: the same corrector with and without one of its steps, and the bare name."""
-    configured = 'corrector = { name = "voxdepth", config = { max_featureless_frames = 30 } }'
+    configured = 'corrector = { name = "temporal", config = { max_featureless_frames = 30 } }'
     text = TEXT.replace('corrector = "raw"', configured, 1)
     found = load_study(saved(tmp_path, text))
     first, second, *_ = expand(found)
-    assert first.run.scenario.corrector.resolved_config() == VoxDepthConfig(max_featureless_frames=30)
+    assert first.run.scenario.corrector.resolved_config() == TemporalConfig(max_featureless_frames=30)
     assert str(second.run.scenario.corrector) == "raw"
     assert Study.model_validate_json(found.model_dump_json()) == found
     plain = load_study(saved(tmp_path, text.replace(", config = { max_featureless_frames = 30 }", "")))
-    assert plain.arms[0].model_dump(mode="json")["corrector"] == "voxdepth"
+    assert plain.arms[0].model_dump(mode="json")["corrector"] == "temporal"
     assert expand(plain)[0].key != first.key
     with pytest.raises(ScenarioError, match="max_featureless_frame"):
         load_study(saved(tmp_path, text.replace("max_featureless_frames", "max_featureless_frame")))
@@ -185,7 +185,7 @@ def test_the_example_in_the_documents_resolves(tmp_path: Path) -> None:
 @pytest.mark.parametrize("key", ["corrector", "corrector.config.fill", "rig.depth"])
 def test_changes_cannot_reach_into_what_an_arm_sets(key: str) -> None:
     with pytest.raises(ValueError, match=key):
-        Arm(name="mine", depth="stereo", corrector=CorrectorSpec(name="voxdepth"), changes={key: False})
+        Arm(name="mine", depth="stereo", corrector=CorrectorSpec(name="temporal"), changes={key: False})
 
 
 def test_a_comparison_is_declared_on_arrivals_unless_its_file_says_otherwise() -> None:

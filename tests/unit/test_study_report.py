@@ -202,6 +202,7 @@ def drawn(contents: StudyData, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any
     return found
 
 
+@pytest.mark.slow
 def test_the_fit_is_in_the_legend_beside_its_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     figure = drawn(noise_study(), monkeypatch)["city: collisions against noise"]
     (collided, arrived), (legend,) = figure.axes, figure.legends
@@ -233,6 +234,7 @@ def test_means_that_differ_in_no_pair_are_left_out() -> None:
     assert len(mean_difference_table([])) == 0
 
 
+@pytest.mark.slow
 def test_the_page_of_a_noise_study_has_the_papers_figure_and_the_fit() -> None:
     text = page_of(noise_study())
     assert text.count("<figure>") == 3

@@ -97,6 +97,7 @@ def sight_needed_m(scenario: Scenario, speed_m_s: float) -> float:
     return stop_m + airframe.radius_m + avoidance.clearance_m - scenario.rig.mount_forward_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_names("scenarios"))
 def test_a_drone_can_stop_within_the_range_at_which_its_camera_is_right(name: str) -> None:
     scenario = load_run(name, 0, {}).scenario

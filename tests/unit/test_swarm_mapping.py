@@ -211,6 +211,7 @@ def test_a_bar_without_depth_stops_a_drone(middle_m: float, height_m: float) -> 
     assert flight.position_m[0] < 6.0 - RADIUS_M
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_drone_that_is_held_at_a_wall_while_its_odometry_drifts_does_not_touch_it(seed: int) -> None:
     flight, rng = Flight(wall_at(4.0)), np.random.default_rng(seed)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from voxdepth import VoxDepth, VoxDepthConfig
+from voxdepth import TemporalConfig, TemporalCorrector
 from voxdepth.temporal.filling import FillingConfig, HoleFiller, Known
 from voxdepth.temporal.rays import AXES, COLS, ROWS, trace_rays
 from voxdepth.temporal.working_resolution import WorkingResolution
@@ -146,7 +146,7 @@ class TestDiscontinuities:
         frames = [
             Frame(stamp_s=k / 30, gray=texture(), depth_m=FULL.depth(with_holes(measured_px, hole))) for k in range(3)
         ]
-        corrector = VoxDepth(CAMERA, VoxDepthConfig(decimation=2))
+        corrector = TemporalCorrector(CAMERA, TemporalConfig(decimation=2))
         shown_px = FULL.disparity([corrector.process(frame) for frame in frames][-1].depth_m)
         np.testing.assert_allclose(shown_px[:, edge - 7 : edge], FAR_PX, atol=0.1)
         np.testing.assert_allclose(shown_px[:, edge:], NEAR_PX, atol=0.1)
@@ -210,7 +210,7 @@ class TestMemoryAndPreviousOutput:
         gray, other_gray = texture(0), texture(1)
         near = Frame(stamp_s=0, gray=gray, depth_m=FULL.depth(with_holes(9.0, self.HOLE)))
         cut = Frame(stamp_s=1, gray=other_gray, depth_m=FULL.depth(with_holes(FAR_PX, self.HOLE)))
-        corrector, fresh = VoxDepth(CAMERA), VoxDepth(CAMERA)
+        corrector, fresh = TemporalCorrector(CAMERA), TemporalCorrector(CAMERA)
         corrector.process(near)
         np.testing.assert_array_equal(corrector.process(cut).depth_m, fresh.process(cut).depth_m)
 
@@ -253,7 +253,7 @@ class TestBadInput:
     def test_a_corner_is_continued_by_little(self, decimation: int) -> None:
         measured_px = with_holes(FAR_PX, (ROW >= 20) | (COL >= 20))
         frame = Frame(stamp_s=0, gray=texture(), depth_m=FULL.depth(measured_px))
-        shown = VoxDepth(CAMERA, VoxDepthConfig(decimation=decimation)).process(frame).depth_m > 0
+        shown = TemporalCorrector(CAMERA, TemporalConfig(decimation=decimation)).process(frame).depth_m > 0
         assert 400 <= np.count_nonzero(shown) < 2000
 
     @DECIMATIONS
@@ -270,7 +270,7 @@ class TestTooNear:
     @staticmethod
     def trusted(speckles: float) -> float:
         """Share of the object that is shown with a confidence of at least a half, while it stands before a wall."""
-        corrector, wall, shares = VoxDepth(CAMERA), texture(), []
+        corrector, wall, shares = TemporalCorrector(CAMERA), texture(), []
         hole = box(slice(20, 100), slice(50, 110))
         for k in range(20):
             rng = np.random.default_rng(k)
@@ -295,7 +295,7 @@ class TestTooNear:
 def test_a_filled_pixel_names_its_source(decimation: int) -> None:
     hole = box(slice(40, 80), slice(60, 100))
     frame = Frame(stamp_s=0, gray=texture(), depth_m=FULL.depth(with_holes(FAR_PX, hole)))
-    result = VoxDepth(CAMERA, VoxDepthConfig(decimation=decimation)).process(frame)
+    result = TemporalCorrector(CAMERA, TemporalConfig(decimation=decimation)).process(frame)
     assert (result.source[hole] == Source.INPAINTED).all()
     assert (result.source[~hole] == Source.SENSOR).all()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.temporal_scenes import CAMERA, ROOM, dark, frames_of, method, noisy, process, run, walk
-from voxdepth import VoxDepth
+from voxdepth import TemporalCorrector
 from voxdepth.errors import ConfigError
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.temporal.working_resolution import MIN_SIDE_PX, WorkingResolution
@@ -248,7 +248,7 @@ class TestArrays:
         assert [_bytes(one) for one in late] == [_bytes(one) for one in expected]
 
     def test_it_is_what_a_corrector_does_by_default(self) -> None:
-        corrector = VoxDepth(CAMERA)
+        corrector = TemporalCorrector(CAMERA)
         assert [_bytes(corrector.process(frame)) for frame in NOISY] == [_bytes(one) for one in run(method(), NOISY)]
 
     @DECIMATIONS
@@ -342,7 +342,7 @@ def test_a_thin_pole_in_decimated_depth_is_kept_if_the_camera_says_how_it_was_ma
     )
     fB, rng = camera.fx_px * 0.1, np.random.default_rng(0)
     wall, pole = rng.integers(60, 200, camera.shape, np.uint8), rng.integers(20, 60, (90, 2), np.uint8)
-    corrector = VoxDepth(camera)
+    corrector = TemporalCorrector(camera)
     for k in range(10):
         columns = slice(100 - 2 * k, 102 - 2 * k)
         disparity_px, gray = np.full(camera.shape, 0.6), wall.copy()

@@ -28,6 +28,7 @@ def clip() -> Clip:
     return Clip(gray=gray, raw_m=raw_m, true_m=true_m, camera=np.array(camera))
 
 
+@pytest.mark.slow
 def test_no_held_out_clip_is_learned_from() -> None:
     learned = {place.file(Path()) for place in places(range(FIRST_SEED, FIRST_SEED + MOST_FLIGHTS))}
     held_out = places([HELD_OUT_SEED])

@@ -10,7 +10,7 @@ from sim.render import RENDERER_NAMES
 from swarm.priors import PosePriorName
 from voxdepth.datasets import DATASET_FORMATS
 from voxdepth.registry import DEFAULT, config_of
-from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.commands import Format
 from voxdepth.tools.options import DEFAULT_CORRECTOR
 
@@ -25,4 +25,4 @@ def test_the_command_line_speaks_the_words_of_the_library() -> None:
 def test_the_default_corrector_is_the_same_everywhere() -> None:
     assert DEFAULT_CORRECTOR == DEFAULT == load_run("city", None, {}).scenario.corrector.name
     assert Scenario.model_fields["corrector"].default.name == DEFAULT
-    assert type(config_of(DEFAULT)) is VoxDepthConfig
+    assert type(config_of(DEFAULT)) is TemporalConfig

@@ -32,7 +32,7 @@ class CombineConfig(Model):
         return (1.0 if self.reject_far else 0.0), (1 / self.near_share if self.reject_near else LARGEST)
 
 
-class PaperConfig(Model):
+class VoxDepthConfig(Model):
     """All parameters of the paper's method. The defaults are the paper's."""
 
     window_frames: int = Field(default=10, ge=1, le=1_000)

@@ -33,7 +33,7 @@ class EpochEnd(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PaperDiagnostics:
+class VoxDepthDiagnostics:
     """The state of the paper's method after one frame."""
 
     phase: Phase

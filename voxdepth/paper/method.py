@@ -11,8 +11,8 @@ from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
 from ..corrector import StreamCorrector, checked_config
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
-from .config import MotionModelName, PaperConfig
-from .epochs import Epochs, PaperDiagnostics, Template
+from .config import MotionModelName, VoxDepthConfig
+from .epochs import Epochs, Template, VoxDepthDiagnostics
 from .odometry import Odometry, PhotometricOdometry, PriorsFirst
 from .registration import Features, OrbRegistration, Registration, RegistrationStatus
 from .steps import ImageSteps, create_steps
@@ -33,11 +33,11 @@ class Aligned:
 
     frame: Frame
     template: Template | None
-    diagnostics: PaperDiagnostics
+    diagnostics: VoxDepthDiagnostics
     timings_s: Mapping[str, float]
 
 
-class PaperVoxDepth(StreamCorrector):
+class VoxDepth(StreamCorrector):
     """The method of the paper: it corrects frames by a template, a new one in every epoch.
 
     An epoch fuses `window_frames` frames into one voxel cloud, projects it to a dense template, and then corrects
@@ -52,8 +52,8 @@ class PaperVoxDepth(StreamCorrector):
         ConfigError: An argument has another type, or the configured device does not exist.
     """
 
-    def __init__(self, intrinsics: Intrinsics, config: PaperConfig | None = None) -> None:
-        camera, config = intrinsics, checked_config(intrinsics, config, PaperConfig)
+    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
+        camera, config = intrinsics, checked_config(intrinsics, config, VoxDepthConfig)
         self._steps = create_steps(config.device, camera, config)
         self._registration = OrbRegistration(config.registration, camera.shape)
         odometry = PriorsFirst(PhotometricOdometry(camera, config.odometry), config.odometry)
@@ -90,7 +90,7 @@ class PaperVoxDepth(StreamCorrector):
             )
         epoch_end = self._epochs.end(frame, features, registration)
         phase = self._epochs.phase(registration)
-        diagnostics = PaperDiagnostics(phase=phase, registration=registration, epoch_end=epoch_end)
+        diagnostics = VoxDepthDiagnostics(phase=phase, registration=registration, epoch_end=epoch_end)
         return Aligned(frame=frame, template=template, diagnostics=diagnostics, timings_s=timer.times_s)
 
     def combine(self, aligned: Aligned) -> CorrectedDepth:

@@ -9,7 +9,7 @@ from numba import float32, void
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compile_all, compiled
 from ..devices import DeviceName, require_device
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
-from .config import PaperConfig
+from .config import VoxDepthConfig
 from .voxels import VoxelGrid, project_voxels
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ class HostSteps:
     A warped template and its combination with a frame are valid until the next call of `warp`.
     """
 
-    def __init__(self, intrinsics: Intrinsics, config: PaperConfig) -> None:
+    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig) -> None:
         self._intrinsics = intrinsics
         self._config = config
         self._grid = VoxelGrid(config.voxels)
@@ -83,7 +83,7 @@ class HostSteps:
         """Wait until the steps are finished; those on the CPU are when they return."""
 
 
-def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig) -> ImageSteps:
+def create_steps(device: DeviceName, intrinsics: Intrinsics, config: VoxDepthConfig) -> ImageSteps:
     """Create the steps on a device, or raise a `ConfigError`, see `require_device`."""
     if device == "cpu":
         return HostSteps(intrinsics, config)

@@ -9,13 +9,13 @@ from ..devices import quiet_warp
 from ..geometry import RayMap
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics
 from . import warp_kernels as kernels
-from .config import PaperConfig
+from .config import VoxDepthConfig
 
 
 class WarpSteps:
     """Image operations on Warp arrays. For tests it also runs on `cpu`, several times slower than `HostSteps`."""
 
-    def __init__(self, intrinsics: Intrinsics, config: PaperConfig, *, device: str) -> None:
+    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig, *, device: str) -> None:
         quiet_warp()
         wp.load_module(kernels, device=device)  # The first launch would compile them.
         self._intrinsics = intrinsics

@@ -11,7 +11,7 @@ from .fusion import TemporalFusionConfig
 from .odometry import VisualOdometryConfig
 
 
-class VoxDepthConfig(Model):
+class TemporalConfig(Model):
     """All parameters of the default method."""
 
     decimation: Literal["auto", 1, 2] = "auto"

@@ -1,4 +1,4 @@
-"""`VoxDepth`, the default method: a depth memory follows the camera, and is fused with every measurement."""
+"""`TemporalCorrector`, the default method: a depth memory follows the camera, and is fused with every measurement."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from ..errors import ConfigError
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .confidence import estimate_confidence
-from .config import VoxDepthConfig
+from .config import TemporalConfig
 from .filling import Filled, HoleFiller, Inpainted, Known
 from .forward_warp import ForwardWarp
 from .fusion import Fused, PixelClass, fuse, is_steady
@@ -39,7 +39,7 @@ class FusedFrame:
     timings_s: Mapping[str, float]
 
 
-class VoxDepth(StreamCorrector):
+class TemporalCorrector(StreamCorrector):
     """The default method: a depth memory, which is warped to every frame and fused with its measurement.
 
     Args:
@@ -52,8 +52,8 @@ class VoxDepth(StreamCorrector):
         ConfigError: An argument has another type, or the images are too small.
     """
 
-    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
-        camera, config = intrinsics, checked_config(intrinsics, config, VoxDepthConfig)
+    def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
+        camera, config = intrinsics, checked_config(intrinsics, config, TemporalConfig)
         if min(camera.shape) < MIN_SIDE_PX:
             raise ConfigError(
                 f"the default method needs images of at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels, "

@@ -12,9 +12,9 @@ from .errors import ToolError
 if TYPE_CHECKING:
     from rich.console import Console
 
-DEFAULT_CORRECTOR = "voxdepth"
+DEFAULT_CORRECTOR = "temporal"
 """The same word as in the registry, which is not imported for `--help`."""
-CORRECTOR_HELP = r"Depth corrector by name, perhaps with a setting as in voxdepth\[fill=all]."
+CORRECTOR_HELP = r"Depth corrector by name, perhaps with a setting as in temporal\[fill=all]."
 """Without the backslash the setting would be taken for the markup of Rich."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""

@@ -40,7 +40,7 @@ class VoxDepthNode(Node):
 
     def __init__(self) -> None:
         super().__init__("voxdepth")
-        values = {"corrector": "voxdepth", "config": "", "baseline_m": 0.0, "units_per_m": 1000.0, "slop_s": 0.02}
+        values = {"corrector": "temporal", "config": "", "baseline_m": 0.0, "units_per_m": 1000.0, "slop_s": 0.02}
         any_type = ParameterDescriptor(dynamic_typing=True)  # 5000 is a number as well as 5000.0.
         given = {name: self.declare_parameter(name, value, any_type).value for name, value in values.items()}
         config = tomllib.loads(Path(given["config"]).read_text(encoding="utf-8")) if given["config"] else {}

@@ -9,13 +9,13 @@ from contextlib import contextmanager, suppress
 import cv2
 import numpy as np
 
-from ... import PaperVoxDepth, VoxDepth
+from ... import TemporalCorrector, VoxDepth
 from ...baselines.learned import Learned
 from ...corrector import StreamCorrector
 from ...devices import cuda_devices
 from ...model import Model
 from ...networks import has_runtime
-from ...paper.config import PaperConfig
+from ...paper.config import VoxDepthConfig
 from ...types import Frame, Intrinsics
 from ..provenance import Provenance
 from ..table import Column, Table, Value
@@ -94,12 +94,12 @@ def measure(loop: FrameLoop, frames: int) -> Timings:
 @contextmanager
 def correctors(intrinsics: Intrinsics) -> Iterator[Mapping[str, StreamCorrector]]:
     """New correctors by name, which are closed at the end. The paper's fuses a window within the call."""
-    paper = {"paper": PaperConfig(fusion_lag_frames=0)}
+    paper = {"voxdepth": VoxDepthConfig(fusion_lag_frames=0)}
     if cuda_devices():
-        paper["paper, cuda"] = PaperConfig(fusion_lag_frames=0, device="cuda")
+        paper["paper, cuda"] = VoxDepthConfig(fusion_lag_frames=0, device="cuda")
     found: dict[str, StreamCorrector] = {
-        "voxdepth": VoxDepth(intrinsics),
-        **{name: PaperVoxDepth(intrinsics, config) for name, config in paper.items()},
+        "temporal": TemporalCorrector(intrinsics),
+        **{name: VoxDepth(intrinsics, config) for name, config in paper.items()},
         **({"learned": Learned(intrinsics)} if has_runtime() else {}),
     }
     yield found
