@@ -10,6 +10,7 @@ References:
 from functools import cache
 from statistics import NormalDist
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -41,7 +42,8 @@ def normal_numbers(key: np.uint64, n: int) -> npt.NDArray[np.float32]:
     z = (z ^ (z >> np.uint64(30))) * MIX_1
     z = (z ^ (z >> np.uint64(27))) * MIX_2
     z ^= z >> np.uint64(31)
-    return normal_quantiles().take(z.astype("<u8", copy=False).view("<u2")[:n])
+    bits = z.astype("<u8", copy=False).view("<u2")[None, :n]
+    return np.asarray(cv2.LUT(bits, normal_quantiles()[None]), np.float32)[0]
 
 
 @cache
