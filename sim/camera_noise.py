@@ -43,7 +43,8 @@ def normal_numbers(key: np.uint64, n: int) -> npt.NDArray[np.float32]:
     z = (z ^ (z >> np.uint64(27))) * MIX_2
     z ^= z >> np.uint64(31)
     bits = z.astype("<u8", copy=False).view("<u2")[None, :n]
-    return np.asarray(cv2.LUT(bits, normal_quantiles()[None]), np.float32)[0]
+    numbers: npt.NDArray[np.float32] = np.asarray(cv2.LUT(bits, normal_quantiles()[None]), np.float32)[0]
+    return numbers
 
 
 @cache
