@@ -79,32 +79,33 @@ class BenchmarkResults(Model):
 
 def measure(loop: FrameLoop, frames: int) -> Timings:
     """Correct each frame of a loop with each method in turn, after `WARM_UP_FRAMES` others."""
-    with one_core(), correctors(loop.intrinsics) as by_name:
-        methods = {**_librealsense(loop.intrinsics), **{name: _timed(each) for name, each in by_name.items()}}
+    with one_core():
+        correctors = _correctors(loop.intrinsics)
+        methods = _librealsense(loop.intrinsics) | {name: _timed(each) for name, each in correctors.items()}
         times_s: dict[str, dict[str, list[float]]] = {name: defaultdict(list) for name in methods}
         for k, frame in enumerate(loop.play(WARM_UP_FRAMES + frames)):
             for name, method in methods.items():
                 for step, time_s in method(frame).items():
                     if k >= WARM_UP_FRAMES:
                         times_s[name][step].append(time_s)
+        for corrector in correctors.values():
+            corrector.close()
     latencies = {name: {step: Latency.of(s) for step, s in steps.items()} for name, steps in times_s.items()}
     return Timings(size=loop.size, methods=latencies)
 
 
-@contextmanager
-def correctors(intrinsics: Intrinsics) -> Iterator[Mapping[str, StreamCorrector]]:
-    """New correctors by name, which are closed at the end. The paper's fuses a window within the call."""
-    paper = {"voxdepth": VoxDepthConfig(fusion_lag_frames=0)}
-    if cuda_devices():
-        paper["paper, cuda"] = VoxDepthConfig(fusion_lag_frames=0, device="cuda")
+def _correctors(intrinsics: Intrinsics) -> dict[str, StreamCorrector]:
+    """New correctors by name. The paper's fuses a window within the call."""
+    paper = VoxDepthConfig(fusion_lag_frames=0)
     found: dict[str, StreamCorrector] = {
         "temporal": TemporalCorrector(intrinsics),
-        **{name: VoxDepth(intrinsics, config) for name, config in paper.items()},
-        **({"learned": Learned(intrinsics)} if has_runtime() else {}),
+        "voxdepth": VoxDepth(intrinsics, paper),
     }
-    yield found
-    for corrector in found.values():
-        corrector.close()
+    if cuda_devices():
+        found["voxdepth, cuda"] = VoxDepth(intrinsics, paper.model_copy(update={"device": "cuda"}))
+    if has_runtime():
+        found["learned"] = Learned(intrinsics)
+    return found
 
 
 def _librealsense(intrinsics: Intrinsics) -> dict[str, Callable[[Frame], Mapping[str, float]]]:
