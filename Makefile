@@ -52,8 +52,8 @@ wheel: setup     ## build the library as a wheel in dist/, and check it
 
 regress: setup   ## compare the shipped correctors with golden values on synthetic noise
 	$(BIN)/voxdepth regress --corrector raw
-	$(BIN)/voxdepth regress --corrector paper
 	$(BIN)/voxdepth regress --corrector voxdepth
+	$(BIN)/voxdepth regress --corrector temporal
 
 bench: setup     ## measure and print the speed of correctors and simulator
 	$(BIN)/voxdepth bench
