@@ -41,7 +41,7 @@ ENTRY_POINTS = "voxdepth.correctors"
 """Group of the entry points by which other distributions add correctors."""
 DEFAULT, PAPER = "temporal", "voxdepth"
 """The corrector that is used unless another is named, and the method of the paper."""
-TITLES = {PAPER: ("VoxDepth", "the paper"), DEFAULT: ("temporal", "ours")}
+TITLES = {PAPER: ("VoxDepth", " (the paper)"), DEFAULT: ("temporal", " (ours)")}
 """The name and the origin of the two methods of this library that are no baselines, as people read them."""
 
 
@@ -109,10 +109,9 @@ def installed_names() -> tuple[str, ...]:
 
 def title(text: str) -> str:
     """A corrector, perhaps with settings behind its name, as people read it: `VoxDepth (the paper)`."""
-    for name, (shown, origin) in TITLES.items():
-        if re.fullmatch(rf"{name}([\[ ].*)?", text):
-            return f"{text.replace(name, shown, 1)} ({origin})"
-    return text
+    name = re.split(r"[\[ ]", text, maxsplit=1)[0]
+    shown, origin = TITLES.get(name, (name, ""))
+    return text.replace(name, shown, 1) + origin
 
 
 def require_known(name: str) -> None:

@@ -197,7 +197,7 @@ def _words(name: str) -> str:
 
 def config(
     corrector: Annotated[
-        str, typer.Argument(help="Depth corrector by name: temporal (ours), or voxdepth for VoxDepth (the paper).")
+        str, typer.Argument(help="temporal (ours) or voxdepth: VoxDepth (the paper).")
     ] = DEFAULT_CORRECTOR,
 ) -> None:
     """Print all that can be configured of a corrector, with its values and what they mean, as a TOML file.
