@@ -18,7 +18,7 @@ $(READY): pyproject.toml constraints.txt
 	@echo "installing the pinned packages into $(VENV), 3.5 GB; this takes two to three minutes and prints nothing"
 	"$(PYTHON)" -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
-	@echo "compiling most of the loops over pixels, once; this takes up to 40 s"
+	@echo "compiling most of the loops over pixels, once; this takes about 25 s"
 	$(BIN)/voxdepth run city --drones 2 --duration 1 --no-record --out $(VENV)/first-run >/dev/null 2>&1
 	@touch $@
 

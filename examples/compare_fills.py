@@ -46,7 +46,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="a recorded sequence")
     parser.add_argument("--frame", type=int, default=0, help="index of the frame")
-    parser.add_argument("--methods", default="realsense-left,telea,voxdepth", metavar="A,B,C")
+    parser.add_argument("--methods", default="realsense-left,telea,temporal", metavar="A,B,C")
     parser.add_argument("--width", type=int, default=320, help="width of a panel in pixels")
     parser.add_argument("--out", type=Path, default=Path("fills.png"))
     options = parser.parse_args()

@@ -88,8 +88,9 @@ class Run(Model):
         """The run in one line."""
         rig, prior = self.scenario.rig, self.scenario.mission.pose_prior
         depth = depth_label(rig.depth, rig.noise.scale.theta)
-        title = f"{self.scenario.name}, seed {self.seed}: depth {depth}, corrector {self.scenario.corrector}"
-        return title if prior.kind == "none" else f"{title}, pose prior {prior.label}"
+        corrector = registry.title(str(self.scenario.corrector))
+        text = f"{self.scenario.name}, seed {self.seed}: depth {depth}, corrector {corrector}"
+        return text if prior.kind == "none" else f"{text}, pose prior {prior.label}"
 
 
 def depth_label(depth: str, theta: float) -> str:

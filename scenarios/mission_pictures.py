@@ -15,6 +15,7 @@ from swarm.recorder import CaptureRecorder
 from swarm.team import Team
 from swarm.types import MissionResult
 from voxdepth.colors import colored
+from voxdepth.registry import title
 
 from .config import Run
 from .errors import ScenarioError
@@ -147,6 +148,6 @@ def take_picture(run: Run, path: Path, *, drone: int, at_s: float) -> None:
         titled("gray, left camera", gray_bgr(capture.gray_left)),
         titled("depth, true", colored(capture.depth_true_m)),
         titled("depth, raw", colored(capture.depth_raw_m)),
-        titled(f"depth, corrected by '{run.scenario.corrector}'", colored(corrected.depth_m)),
+        titled(f"depth, corrected by {title(str(run.scenario.corrector))}", colored(corrected.depth_m)),
     ]
     save_picture(path, np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])]))

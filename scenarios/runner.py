@@ -81,7 +81,7 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
 
 
 def folder_name(run: Run) -> str:
-    """Return what tells a run from others in few words, as in `city-3-stereo-voxdepth`; safe as a part of a path."""
+    """Return what tells a run from others in few words, as in `city-3-stereo-temporal`; safe as a part of a path."""
     rig = run.scenario.rig
     depth = f"noisy{rig.noise.scale.theta:g}" if rig.depth == "noisy" else rig.depth
     corrector = re.sub(r"[^A-Za-z0-9._-]+", "-", str(run.scenario.corrector))[:LONGEST_CORRECTOR].strip("-.")

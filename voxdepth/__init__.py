@@ -1,8 +1,8 @@
 """Depth correction for stereo cameras: it fills holes from earlier frames and removes flicker and outliers.
 
-from voxdepth import Frame, Intrinsics, VoxDepth
+from voxdepth import Frame, Intrinsics, TemporalCorrector
 
-corrector = VoxDepth(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86, baseline_m=0.095))
+corrector = TemporalCorrector(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86, baseline_m=0.095))
 corrected = corrector.process(Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm))
 """
 

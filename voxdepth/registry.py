@@ -6,6 +6,7 @@ when its name is used, and it cannot replace a corrector of this library.
 """
 
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -33,12 +34,15 @@ __all__ = [
     "latency_s",
     "require_known",
     "resolve_config",
+    "title",
 ]
 
 ENTRY_POINTS = "voxdepth.correctors"
 """Group of the entry points by which other distributions add correctors."""
 DEFAULT, PAPER = "temporal", "voxdepth"
 """The corrector that is used unless another is named, and the method of the paper."""
+TITLES = {PAPER: ("VoxDepth", " (the paper)"), DEFAULT: ("temporal", " (ours)")}
+"""The name and the origin of the two methods of this library that are no baselines, as people read them."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,13 @@ def corrector_names() -> tuple[str, ...]:
 def installed_names() -> tuple[str, ...]:
     """The correctors of this library but those that need an extra that is not installed."""
     return tuple(name for name, entry in _REGISTRY.items() if entry.needs is None or find_spec(entry.needs))
+
+
+def title(text: str) -> str:
+    """A corrector, perhaps with settings behind its name, as people read it: `VoxDepth (the paper)`."""
+    name = re.split(r"[\[ ]", text, maxsplit=1)[0]
+    shown, origin = TITLES.get(name, (name, ""))
+    return text.replace(name, shown, 1) + origin
 
 
 def require_known(name: str) -> None:
@@ -172,7 +183,7 @@ def create_corrector(
 
     A configuration is of the corrector's own type, or the values that differ from its default, see `resolve_config`.
 
-    The confidence of a corrector of this library is the probability that a depth is right. The default method has its
+    The confidence of a corrector of this library is the probability that a depth is right. `temporal` has its
     own; that of the others is fitted to their default configuration, and the same with any other, see `calibration`.
 
     Raises:

@@ -9,6 +9,7 @@ def list_() -> None:
     from sim.depth_noise import SENSOR_MODEL_NAMES
     from sim.render import RENDERER_NAMES
     from voxdepth.registry import corrector_names
+    from voxdepth.tools.options import NAMES_HELP
 
     from ..config import load_run
     from ..files import shipped_names
@@ -27,5 +28,5 @@ def list_() -> None:
     console.print(sequences)
     console.print(f"studies:     {', '.join(shipped_names('studies'))}")
     console.print(f"sensor models: {', '.join(SENSOR_MODEL_NAMES)}")
-    console.print(f"correctors:  {', '.join(corrector_names())}")
+    console.print(f"correctors:  {', '.join(corrector_names())}; {NAMES_HELP}")
     console.print(f"renderers:   {', '.join(RENDERER_NAMES)}")

@@ -3,5 +3,5 @@
 `suite` runs all `methods` on the frames of all `sources`: `running` times one of them, `scoring` sums its errors by the
 pixel `groups`, and `result_cache` keeps its `measurements`. The `kinds` of pixels of a real recording have
 `references`, those of its holes perhaps from `later_frames`; `intervals` says how far results may be chance. `report`
-and `figures` show the numbers that `quantities` lists; `paper` holds those that the paper prints.
+and `figures` show the numbers that `quantities` lists.
 """

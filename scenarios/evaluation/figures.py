@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from voxdepth import registry
 from voxdepth.colors import colored, far_end_m
 from voxdepth.types import FloatImage
 
@@ -50,7 +51,7 @@ def method_styles(evaluation: Evaluation) -> dict[str, dict[str, Any]]:
     """Return colour, marker and label of each method: the same in all figures, for those of `SHOWN` in all reports."""
     names = dict.fromkeys((*SHOWN, *evaluation.methods))
     return {
-        name: {"color": line_color(k), "marker": MARKERS[k % len(MARKERS)], "label": legend_label(name)}
+        name: {"color": line_color(k), "marker": MARKERS[k % len(MARKERS)], "label": legend_label(registry.title(name))}
         for k, name in enumerate(names)
     }
 
@@ -168,7 +169,7 @@ def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     for method in shown_methods(evaluation):
         thumbnail = evaluation.result(info.name, method).thumbnail
         if thumbnail and method != "raw":
-            shown[method] = thumbnail
+            shown[registry.title(method)] = thumbnail
     far_m = far_end_m([reference_m, decoded_thumbnail(info.raw)])
     end_m = ERROR_SHARE * far_m
     draws: list[Draw] = [partial(_draw_image, "reference", _in_colors(reference_m, far_m), {})]

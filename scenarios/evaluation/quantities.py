@@ -133,8 +133,8 @@ QUANTITIES = (
              "%", CLOSE_HIDDEN, "A pixel that is left empty counts as wrong. The interval is a bootstrap over the "
              "frames.", best="high", layout="interval"),
     Quantity("That share less that of the best other baseline, within 20 m, with a 95 % interval", "%", LEAD_HIDDEN,
-             "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth, paper and "
-             "true-pose; the best of them is compared with the second best, so this ranks nobody.", layout="interval"),
+             "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth, temporal "
+             "and true-pose; the best is compared with the second best, so this ranks nobody.", layout="interval"),
     Quantity("Median / mean absolute error of measured pixels within 20 m", "mm", MEASURED, best="low"),
     Quantity("Change of the mean error of measured pixels from raw's, within 20 m, with a 95 % interval", "%",
              MEASURED_CHANGE, "The interval is a bootstrap over the frames of both.", best="low", layout="interval"),
@@ -175,7 +175,7 @@ QUANTITIES = (
     Quantity("Time per frame, median / 95th percentile / in threads of its own beside that", "ms",
              [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
              "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a "
-             "method's own threads: 'paper' fuses its window in one."),
+             "method's own threads: voxdepth fuses its window in one."),
 )
 """Tables of the report: a quantity of all methods on all sequences, with the best marked and the sample sizes."""
 # fmt: on

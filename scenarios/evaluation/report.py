@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from voxdepth import registry
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import CORRECTION, Provenance
 from voxdepth.tools.table import MISSING, Column, Table, Value
@@ -66,7 +67,8 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
     texts, classes, counts = _texts(evaluation, quantity)
     methods = [name for name in texts.index if not (texts.loc[name] == FAILED).all()]
     measured = [name for name in texts if not texts[name].isin([MISSING, FAILED]).all()] or list(texts)
-    rows = [[name, *texts.loc[name, measured]] for name in methods] + [["n", *(counts[name] for name in measured)]]
+    rows = [[registry.title(name), *texts.loc[name, measured]] for name in methods]
+    rows.append(["n", *(counts[name] for name in measured)])
     marks = [["", *classes.loc[name, measured]] for name in methods] + [["", *["n"] * len(measured)]]
     return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note, classes=marks)
 
@@ -84,7 +86,8 @@ def calibration_table(evaluation: Evaluation, method: str) -> Table:
                 cells = zip(values, counts, strict=True)
                 texts = [MISSING if share is None else f"{100 * share:.0f} ({count_text(n)})" for share, n in cells]
                 rows.append([info.name, mask, *texts])
-    title = f"Right pixels of {method} by confidence, and their number in brackets, {CALIBRATION_RANGE} [%]"
+    shown = registry.title(method)
+    title = f"Right pixels of {shown} by confidence, and their number in brackets, {CALIBRATION_RANGE} [%]"
     note = "Where the share falls while the confidence rises, the confidence does not rank these pixels."
     return Table.of(title, ["sequence", "pixels", *CONFIDENCES], rows, note=note)
 

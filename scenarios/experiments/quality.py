@@ -22,7 +22,7 @@ _METHODS = {"VD": "voxdepth", "RS": "realsense-left", "GS": "lmeds", "DS": "lear
 METHODS = {name: method for name, method in _METHODS.items() if method in installed_names()}
 """Our method by the paper's name of it, and the depth that all of them receive. DS needs the extra `learned`."""
 NAMES = {
-    "VD": "VD: VoxDepth, the corrector paper",
+    "VD": "VD: VoxDepth (the paper)",
     "RS": "RS: RealSense, the corrector realsense-left",
     "GS": "GS: GSmooth, the corrector lmeds",
     "DS": "DS: DeepSmooth, here the corrector learned",

@@ -38,7 +38,7 @@ def count_switches(context: ExperimentContext) -> Findings:
             if distance < context.frames]  # fmt: skip
     movement = Table.of("Pixel movement and quality of registration", MOVEMENT_COLUMNS, rows, name="movement")
     flows_px, psnrs_db = (movement.pivot("distance", "sequence", name) for name in ("flow", "gray PSNR"))
-    rates = pd.DataFrame({"here, by matches alone": switches.series(RATE), "voxdepth": switches.series(PAPER_RATE)})
+    rates = pd.DataFrame({"here, by matches alone": switches.series(RATE), "paper": switches.series(PAPER_RATE)})
     return Findings(
         tables=(switches, movement),
         claims=(_switches_claim(switches.series(RATE)), _movement_claim(flows_px, psnrs_db)),

@@ -22,7 +22,7 @@ HELD_OUT_SEED = 79_002
 EVEN_PX = 2
 """Heights are rounded to multiples of this."""
 FRAMES = 10
-"""Frames of a clip, as many as the paper's corrector fuses."""
+"""Frames of a clip, as many as VoxDepth fuses."""
 LONGEST_FLIGHT = 900
 """Frames of a flight from which clips are taken."""
 CLIPS_PER_WORLD = 2

@@ -26,7 +26,7 @@ class SparseTemplate(NamedTuple):
 
 
 def template_of(clip: Clip) -> SparseTemplate:
-    """Fuse a clip as the paper's corrector fuses a window."""
+    """Fuse a clip as VoxDepth fuses a window."""
     camera = clip.intrinsics
     frames = [
         Frame(stamp_s=index / RATE_HZ, gray=gray, depth_m=raw_m)

@@ -141,7 +141,7 @@ def spent_ms(run: Run, calls: dict[str, tuple[type, str]], monkeypatch: pytest.M
 
 
 def test_profile_of_a_mission(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A table for docs/performance.md, of 8 drones with the corrector `voxdepth`."""
+    """A table for docs/performance.md, of 8 drones with the corrector `temporal`."""
     profiles, shares = {}, {}
     cameras = {"160x120": images_of(160, 120), "320x180": images_of(320, 180), "480x270 / 3": {}}
     for camera, size in cameras.items():

@@ -32,7 +32,7 @@ GOLDEN = Path(__file__).parents[1] / "golden"
 
 
 def smoother(intrinsics: Intrinsics) -> DepthCorrector:
-    """The paper's corrector with one parameter changed."""
+    """`voxdepth` with one parameter changed."""
     return VoxDepth(intrinsics, VoxDepthConfig(median_size_px=3))
 
 

@@ -25,6 +25,7 @@ from scenarios.evaluation.suite import Evaluation
 from scenarios.results import figure
 from scenarios.results.frame_files import write_frame
 from tests.evaluation_clips import info_of, key_of
+from voxdepth.registry import title
 from voxdepth.tools.table import Table
 
 NASTY = "<script>alert('x')</script>"
@@ -77,7 +78,7 @@ def mae() -> Any:
 
 def row(table: Table, name: str) -> list[tuple[str, str]]:
     """Text and CSS class of the entries of a row."""
-    return next(entries[1:] for entries in table.cells if entries[0][0] == name)
+    return next(entries[1:] for entries in table.cells if entries[0][0] == title(name))
 
 
 def test_the_best_is_marked_in_each_sequence_and_an_oracle_does_not_compete(done: Evaluation) -> None:
@@ -243,7 +244,7 @@ def test_a_method_has_one_colour_in_all_figures(monkeypatch: pytest.MonkeyPatch)
         for handle, name in zip(*canvas.axes[0].get_legend_handles_labels(), strict=True):
             color = handle.get_color() if hasattr(handle, "get_color") else handle.get_facecolor()[0]
             styles.setdefault(name, set()).add(to_hex(color))
-    assert set(styles) == set(names)
+    assert set(styles) == {title(name) for name in names}, "the names that people read"
     assert all(len(colors) == 1 for colors in styles.values())
     assert len(set.union(*styles.values())) == len(names), "and shares it with no other"
 

@@ -106,7 +106,7 @@ def test_errors_after_completion_are_those_of_the_method_that_completes_itself()
 
 
 def test_errors_in_holes_are_compared_with_baselines_alone() -> None:
-    """Paper and the oracle have less error, and are no baselines."""
+    """VoxDepth and the oracle have less error, and are no baselines."""
     comparison = comparison_of(HOLES_OF)
     table = next(iter(quantity_tables(comparison)))
     assert table.rows[0] == ["sim-LN", "global-smoother", 1.2, 1.6, 1.6, 0.2, 0.1, 4.0, 2000]

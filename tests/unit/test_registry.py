@@ -26,6 +26,7 @@ from voxdepth.registry import (
     latency_s,
     require_known,
     resolve_config,
+    title,
 )
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.types import Frame, Intrinsics, Source
@@ -263,3 +264,12 @@ def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_termi
 def test_a_mistyped_key_is_told_with_those_that_may_be_meant(given: dict[str, Any], told: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(told)):
         resolve_config("temporal", given)
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [("voxdepth", "VoxDepth (the paper)"), ("temporal[fill=all]", "temporal[fill=all] (ours)"),
+     ("temporal-like", "temporal-like")],
+)  # fmt: skip
+def test_people_read_whose_the_methods_are(text: str, shown: str) -> None:
+    assert title(text) == shown

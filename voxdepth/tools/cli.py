@@ -60,7 +60,10 @@ def start(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Depth correction for stereo cameras, tested in a simulated drone swarm that navigates with it."""
+    """Depth correction for stereo cameras, tested in a simulated drone swarm that navigates with it.
+
+    Of the correctors, voxdepth is VoxDepth (the paper), and temporal (ours) is the default.
+    """
 
 
 def create_app() -> typer.Typer:

@@ -170,11 +170,13 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from ..registry import title
     from .table import Column
     from .table import Table as ResultTable
 
-    title = f"{report['folder']}, {report['format']}: {report['frames']} frames, corrector {report['corrector']}"
-    table = Table(title=escape(title), title_justify="left", show_header=False)
+    made_by = title(report["corrector"])
+    heading = f"{report['folder']}, {report['format']}: {report['frames']} frames, corrector {made_by}"
+    table = Table(title=escape(heading), title_justify="left", show_header=False)
     raw, corrected = report["coverage"]["raw"], report["coverage"]["corrected"]
     table.add_row("pixels with depth", f"{raw:.1%} raw, [bold]{corrected:.1%} corrected[/bold]")
     shares = ", ".join(f"{source} {share:.1%}" for source, share in report["pixel_shares"].items())
@@ -194,18 +196,20 @@ def _words(name: str) -> str:
 
 
 def config(
-    corrector: Annotated[str, typer.Argument(help="Depth corrector by name.")] = DEFAULT_CORRECTOR,
+    corrector: Annotated[
+        str, typer.Argument(help="temporal (ours) or voxdepth: VoxDepth (the paper).")
+    ] = DEFAULT_CORRECTOR,
 ) -> None:
     """Print all that can be configured of a corrector, with its values and what they mean, as a TOML file.
 
     Keep the lines that you change: voxdepth correct --config FILE takes the others from the corrector.
     """
-    from ..registry import config_of
+    from ..registry import config_of, title
 
     model = config_of(corrector)
     if model is None:
         raise ToolError(f"the corrector {corrector!r} has nothing to configure")
-    for line in _lines(model, ""):
+    for line in (f"# {title(corrector)}", *_lines(model, "")):
         typer.echo(line)
 
 
