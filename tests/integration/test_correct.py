@@ -111,7 +111,7 @@ def test_the_images_are_those_of_the_corrector_alone(
 
 def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path, tmp_path: Path) -> None:
     done = correct(sequence, "--out", tmp_path / "out", *short(sequence), "--frames", "12")
-    for words in ("walk, tum: 12 frames, corrector voxdepth", "pixels with depth", "% corrected", "epoch end",
+    for words in ("walk, tum: 12 frames, corrector VoxDepth", "pixels with depth", "% corrected", "epoch end",
                   "median", "frames per second", f"report.json are in {tmp_path / 'out'}"):  # fmt: skip
         assert words in done.output, words
     config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())
