@@ -95,6 +95,6 @@ def authors_config() -> VoxDepthConfig:
         max_epoch_frames=200,
         fusion_lag_frames=0,
         inpainting=Inpainting(method="dilation", size_px=5),
-        registration=RegistrationConfig(max_distance=10, min_matches=20, chained=True),
+        registration=RegistrationConfig(n_features=1000, max_distance=10, min_matches=20, chained=True),
         combine=CombineConfig(reject_near=False, reject_far=False, empty_from_m=65.0),
     )
