@@ -95,7 +95,7 @@ def stages(context: ExperimentContext, name: str) -> Iterator[Stage]:
     yield Stage("aligned template", at, warp(own.template.depth, M).copy(), truths_m[at])
     yield Stage("result", at, dense.combine(own).depth_m, truths_m[at])
     yield Stage(TRUTH, at, truths_m[at], truths_m[at])
-    for label, method in METHODS.items():
+    for label, method in list(METHODS.items())[:-1]:  # without raw, which is there already
         corrector = create_corrector(method, camera)
         *_, result = map(corrector.process, frames[: at + 1])
         yield Stage(f"{label}: {method}", at, result.depth_m, truths_m[at])
@@ -106,7 +106,7 @@ def _row(stage: Stage) -> tuple[str, int, float, float | None, int]:
     judged = (stage.image > 0) & near
     errors_m = np.abs(stage.image[judged] - stage.truth_m[judged])
     mae_m = float(errors_m.mean()) if errors_m.size else None
-    return stage.name, stage.frame, 100 * errors_m.size / max(1, np.count_nonzero(near)), mae_m, errors_m.size
+    return stage.name, stage.frame, 100 * errors_m.size / int(near.sum()), mae_m, errors_m.size
 
 
 def _draw(stage: Stage, axes: Axes) -> None:
