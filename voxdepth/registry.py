@@ -39,8 +39,8 @@ __all__ = [
 
 ENTRY_POINTS = "voxdepth.correctors"
 """Group of the entry points by which other distributions add correctors."""
-DEFAULT, PAPER = "temporal", "voxdepth"
-"""The corrector that is used unless another is named, and the method of the paper."""
+DEFAULT, PAPER, AUTHORS = "temporal", "voxdepth", "voxdepth-authors"
+"""The corrector that is used unless another is named, the method of the paper, and that as its authors' code has it."""
 TITLES = {PAPER: ("VoxDepth", " (the paper)"), DEFAULT: ("temporal", " (ours)")}
 """The name and the origin of the two methods of this library that are no baselines, as people read them."""
 
@@ -55,7 +55,7 @@ class Entry:
     options: Mapping[str, Any] = field(default_factory=dict)
     """Keyword arguments of the class."""
     config: str | None = None
-    """The type of its configuration as `module:name`; None for a corrector without one."""
+    """What makes its default configuration, as `module:name`; None for a corrector without one."""
     takes_camera: bool = True
     """Whether the class takes the intrinsics."""
     needs: str | None = None
@@ -89,6 +89,7 @@ _REGISTRY = {
     "global-smoother": Entry("baselines.global_smoother:GlobalSmoother", 0.0064),
     "learned": Entry("baselines.learned:Learned", 0.0113, needs="onnxruntime"),
     PAPER: Entry("paper.method:VoxDepth", 0.0034, config="paper.config:VoxDepthConfig"),
+    AUTHORS: Entry("paper.method:VoxDepth", 0.0034, config="paper.config:authors_config"),
     DEFAULT: Entry("temporal.method:TemporalCorrector", 0.0087, config="temporal.config:TemporalConfig"),
 }
 
@@ -213,6 +214,8 @@ def create_bare(
     if entry is None:
         return _load(name)(intrinsics)
     camera = (intrinsics,) if entry.takes_camera else ()
+    if config is None:
+        config = config_of(name)
     resolved = resolve_config(name, config) if isinstance(config, Mapping) else config
     configured = () if entry.config is None else (resolved,)
     corrector: DepthCorrector = _imported(entry.path)(*camera, *configured, **entry.options)

@@ -116,9 +116,9 @@ def experiment(
         list[str],
         typer.Argument(
             metavar="NAME",
-            help="rq1, rq2, rq3, rq4, quality, fps, components, window, switches, or all of these; default or "
-            "ablation, which are about the default method; artefacts, which is about the simulator; confidence, which "
-            "is about all correctors.",
+            help="rq1, rq2, rq3, rq4, steps, quality, fps, components, window, switches, or all of these; collide, "
+            "which flies missions; default or ablation, which are about the default method; artefacts, which is about "
+            "the simulator; confidence, which is about all correctors.",
         ),
     ],
     sequences: Annotated[
@@ -129,7 +129,7 @@ def experiment(
         typer.Option(metavar="DIR", help="A recorded sequence for `artefacts`; may be repeated."),
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(min=1, help="How many of the first frames of each. Default: by experiment.")
+        int | None, typer.Option(min=1, help="How many of the first frames of each; of collide, how many seeds.")
     ] = None,
     width: Annotated[
         int | None, typer.Option(metavar="PX", help="Width of the images; the height follows. Default: by experiment.")
@@ -156,7 +156,7 @@ def experiment(
     import cv2
     from rich.console import Console
 
-    from ..experiments.runner import RunOptions, find_experiments, run
+    from ..experiments.runner import INDEX, RunOptions, find_experiments, run, write_index
 
     cv2.setNumThreads(1)
     options = RunOptions(
@@ -173,3 +173,5 @@ def experiment(
         for report in run(find_experiments(names), options, status.update):
             report.print(console)
             typer.echo(f"table, figure and result.json are in {out / report.experiment.name}")
+    write_index(out).print(console)
+    typer.echo(f"these claims, of all experiments with results, are in {out / INDEX}")

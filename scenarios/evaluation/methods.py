@@ -6,6 +6,7 @@ from typing import Any
 
 from voxdepth.corrector_spec import parse_corrector
 from voxdepth.registry import (
+    AUTHORS,
     CORRECTOR_NAMES,
     DEFAULT,
     PAPER,
@@ -46,8 +47,8 @@ class Method:
 
 
 def is_baseline(name: str) -> bool:
-    """Whether a method is neither the default method with any setting, nor the one that it replaces, nor the oracle."""
-    return name.partition("[")[0] not in (DEFAULT, PAPER, ORACLE)
+    """Whether a method is neither the default method nor the paper's, with any setting, nor the oracle."""
+    return name.partition("[")[0] not in (DEFAULT, PAPER, AUTHORS, ORACLE)
 
 
 def find_methods(names: Sequence[str]) -> list[Method]:

@@ -38,6 +38,8 @@ BELIEVED = "believed"
 """Mask: the hidden pixels that a method fills with a confidence of at least `MIN_BELIEVED`, or with any if it has
 none."""
 MIN_BELIEVED = 0.5
+SETTLED_FRAMES = 16
+"""Number of frames of the warm-up, in which every method gets its first template; `settled` errors leave it out."""
 MOVING, DEPARTED = "moving", "departed"
 """Masks: the pixels of moving objects, and those that one left some frames ago."""
 SURVIVAL = [Selector(metric, MOVING, ALL, AS_GIVEN) for metric in ("survival", "survival_raw")]
@@ -95,6 +97,7 @@ class Score:
         self._moving, self._calibration = MovingScore(), CalibrationScore(intrinsics, groups.hidden)
         self._sky_near, self._phantoms, self._frames = Share(), Phantoms(), 0
         self._in_16_bits = Sums()
+        self._settled_in_16_bits, self._settled_occluded = Sums(), Sums()
         self.frame_close: tuple[tuple[int, int], ...] = ()
         """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
         self.frame_errors_m: tuple[tuple[float, int], ...] = ()
@@ -127,7 +130,12 @@ class Score:
         self._calibration.add(depth_m, frame.reference_m, independent, hidden, confidence, source)
         # Surfaces that an image in 16 bits and millimetres can hold.
         in_16_bits = (frame.reference_m <= np.float32(PEAK16_M)) & independent
-        self._in_16_bits += Sums.of(completed_m, frame.reference_m, in_16_bits)
+        sums_in_16_bits = Sums.of(completed_m, frame.reference_m, in_16_bits)
+        self._in_16_bits += sums_in_16_bits
+        if len(self.frame_close) > SETTLED_FRAMES:
+            occluded = np.isin(frame.labels, self._groups.members(self._occluded, NEAR))
+            self._settled_occluded += Sums.of(completed_m, frame.reference_m, occluded)
+            self._settled_in_16_bits += sums_in_16_bits
         self._add_paper(frame, depth_m)
 
     def measurements(self) -> list[Measurement]:
@@ -220,6 +228,12 @@ class Score:
         sums = self._in_16_bits
         psnr_db = sums.psnr_db(PEAK16_M) if _is_complete(sums) else None
         yield measured(Selector("psnr16_mm", self._groups.independent, ALL), psnr_db, "dB", sums.filled)
+        settled, occluded = self._settled_in_16_bits, self._settled_occluded
+        if settled.pixels and _is_complete(settled):
+            psnr_db = settled.psnr_db(PEAK16_M)
+            yield measured(Selector("psnr16_mm_settled", self._groups.independent, ALL), psnr_db, "dB", settled.filled)
+        if occluded.pixels and _is_complete(occluded):
+            yield measured(Selector("rmse_settled", self._occluded), occluded.rmse_m, "m", occluded.filled)
         for (metric, scores), mask, unit in zip(self._paper.items(), (self._occluded, "all"), ("1", "dB"), strict=True):
             known = [score for score in scores if score is not None]
             mean = float(np.mean(known)) if known else None

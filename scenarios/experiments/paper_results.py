@@ -37,7 +37,9 @@ INPAINTING_RESULTS = {"bilinear": (16.35, 8), "convex": (34.39, 237), "dilation"
 """RQ3: PSNR [dB] and time [ms] by method."""
 FLOW_S = {"Horn-Schunck": 2.45, "RAFT": 15.5}
 """RQ4: time of one flow [s]."""
-FRAMES_PER_S = {"VD": 26.71, "VD-Nopipe": 21.91, "RS": 39.52, "GS": 16.89, "DS": 2.0}
+SWARM = "Swarm"
+"""The paper's name of the drones with onboard perception of Kabore and Gueler."""
+FRAMES_PER_S = {"VD": 26.71, "VD-Nopipe": 21.91, "RS": 39.52, "GS": 16.89, "DS": 2.0, SWARM: 14.0}
 COMPONENTS_MS = {"fusion": (280, 85), "inpainting": (94, 2), "transform": (6, 4), "combine": (13, 3)}
 """Mean time on the Jetson Nano and on a workstation."""
 MOVEMENT = {50: (6.75, 16.06), 150: (10.08, 12.61)}

@@ -8,21 +8,24 @@ from typing import TYPE_CHECKING
 
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import Provenance
+from voxdepth.tools.table import Table, Value
 
 from ..errors import ScenarioError
 from ..results.provenance import SIMULATION
 from .ablation import ABLATION
 from .artefacts import ARTEFACTS
+from .collisions import COLLISIONS
 from .components import COMPONENTS
 from .confidence import CONFIDENCE
 from .default import DEFAULT_METHOD
-from .experiment import Experiment, ExperimentContext, Findings
+from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .frame_rate import FRAME_RATE
 from .frame_size import FRAME_SIZE
 from .inpainting import INPAINTING
 from .occlusion import OCCLUSION
 from .optical_flow import OPTICAL_FLOW
 from .quality import QUALITY
+from .steps import STEPS
 from .switches import STATE_SWITCHES
 from .window import WINDOW
 
@@ -32,13 +35,16 @@ if TYPE_CHECKING:
 FIGURE, RESULT, MARKDOWN = "figure.png", "result.json", "table.md"
 ALL = "all"
 PAPER_EXPERIMENTS = (
-    OCCLUSION, FRAME_SIZE, INPAINTING, OPTICAL_FLOW, QUALITY, FRAME_RATE, COMPONENTS, WINDOW, STATE_SWITCHES
+    OCCLUSION, FRAME_SIZE, INPAINTING, OPTICAL_FLOW, STEPS, QUALITY, FRAME_RATE, COMPONENTS, WINDOW, STATE_SWITCHES
 )  # fmt: skip
 """Questions of the paper, in its order."""
 EXPERIMENTS = {
-    experiment.name: experiment for experiment in (*PAPER_EXPERIMENTS, DEFAULT_METHOD, ABLATION, ARTEFACTS, CONFIDENCE)
+    experiment.name: experiment
+    for experiment in (*PAPER_EXPERIMENTS, COLLISIONS, DEFAULT_METHOD, ABLATION, ARTEFACTS, CONFIDENCE)
 }
-"""All experiments by name; the last four are not about the paper, but about the correctors and the simulator."""
+"""All experiments by name. `collide` is the paper's, too, but flies for many minutes; the last four are not about the
+paper, but about the correctors and the simulator."""
+INDEX = "index.md"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +108,8 @@ class ExperimentReport:
 
         context, findings = self.context, self.findings
         width = "" if context.width_px is None else f" of {context.width_px} pixels width"
-        frames = f"{context.frames} frames{width} of {', '.join(context.sequences)}; seed {context.seed or 0}"
+        of = f"frames{width} of {', '.join(context.sequences)}" if context.sequences else "seeds"
+        frames = f"{context.frames} {of}; seed {context.seed or 0}"
         remarks = [f"note:  {note}" for note in findings.notes]
         for claim in reversed(findings.claims):
             remarks = [f"paper: {claim.paper}", f"here:  {claim.found} ({claim.verdict})", *remarks]
@@ -111,6 +118,26 @@ class ExperimentReport:
         for table in findings.tables:
             table.print(console)
         console.print(*map(escape, remarks), "", sep="\n", soft_wrap=True, highlight=False)
+
+
+def write_index(out: Path) -> Table:
+    """Write the page of all claims of the paper whose experiments have results in a folder, and return its table.
+
+    Raises:
+        ToolError: The page cannot be written.
+    """
+    rows: list[Sequence[Value]] = []
+    links: list[str] = []
+    for name in EXPERIMENTS:
+        file = out / name / RESULT
+        if file.is_file():
+            result = json.loads(file.read_text())
+            links.append(f"- [{name}]({name}/{MARKDOWN}), [figure]({name}/{FIGURE}): {result['question']}")
+            claims = [Claim(**claim) for claim in result["claims"]]
+            rows += [(name, claim.paper, claim.found, claim.verdict) for claim in claims]
+    table = Table.of("The paper's claims", ("experiment", "paper", "here", "verdict"), rows)
+    write(out / INDEX, "\n".join([f"# {table.title}\n", table.markdown(), *links, ""]).encode())
+    return table
 
 
 def find_experiments(names: Sequence[str]) -> list[Experiment]:

@@ -132,9 +132,10 @@ def test_warped_templates_agree(M: list[list[float]]) -> None:
     assert (to_a_middle < 1e-3).all()
 
 
-@given(st.integers(0, 1000), st.booleans(), st.booleans())
-def test_combinations_agree(seed: int, reject_near: bool, reject_far: bool) -> None:
-    host, warp = both_steps(combine=CombineConfig(reject_near=reject_near, reject_far=reject_far))
+@given(st.integers(0, 1000), st.booleans(), st.booleans(), st.sampled_from([3.0, 65.0]))
+def test_combinations_agree(seed: int, reject_near: bool, reject_far: bool, empty_from_m: float) -> None:
+    rule = CombineConfig(reject_near=reject_near, reject_far=reject_far, empty_from_m=empty_from_m)
+    host, warp = both_steps(combine=rule)
     raw, template = depth_image(seed), depth_image(seed + 1)
     got = warp.combine(warp.upload(raw), warp.upload(template))
     for expected, image in zip(host.combine(raw, template), got, strict=True):

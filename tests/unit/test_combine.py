@@ -23,6 +23,11 @@ def combine(raw_m: np.ndarray, template_m: np.ndarray, rule: CombineConfig) -> t
         ({"reject_near": False}, [10, 4.9, 5, 10, 10, 3, 0], [2, 1, 1, 1, 2, 1, 0]),
         ({"reject_far": False}, [10, 10, 5, 10, 10.1, 3, 0], [2, 2, 1, 1, 1, 1, 0]),
         ({"reject_near": False, "reject_far": False}, [10, 4.9, 5, 10, 10.1, 3, 0], [2, 1, 1, 1, 1, 1, 0]),
+        (
+            {"reject_near": False, "reject_far": False, "empty_from_m": 10.1},
+            [10, 4.9, 5, 10, 10, 3, 0],
+            [2, 1, 1, 1, 2, 1, 0],
+        ),
         ({"near_share": 0.4}, [10, 4.9, 5, 10, 10, 3, 0], [2, 1, 1, 1, 2, 1, 0]),
     ],
 )

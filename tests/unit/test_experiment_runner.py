@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from scenarios.errors import ScenarioError
+from scenarios.experiments.collisions import small_study
 from scenarios.experiments.experiment import Claim, Experiment, ExperimentContext, Findings
 from scenarios.experiments.runner import (
     EXPERIMENTS,
@@ -19,9 +20,11 @@ from scenarios.experiments.runner import (
     create_context,
     find_experiments,
     run,
+    write_index,
 )
 from scenarios.experiments.switches import _switches_claim
 from scenarios.results.figure import label_axes, panels
+from scenarios.study.design import expand, load_study
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.table import Column, Table
 
@@ -111,10 +114,28 @@ def test_a_file_in_the_way_is_told(tmp_path: Path) -> None:
         reports(RunOptions(out=tmp_path), STUB)
 
 
+def test_the_index_has_every_claim_of_the_experiments_that_have_results(tmp_path: Path) -> None:
+    reports(RunOptions(out=tmp_path), replace(STUB, name="fps"))
+    reports(RunOptions(out=tmp_path), replace(STUB, name="rq1"))
+    table = write_index(tmp_path)
+    assert [tuple(row) for row in table.rows] == [(name, "fast", "slow", "differs") for name in ("rq1", "fps")]
+    page = (tmp_path / "index.md").read_text()
+    assert "| rq1 | fast | slow | differs |" in page
+    assert "- [fps](fps/table.md), [figure](fps/figure.png): What is it?" in page
+
+
+def test_the_small_study_of_collisions_flies_few_runs_of_the_whole_one() -> None:
+    study, whole = small_study(5), load_study("noise")
+    assert (len(study.arms), len(study.arms[0].theta), study.seeds.count) == (1, 5, 5)
+    keys = {spec.key for spec in expand(study)}
+    assert len(keys) == 25
+    assert keys < {spec.key for spec in expand(whole)}, "equal runs"
+
+
 def test_names() -> None:
-    paper = ["rq1", "rq2", "rq3", "rq4", "quality", "fps", "components", "window", "switches"]
+    paper = ["rq1", "rq2", "rq3", "rq4", "steps", "quality", "fps", "components", "window", "switches"]
     assert [experiment.name for experiment in PAPER_EXPERIMENTS] == paper
-    assert list(EXPERIMENTS) == [*paper, "default", "ablation", "artefacts", "confidence"]
+    assert list(EXPERIMENTS) == [*paper, "collide", "default", "ablation", "artefacts", "confidence"]
     assert [experiment.name for experiment in find_experiments(["fps", "rq1"])] == ["fps", "rq1"]
     assert [experiment.name for experiment in find_experiments(["all"])] == paper
     with pytest.raises(ScenarioError, match="no experiment 'rq5'; choose one or more of: rq1, rq2"):

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.paper.registration import (
+    ChainedRegistration,
     Features,
     OrbRegistration,
     RegistrationConfig,
@@ -80,6 +81,23 @@ def test_positions_are_resized_as_images_are(size_px: int) -> None:
 def test_a_still_image_gives_the_identity_without_a_shift_by_half_a_pixel() -> None:
     result = registered(texture(1), texture(1))
     np.testing.assert_allclose(result.M_frame_template, np.eye(2, 3), atol=1e-6)  # type: ignore[attr-defined]
+
+
+def test_a_chain_reaches_a_frame_that_the_reference_no_longer_matches() -> None:
+    image, config = texture(0), RegistrationConfig(min_matches=10)
+    turns = [about_centre(turned(degrees)) for degrees in range(0, 25, 2)]
+    views = [cv2.warpAffine(image, M, SHAPE[::-1], borderMode=cv2.BORDER_REFLECT) for M in turns]
+    direct, chain = OrbRegistration(config, SHAPE), ChainedRegistration(config, SHAPE)
+    first, *rest = [direct.describe(view) for view in views]
+    assert not direct.register(first, rest[-1]).ok
+    results = [chain.register(first, features) for features in rest]
+    assert all(result.ok for result in results)
+    corners = np.array([[100, 60, 1], [540, 60, 1], [100, 300, 1], [540, 300, 1]])
+    assert np.abs(corners @ (results[-1].M_frame_template - turns[-1]).T).max() < 12
+    assert not chain.register(first, direct.describe(texture(1))).ok
+    again = chain.register(first, rest[-1])
+    np.testing.assert_allclose(again.M_frame_template, results[-1].M_frame_template, atol=1e-6, err_msg="skipped")
+    np.testing.assert_allclose(chain.register(rest[0], rest[0]).M_frame_template, np.eye(2, 3), atol=1e-6)
 
 
 def test_different_scenes_have_few_matches() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from voxdepth.errors import ConfigError, FrameError
-from voxdepth.paper.config import VoxDepthConfig
+from voxdepth.paper.config import VoxDepthConfig, authors_config
 from voxdepth.registry import (
     CORRECTOR_NAMES,
     ENTRY_POINTS,
@@ -68,10 +68,13 @@ def test_the_oracle_has_no_name_here() -> None:
 
 @pytest.mark.parametrize("name", CORRECTOR_NAMES)
 def test_only_the_methods_of_voxdepth_take_a_configuration(name: str) -> None:
-    own = {"temporal": TemporalConfig(), "voxdepth": VoxDepthConfig()}.get(name)
+    configs = {"temporal": TemporalConfig(), "voxdepth": VoxDepthConfig(), "voxdepth-authors": authors_config()}
+    own = configs.get(name)
     assert config_of(name) == own
     if own is None:
-        with pytest.raises(ConfigError, match=f"'{name}' takes no configuration; .*one of: voxdepth, temporal"):
+        with pytest.raises(
+            ConfigError, match=f"'{name}' takes no configuration; .*one of: voxdepth, voxdepth-authors, temporal"
+        ):
             create_corrector(name, CAMERA, TemporalConfig())
 
 

@@ -10,14 +10,14 @@ from ..model import Model
 from .inpainting import Inpainting
 from .odometry import OdometryConfig
 from .registration import RegistrationConfig
-from .voxels import VoxelConfig
+from .voxels import LARGEST_EXTENT_M, VoxelConfig
 
 MotionModelName = Literal["constant", "per_frame"]
 LARGEST = float(np.finfo(np.float32).max)
 
 
 class CombineConfig(Model):
-    """Conditions under which a measured pixel is replaced, besides being empty. Both are from the paper."""
+    """Conditions under which a measured pixel is replaced, besides being empty. The first two are from the paper."""
 
     reject_near: bool = True
     """Whether a pixel much nearer than the template is invalid; this also erases objects that move in front of it."""
@@ -25,11 +25,17 @@ class CombineConfig(Model):
     """Share of the template's depth below which a pixel is too near. Paper: "less than half"."""
     reject_far: bool = True
     """Whether a pixel farther than the template is invalid; this also overwrites surfaces that recede."""
+    empty_from_m: float = Field(default=LARGEST_EXTENT_M, gt=0)
+    """Depth from which a measured pixel counts as empty [m]. The default is beyond every measurement."""
 
     @property
-    def bounds(self) -> tuple[float, float]:
-        """Bounds of the template t that keep a pixel z: `low z <= t <= high z`. An empty pixel is never kept."""
-        return (1.0 if self.reject_far else 0.0), (1 / self.near_share if self.reject_near else LARGEST)
+    def bounds(self) -> tuple[float, float, float]:
+        """Bounds of the template t that keep a depth z: `low z <= t <= high z`, and the depth of empty pixels [m].
+
+        An empty pixel is never kept.
+        """
+        low, high = (1.0 if self.reject_far else 0.0), (1 / self.near_share if self.reject_near else LARGEST)
+        return low, high, self.empty_from_m
 
 
 class VoxDepthConfig(Model):
@@ -75,3 +81,20 @@ class VoxDepthConfig(Model):
     def depends_on_clock(self) -> bool:
         """Whether results depend on how fast the machine is."""
         return self.fusion_lag_frames == "ready"
+
+
+def authors_config() -> VoxDepthConfig:
+    """The parameters of the public code of the paper's authors, where it differs from the paper.
+
+    It fills only what is empty, chains the registration, asks for more and better matches, has longer windows and
+    epochs, and stops while it fuses. Its "erosion" takes the maximum of a window of 5 pixels: our dilation.
+    Source: `configs/configs.txt`, `voxel.cpp` and `voxel.cu` of https://github.com/Akanksha-Dixit/Voxdepthcode.
+    """
+    return VoxDepthConfig(
+        window_frames=12,
+        max_epoch_frames=200,
+        fusion_lag_frames=0,
+        inpainting=Inpainting(method="dilation", size_px=5),
+        registration=RegistrationConfig(n_features=1000, max_distance=10, min_matches=20, chained=True),
+        combine=CombineConfig(reject_near=False, reject_far=False, empty_from_m=65.0),
+    )

@@ -14,7 +14,7 @@ from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, In
 from .config import MotionModelName, VoxDepthConfig
 from .epochs import Epochs, Template, VoxDepthDiagnostics
 from .odometry import Odometry, PhotometricOdometry, PriorsFirst
-from .registration import Features, OrbRegistration, Registration, RegistrationStatus
+from .registration import ChainedRegistration, Features, OrbRegistration, Registration, RegistrationStatus
 from .steps import ImageSteps, create_steps
 
 SENSOR_CONFIDENCE, OTHER_CONFIDENCE = np.float32(1), np.float32(0.5)
@@ -55,7 +55,8 @@ class VoxDepth(StreamCorrector):
     def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
         camera, config = intrinsics, checked_config(intrinsics, config, VoxDepthConfig)
         self._steps = create_steps(config.device, camera, config)
-        self._registration = OrbRegistration(config.registration, camera.shape)
+        registration = ChainedRegistration if config.registration.chained else OrbRegistration
+        self._registration = registration(config.registration, camera.shape)
         odometry = PriorsFirst(PhotometricOdometry(camera, config.odometry), config.odometry)
         motion_model = MOTION_MODELS[config.motion]
         self._epochs = Epochs(

@@ -1,6 +1,6 @@
 """Aligning the template with the current frame: ORB features and an affine map (paper, Sec. Template Registration)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import cv2
@@ -38,6 +38,9 @@ class RegistrationConfig(Model):
     """Good matches below which the template no longer fits the scene. Paper: 5."""
     ransac_px: float = Field(default=3.0, gt=0)
     """Distance up to which a match supports the affine map, in pixels of the resized image."""
+    chained: bool = False
+    """Whether the map to a frame is composed of those between successive frames since the template. Neighbours match
+    where the template no longer does, but the errors of the maps add up. From the authors' code, not the paper."""
     max_scale: float = Field(default=2.0, gt=1)
     """Largest believable magnification of the template in any direction; its inverse is the smallest."""
 
@@ -130,6 +133,27 @@ class OrbRegistration:
             return False
         largest, smallest = np.linalg.svd(M[:, :2], compute_uv=False)
         return bool(largest <= self._config.max_scale and smallest >= 1 / self._config.max_scale)
+
+
+class ChainedRegistration(OrbRegistration):
+    """Follows a stream: the map to a frame is that to the last registered frame, and the step from there."""
+
+    def __init__(self, config: RegistrationConfig, shape: tuple[int, int]) -> None:
+        super().__init__(config, shape)
+        self._reference: Features | None = None
+
+    def register(self, reference: Features, current: Features) -> Registration:
+        """Affine map from `reference` to `current`, the next frame of a stream; a new reference starts a new chain."""
+        if reference is not self._reference:
+            self._reference, self._before, self._M_before = reference, reference, np.eye(3)
+        step = super().register(self._before, current)
+        if not step.ok:
+            return step
+        M = np.vstack([step.M_frame_template, [0, 0, 1]]) @ self._M_before
+        if not self._believable(M[:2]):
+            return Registration(status=RegistrationStatus.DEGENERATE, n_matches=step.n_matches)
+        self._before, self._M_before = current, M
+        return replace(step, M_frame_template=M[:2])
 
 
 def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, Indices]:

@@ -93,11 +93,12 @@ def create_steps(device: DeviceName, intrinsics: Intrinsics, config: VoxDepthCon
     return WarpSteps(intrinsics, config, device=device)
 
 
-@compiled(void(READABLE_IMAGE, float32, float32, FLOAT_IMAGE, BYTE_IMAGE))
+@compiled(void(READABLE_IMAGE, float32, float32, float32, FLOAT_IMAGE, BYTE_IMAGE))
 def combine(
     raw_m: FloatImage,
     low: float,
     high: float,
+    empty_from_m: float,
     # input and output
     depth_m: FloatImage,
     # output
@@ -112,6 +113,7 @@ def combine(
     for row in range(raw_m.shape[0]):
         for col in range(raw_m.shape[1]):
             measured_m, template_m = raw_m[row, col], depth_m[row, col]
+            measured_m = measured_m if measured_m < empty_from_m else float32(0)
             is_near, is_far = template_m > measured_m * high, template_m < measured_m * low
             is_replaced = (template_m > 0) & (is_near | is_far)
             sensor = Source.SENSOR if measured_m > 0 else Source.INVALID

@@ -23,7 +23,7 @@ class VoxelConfig(Model):
     """Cells and extents of the grid. Smaller cells keep more detail and need more memory."""
 
     cell_m: tuple[float, float, float] = Field(default=(0.1, 0.1, 0.065), strict=False)
-    """Size of a voxel along x, y and z of the camera [m]. Paper: 0.1, 0.1, 0.065."""
+    """Size of a voxel along x, y and z of the camera [m]. From the authors' code: 0.1, 0.1, 0.065."""
     half_width_m: float = Field(default=40.0, gt=0, le=LARGEST_EXTENT_M)
     """Extent to the left and to the right of the optical axis [m]."""
     half_height_m: float = Field(default=16.0, gt=0, le=LARGEST_EXTENT_M)

@@ -151,6 +151,7 @@ def combine(
     template_m: wp.array2d(dtype=wp.float32),
     low: wp.float32,
     high: wp.float32,
+    empty_from_m: wp.float32,
     # output
     depth_m: wp.array2d(dtype=wp.float32),
     source: wp.array2d(dtype=wp.uint8),
@@ -158,6 +159,8 @@ def combine(
     """The measured pixel is kept if `low z <= t <= high z` or the template is empty: paper, Eq. depthcor."""
     row, col = wp.tid()
     z = raw_m[row, col]
+    if z >= empty_from_m:
+        z = wp.float32(0.0)
     t = template_m[row, col]
     if t == 0.0 or (z * low <= t and t <= z * high):
         depth_m[row, col] = z

@@ -1,0 +1,77 @@
+"""Fig. collide: how often drones collide as the noise of their depth grows, in a small form of the study `noise`."""
+
+import os
+
+import pandas as pd
+
+from ..results.figure import panels, plotted
+from ..study.analysis import dose_responses, summarise_arms
+from ..study.design import Study, load_study
+from ..study.executors import Processes
+from ..study.run import run_study
+from ..study.statistics import DoseResponse, Interval
+from ..study.tables import arm_table, dose_response_table
+from .experiment import Claim, Experiment, ExperimentContext, Findings
+
+WHOLE, ARM = "noise", "one draw per object"
+"""The whole study, and its arm that this one flies."""
+THETAS, SEEDS = (0.3, 0.5, 0.7, 0.9, 1.0), 5
+"""Noise ratios from the paper's smallest to its largest, all of the whole study."""
+GROWTH = 8.0
+"""How many times as many collisions the paper finds at twice a noise ratio of 0.5."""
+
+
+def fly(context: ExperimentContext) -> Findings:
+    """Fly the missions that are not in the folder of the results yet, and fit the collisions."""
+    study = small_study(context.frames)
+    executor = Processes(os.cpu_count() or 1, study.time_limit_s)
+    folder = context.out / COLLISIONS.name / "study"
+    data = run_study(study, folder, executor, lambda progress: context.report(progress.line()), resume=True)
+    arms, responses = summarise_arms(data), list(dose_responses(data))
+    ratios = {arm.theta: 100 * (arm.ratio or 0.0) for arm in arms}
+    return Findings(
+        tables=(arm_table(arms), dose_response_table(responses)),
+        claims=_claims(next(response for _, name, response in responses if name == ARM)),
+        notes=(
+            f"{context.frames} seeds at each noise ratio; --frames sets their number. So few tell little: the whole "
+            f"study is `voxdepth study run {WHOLE}`. One draw of the noise holds for all pixels of an object.",
+        ),
+        figure=panels(
+            f"Collisions of {study.scenarios[0]}, n = {context.frames} missions at each noise ratio",
+            [plotted(pd.DataFrame({ARM: ratios}), "", "noise ratio theta", "missions with a collision [%]")],
+        ),
+    )
+
+
+def small_study(seeds: int) -> Study:
+    """The first seeds of one arm of the whole study, at a few noise ratios."""
+    whole = load_study(WHOLE)
+    (arm,) = (arm.model_copy(update={"theta": THETAS}) for arm in whole.arms if arm.name == ARM)
+    fewer = whole.seeds.model_copy(update={"count": seeds})
+    return whole.model_copy(update={"name": f"{WHOLE}-small", "arms": (arm,), "seeds": fewer})
+
+
+def _claims(response: DoseResponse | str) -> tuple[Claim, Claim]:
+    """The shape of the growth, and its size; open where the missions have no fit or leave it undecided."""
+    shape = "collisions grow faster than linearly with the noise ratio"
+    size = "from a noise ratio of 0.5 to one of 1, collisions grow 8 times"
+    if isinstance(response, str):
+        return Claim(paper=shape, found=response, holds=None), Claim(paper=size, found=response, holds=None)
+    b, ratio, curve = response.b, response.ratio, response.curve
+    is_decided = b.low > 1 or b.high < 1
+    return (
+        Claim(paper=shape, found=f"as theta^{curve.b:.2f}, {_interval(b)}", holds=b.low > 1 if is_decided else None),
+        Claim(
+            paper=size, found=f"{curve.ratio:.1f} times, {_interval(ratio)}", holds=ratio.low <= GROWTH <= ratio.high
+        ),
+    )
+
+
+def _interval(interval: Interval) -> str:
+    return "with a 95 % interval of {:.2f} to {:.2f}".format(*interval)
+
+
+COLLISIONS = Experiment(
+    "collide", "How do collisions grow with the noise of the depth (Fig. collide)?",
+    fly, (), frames=SEEDS,
+)  # fmt: skip
