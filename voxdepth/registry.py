@@ -25,6 +25,7 @@ __all__ = [
     "CORRECTOR_NAMES",
     "DEFAULT",
     "ENTRY_POINTS",
+    "PAPER",
     "config_of",
     "corrector_names",
     "create_bare",

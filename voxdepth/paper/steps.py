@@ -10,7 +10,8 @@ from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compile_all, com
 from ..devices import DeviceName, require_device
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
 from .config import VoxDepthConfig
-from .voxels import VoxelGrid, project_voxels
+from .registration import warped
+from .voxels import OccupiedVoxels, VoxelGrid, project_voxels
 
 if TYPE_CHECKING:
     from .warp_steps import WarpSteps
@@ -45,6 +46,10 @@ class HostSteps:
         """Sparse depth of the grid's voxels in the camera at its origin."""
         return project_voxels(self._grid, self._intrinsics)
 
+    def occupied(self) -> OccupiedVoxels:
+        """The voxels of the grid as they are now."""
+        return OccupiedVoxels.of(self._grid.words, self._grid.config)
+
     def inpaint(self, sparse: FloatImage) -> FloatImage:
         """Dense depth of sparse depth."""
         return self._config.inpainting.fill(sparse)
@@ -55,10 +60,7 @@ class HostSteps:
 
     def warp(self, template: FloatImage, M_frame_template: FloatArray) -> FloatImage:
         """The template in the pixels of the frame, sampled at the nearest pixel; 0 outside of it."""
-        height, width = self._intrinsics.shape
-        return cv2.warpAffine(  # type: ignore[return-value]
-            template, M_frame_template, (width, height), dst=self._warped, flags=cv2.INTER_NEAREST
-        )
+        return warped(template, M_frame_template, self._warped)
 
     def combine(self, raw: FloatImage, template: FloatImage) -> tuple[FloatImage, GrayImage]:
         """Depth and `Source` after the invalid pixels of a frame are replaced by those of the warped template."""
@@ -78,6 +80,10 @@ class HostSteps:
     def download(self, depth: FloatImage, source: GrayImage) -> tuple[FloatImage, GrayImage]:
         """Depth [m] and `Source`, shape (H, W), as NumPy arrays of their own."""
         return depth, source
+
+    def to_host(self, depth: FloatImage) -> FloatImage:
+        """A depth image of this object's memory [m], shape (H, W), as a NumPy array."""
+        return depth
 
     def wait(self) -> None:
         """Wait until the steps are finished; those on the CPU are when they return."""

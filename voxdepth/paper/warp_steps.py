@@ -10,6 +10,7 @@ from ..geometry import RayMap
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics
 from . import warp_kernels as kernels
 from .config import VoxDepthConfig
+from .voxels import OccupiedVoxels
 
 
 class WarpSteps:
@@ -43,6 +44,10 @@ class WarpSteps:
         self._launch(kernels.splat_voxels, inputs, [sparse], dim=voxels.n_words)
         self._launch(kernels.empty_unlowered, [], [sparse])
         return sparse
+
+    def occupied(self) -> OccupiedVoxels:
+        """See `HostSteps`."""
+        return OccupiedVoxels.of(self._words.numpy(), self._config.voxels)
 
     def inpaint(self, sparse: Any) -> Any:
         """See `HostSteps`. All methods but dilation, the paper's, run on the CPU: once an epoch."""
@@ -85,6 +90,11 @@ class WarpSteps:
     def download(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage]:
         """See `HostSteps`."""
         return depth.numpy(), source.numpy()
+
+    def to_host(self, depth: Any) -> FloatImage:
+        """See `HostSteps`."""
+        image: FloatImage = depth.numpy()
+        return image
 
     def wait(self) -> None:
         """See `HostSteps`."""

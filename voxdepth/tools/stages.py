@@ -1,0 +1,55 @@
+"""The stages of the paper's method in a recording: fused voxels, template and warped template."""
+
+from collections.abc import Callable
+
+import numpy as np
+import rerun as rr
+
+from ..colors import FAR_M
+from ..geometry import PointArray
+from ..paper.epochs import Template, VoxDepthDiagnostics
+from ..types import CorrectedDepth
+from .stream import depth_colors, depth_image
+
+MOST_POINTS = 20_000
+"""Voxels of a cloud that are recorded; of more, every n-th."""
+VOXEL_COLOR, VOXEL_RADIUS_M = (90, 200, 230), 0.04
+PLOTTED = ("n_matches", "n_inliers", "epoch")
+"""Facts of the method that are shown as curves."""
+TIMELINES = ("phase", "registration", "epoch_end")
+"""Facts of the method that are shown as states over time."""
+
+Log = Callable[[str, rr.AsComponents], None]
+"""Records something at the present time below a name."""
+
+
+def new_template(corrected: CorrectedDepth) -> Template | None:
+    """Return the template of the paper's method if an epoch begins with this frame."""
+    stages = corrected.diagnostics
+    return stages.template if isinstance(stages, VoxDepthDiagnostics) and stages.new_epoch else None
+
+
+def log_template(log: Log, template: Template, far_m: float = FAR_M) -> None:
+    """Record a template as depth and in colours, which are blue from `far_m` on."""
+    log("depth/template", depth_image(template.depth_m))
+    log("colors/template", depth_colors(template.depth_m, far_m))
+
+
+def log_warped(log: Log, corrected: CorrectedDepth, far_m: float = FAR_M) -> None:
+    """Record the template as the paper's method warped it for a frame, black if it did not; others record nothing."""
+    stages = corrected.diagnostics
+    if isinstance(stages, VoxDepthDiagnostics):
+        warped_m = stages.warped_template_m
+        shown_m = np.zeros_like(corrected.depth_m) if warped_m is None else warped_m
+        log("colors/warped", depth_colors(shown_m, far_m))
+
+
+def shown_voxels_m(template: Template) -> PointArray:
+    """Return some of the voxels of a template [m] in its camera, shape (N, 3)."""
+    points_m = template.voxels.centres_m
+    return points_m[:: max(1, -(-len(points_m) // MOST_POINTS))]
+
+
+def voxel_cloud(points_m: PointArray) -> rr.Points3D:
+    """Return voxels, shape (N, 3), as points."""
+    return rr.Points3D(points_m, colors=[VOXEL_COLOR], radii=[VOXEL_RADIUS_M])
