@@ -28,8 +28,6 @@ from voxdepth.colors import FAR_M
 from voxdepth.geometry import transform
 from voxdepth.tools.files import as_tool_error
 from voxdepth.tools.stages import (
-    PLOTTED,
-    TIMELINES,
     Log,
     log_template,
     log_warped,
@@ -455,15 +453,19 @@ def depth_rows(drone: int) -> list[rrb.Horizontal]:
 
 def stage_rows(drone: int) -> list[rrb.Horizontal]:
     """Return the views of a drone that flies the paper's method: its confidence gives way to the stages."""
-    facts = f"drone/{drone}/corrector"
-    states = rrb.StateTimelineView(name="the paper's method", contents=[f"{facts}/{name}" for name in TIMELINES])
-    curves = rrb.TimeSeriesView(name="matches, inliers, epoch", contents=[f"{facts}/{name}" for name in PLOTTED])
+
+    def facts(*names: str) -> list[str]:
+        return [f"drone/{drone}/corrector/{name}" for name in names]
+
+    states = rrb.StateTimelineView(name="VoxDepth (the paper)", contents=facts("phase", "registration", "epoch_end"))
+    curves = rrb.TimeSeriesView(name="matches, inliers", contents=facts("n_matches", "n_inliers"))
+    epochs = rrb.TimeSeriesView(name="epoch", contents=facts("epoch"), plot_legend=NO_LEGEND)
     return [
         *_camera_rows(drone),
         rrb.Horizontal(
             _image_view(drone, "template", "colors/template"), _image_view(drone, "template, warped", "colors/warped")
         ),
-        rrb.Horizontal(states, curves),
+        rrb.Horizontal(states, curves, epochs, column_shares=[2, 1, 1]),
     ]
 
 

@@ -13,11 +13,7 @@ from .stream import depth_colors, depth_image
 
 MOST_POINTS = 20_000
 """Voxels of a cloud that are recorded; of more, every n-th."""
-VOXEL_COLOR, VOXEL_RADIUS_M = (90, 200, 230), 0.04
-PLOTTED = ("n_matches", "n_inliers", "epoch")
-"""Facts of the method that are shown as curves."""
-TIMELINES = ("phase", "registration", "epoch_end")
-"""Facts of the method that are shown as states over time."""
+VOXEL_COLOR, VOXEL_RADIUS_M = (180, 60, 210), 0.05
 
 Log = Callable[[str, rr.AsComponents], None]
 """Records something at the present time below a name."""
