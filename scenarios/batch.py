@@ -4,12 +4,11 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from swarm.types import MissionResult, Outcome
+from swarm.types import Outcome
 
 from .config import Run, images_of, load_run
 from .errors import ScenarioError
@@ -56,9 +55,8 @@ def acceptance_run(name: str, seed: int, changes: Mapping[str, Any] = MappingPro
     return load_run(name, seed, {**settings, **changes})
 
 
-@dataclass(frozen=True, kw_only=True)
-class Promise:
-    """Something that a scenario guarantees, and what was found."""
+class Promise(NamedTuple):
+    """Something that a scenario guarantees, with what was found."""
 
     text: str
     kept: bool
@@ -67,28 +65,19 @@ class Promise:
 def check_acceptance(
     name: str, seeds: Sequence[int], report: Callable[[int, Outcome], None], *, workers: int
 ) -> list[Promise]:
-    """Fly the acceptance check of a scenario; return its promises.
-
-    Raises:
-        ScenarioError: A run has no such metric as the check asks for.
-    """
+    """Fly the acceptance check of a scenario and return its promises; a metric that no run has is a `ScenarioError`."""
     runs = [acceptance_run(name, seed) for seed in seeds]
-    check = load_run(name, 0, {}).scenario.acceptance
-    results = []
+    check, results = load_run(name, 0, {}).scenario.acceptance, []
     for run, finished in zip(runs, fly_all(runs, workers=workers), strict=True):
         report(run.seed, finished.result.outcome)
         results.append(finished.result)
     successes = sum(result.outcome is Outcome.SUCCESS for result in results)
     text = f"{successes} of {len(runs)} succeeded, {check.min_success_share:.0%} required"
-    promises = [Promise(text=text, kept=successes >= check.min_success_share * len(runs))]
+    promises = [Promise(text, kept=successes >= check.min_success_share * len(runs))]
     for metric, largest in check.largest_means.items():
-        mean = sum(_required_metric(result, metric) for result in results) / len(results)
-        promises.append(Promise(text=f"{metric} {mean:.3g}, at most {largest:g} allowed", kept=mean <= largest))
+        values = [float(value) for result in results if (value := result.metrics.get(metric)) is not None]
+        if not values:
+            raise ScenarioError(f"the acceptance check of {name} asks for the metric {metric!r}, which no run has")
+        mean = sum(values) / len(values)
+        promises.append(Promise(f"{metric} {mean:.3g}, at most {largest:g} allowed", kept=mean <= largest))
     return promises
-
-
-def _required_metric(result: MissionResult, metric: str) -> float:
-    value = result.metrics.get(metric)
-    if value is None:
-        raise ScenarioError(f"the acceptance check asks for the metric {metric!r}, which the run does not have")
-    return float(value)

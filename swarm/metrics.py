@@ -1,7 +1,7 @@
 """Metrics of a mission, accumulated while it runs. Clearance is the gap from a collision sphere to a surface."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -60,34 +60,33 @@ class NearMisses:
 
 
 class CorrectorWork:
-    """Counts what a corrector reports about its work: the frames in each of its states, and its events."""
+    """Counts what correctors report: frames in each of their states, and events; at first those of `parts`."""
 
-    def __init__(self) -> None:
-        self._frames: dict[str, Counter[StrEnum]] = {}
+    def __init__(self, parts: Iterable["CorrectorWork"] = ()) -> None:
+        self._frames: Counter[tuple[str, StrEnum]] = Counter()
         self._events: Counter[str] = Counter()
+        for part in parts:
+            self._frames.update(part._frames)
+            self._events.update(part._events)
 
     def add(self, diagnostics: Diagnostics) -> None:
         """Add a frame."""
         for name, fact in diagnostics.facts().items():
             if isinstance(fact, StrEnum):
-                self._frames.setdefault(name, Counter(dict.fromkeys(type(fact), 0)))[fact] += 1
+                self._frames.update({(name, state): state is fact for state in type(fact)})
             elif isinstance(fact, bool):
                 self._events[name] += fact
 
-    def merge(self, other: "CorrectorWork") -> None:
-        """Add the frames of another drone."""
-        for name, frames in other._frames.items():
-            self._frames.setdefault(name, Counter()).update(frames)
-        self._events.update(other._events)
-
     def metrics(self) -> dict[str, MetricValue]:
         """Return the share of the frames in each state, and the number of events of each kind."""
-        shares: dict[str, MetricValue] = {
-            f"{CORRECTOR}{name}_{state}_share": n / frames.total()
-            for name, frames in self._frames.items()
-            for state, n in frames.items()
+        frames: Counter[str] = Counter()
+        for (name, _), n in self._frames.items():
+            frames[name] += n
+        states = self._frames.items()
+        return {
+            **{f"{CORRECTOR}{name}_{state}_share": n / frames[name] for (name, state), n in states},
+            **{f"{CORRECTOR}{name}s": n for name, n in self._events.items()},
         }
-        return shares | {f"{CORRECTOR}{name}s": n for name, n in self._events.items()}
 
 
 class MissionMetrics:
@@ -204,7 +203,7 @@ class MissionMetrics:
             "dropped_frames": sum(dropped_frames),
             **_depth_metrics("raw", sum(self._raw_errors, start=DepthErrors())),
             **_depth_metrics("corrected", sum(self._corrected_errors, start=DepthErrors())),
-            **self._all_work().metrics(),
+            **CorrectorWork(self._work).metrics(),
         }
 
     def by_drone(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> list[dict[str, MetricValue]]:
@@ -225,12 +224,6 @@ class MissionMetrics:
             }
             for drone in range(self._world.n_drones)
         ]
-
-    def _all_work(self) -> CorrectorWork:
-        total = CorrectorWork()
-        for work in self._work:
-            total.merge(work)
-        return total
 
     def _counts_of_near_misses(self, contacts: Sequence[Contact]) -> list[int]:
         """Return the number of near misses of each drone; a passage of two drones counts for both."""

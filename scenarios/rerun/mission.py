@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +26,8 @@ from swarm.team import Team
 from swarm.types import Histogram, Outcome
 from swarm.voxel_map import STATES
 from voxdepth.colors import FAR_M
-from voxdepth.geometry import transform
 from voxdepth.tools.files import as_tool_error
-from voxdepth.tools.stages import (
-    Log,
-    log_template,
-    log_warped,
-    new_template,
-    shown_voxels_m,
-    voxel_cloud,
-)
+from voxdepth.tools.stages import log_template, log_warped, new_template, voxel_cloud
 from voxdepth.tools.stream import (
     RecordingFile,
     confidence_image,
@@ -259,8 +252,8 @@ class MissionRecorder(Recorder):
         if self._stream is not None:
             self._stream.log(path, *what, static=static)
 
-    def _log_below(self, parent: str) -> Log:
-        return lambda name, what: self._log(f"{parent}/{name}", what)
+    def _log_in(self, parent: str, name: str, what: Any) -> None:
+        self._log(f"{parent}/{name}", what)
 
     def _add(self, path: str, columns: Columns, value: Any) -> None:
         if self._columns is not None:
@@ -332,7 +325,7 @@ class MissionRecorder(Recorder):
             self._log(f"{path}/colors/{name}", depth_colors(depth_m))
         self._log(f"{path}/source", rr.SegmentationImage(corrected.source))
         self._log(f"{path}/confidence", confidence_image(corrected.confidence))
-        log_warped(self._log_below(path), corrected)
+        log_warped(partial(self._log_in, path), corrected)
         self._add(f"world/cloud/{capture.drone}", labelled_points, cloud(capture, corrected))
 
     def _log_work(self, capture: Capture, corrected: CorrectedDepth) -> None:
@@ -346,9 +339,9 @@ class MissionRecorder(Recorder):
                 self._add(path, scalars, float(fact))
         self._camera_poses[drone, capture.stamp_s] = capture.T_world_cam
         if (template := new_template(corrected)) is not None:
-            log_template(self._log_below(f"world/drone/{drone}/cam"), template)
-            points_m = transform(self._camera_poses[drone, template.stamp_s], shown_voxels_m(template))
-            self._log(f"world/voxels/{drone}", voxel_cloud(points_m))
+            log_template(partial(self._log_in, f"world/drone/{drone}/cam"), template)
+            T_world_cam = self._camera_poses[drone, template.stamp_s]
+            self._log(f"world/voxels/{drone}", voxel_cloud(template, T_world_cam))
 
     def _log_histogram(self, drone: int, histogram: Histogram) -> None:
         """Record the free ranges as an image: free cells are bright, unknown ones dark."""
@@ -442,49 +435,43 @@ def _world_view(n_drones: int, leaders: set[int]) -> rrb.Spatial3DView:
 
 
 def depth_rows(drone: int) -> list[rrb.Horizontal]:
-    """Return the views of the camera of a drone, two in a row."""
+    """Return the views of a drone, two in a row."""
     clearance = rrb.TimeSeriesView(
         name="clearance [m], speed [m/s]",
         contents=[f"drone/{drone}/{curve}" for curve in CURVES],
         overrides={f"drone/{drone}/speed_m_s": rr.SeriesLines.from_fields(colors=[SPEED_COLOR])},
     )
-    return [*_camera_rows(drone), rrb.Horizontal(_image_view(drone, "confidence", "confidence"), clearance)]
+    return [*_camera_rows(drone), rrb.Horizontal(_image(drone, "confidence", "confidence"), clearance)]
 
 
 def stage_rows(drone: int) -> list[rrb.Horizontal]:
     """Return the views of a drone that flies the paper's method: its confidence gives way to the stages."""
-
-    def facts(*names: str) -> list[str]:
-        return [f"drone/{drone}/corrector/{name}" for name in names]
-
-    states = rrb.StateTimelineView(name="VoxDepth (the paper)", contents=facts("phase", "registration", "epoch_end"))
-    curves = rrb.TimeSeriesView(name="matches, inliers", contents=facts("n_matches", "n_inliers"))
-    epochs = rrb.TimeSeriesView(name="epoch", contents=facts("epoch"), plot_legend=NO_LEGEND)
-    return [
-        *_camera_rows(drone),
-        rrb.Horizontal(
-            _image_view(drone, "template", "colors/template"), _image_view(drone, "template, warped", "colors/warped")
-        ),
-        rrb.Horizontal(states, curves, epochs, column_shares=[2, 1, 1]),
-    ]
+    at = f"drone/{drone}/corrector/"
+    states = [f"{at}{name}" for name in ("phase", "registration", "epoch_end")]
+    facts = rrb.Horizontal(
+        rrb.StateTimelineView(name="VoxDepth (the paper)", contents=states),
+        rrb.TimeSeriesView(name="matches, inliers", contents=[f"{at}n_matches", f"{at}n_inliers"]),
+        rrb.TimeSeriesView(name="epoch", contents=[f"{at}epoch"], plot_legend=NO_LEGEND),
+        column_shares=[2, 1, 1],
+    )
+    template, warped = _image(drone, "template", "colors/template"), _image(drone, "template, warped", "colors/warped")
+    return [*_camera_rows(drone), rrb.Horizontal(template, warped), facts]
 
 
 def _camera_rows(drone: int) -> list[rrb.Horizontal]:
-    def view(name: str, path: str) -> rrb.Spatial2DView:
-        return _image_view(drone, name, path)
-
     known = rrb.Tabs(
         rrb.Spatial2DView(name="map", origin=f"world/map/{drone}"),
         rrb.Spatial2DView(name="histogram", origin=f"histogram/{drone}"),
     )
+    true, raw, corrected = (_image(drone, f"depth, {name}", f"colors/{name}") for name in ("true", "raw", "corrected"))
     return [
-        rrb.Horizontal(view("gray", "gray"), known),
-        rrb.Horizontal(view("depth, true", "colors/true"), view("depth, raw", "colors/raw")),
-        rrb.Horizontal(view("depth, corrected", "colors/corrected"), view("source", "source")),
+        rrb.Horizontal(_image(drone, "gray", "gray"), known),
+        rrb.Horizontal(true, raw),
+        rrb.Horizontal(corrected, _image(drone, "source", "source")),
     ]
 
 
-def _image_view(drone: int, name: str, path: str) -> rrb.Spatial2DView:
+def _image(drone: int, name: str, path: str) -> rrb.Spatial2DView:
     cam = f"world/drone/{drone}/cam"
     return rrb.Spatial2DView(name=name, origin=cam, contents=[f"{cam}/{path}"])
 

@@ -284,19 +284,17 @@ class Report:
 
 
 def test_states_are_shares_of_the_frames_and_events_are_counted() -> None:
-    one, other, all_of_them = CorrectorWork(), CorrectorWork(), CorrectorWork()
+    one, other = CorrectorWork(), CorrectorWork()
     for slip in (True, False, True):
         one.add(Report(Weather.WET, slip=slip))
     other.add(Report(Weather.DRY, slip=False))
-    all_of_them.merge(one)
-    all_of_them.merge(other)
     assert other.metrics() == {
         "corrector_weather_dry_share": 1,
         "corrector_weather_wet_share": 0,
         "corrector_weather_icy_share": 0,
         "corrector_slips": 0,
     }
-    assert all_of_them.metrics() == {
+    assert CorrectorWork([one, other]).metrics() == {
         "corrector_weather_dry_share": 0.25,
         "corrector_weather_wet_share": 0.75,
         "corrector_weather_icy_share": 0,

@@ -128,7 +128,7 @@ class VoxDepth(StreamCorrector):
         with timer("filter"):
             depth = self._steps.filter(depth)
         with timer("label"):  # after the median has emptied some pixels and filled others
-            depth_m, source_before = self._steps.download(depth, source)
+            depth_m, source_before = self._steps.to_host(depth), self._steps.to_host(source)
             source, confidence = np.empty_like(source_before), np.empty_like(depth_m)
             _label(depth_m, source_before, source, confidence)
         return CorrectedDepth(

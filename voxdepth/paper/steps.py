@@ -1,6 +1,6 @@
 """The image operations of the paper's method, on the CPU (here) or on a GPU (`warp_steps`)."""
 
-from typing import TYPE_CHECKING, Union
+from typing import TYPE_CHECKING, TypeVar, Union
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from .voxels import OccupiedVoxels, VoxelGrid, project_voxels
 if TYPE_CHECKING:
     from .warp_steps import WarpSteps
 
+Image = TypeVar("Image", FloatImage, GrayImage)
 ImageSteps = Union["HostSteps", "WarpSteps"]
 """The steps that process every pixel. Images stay in the memory of the implementation from step to step."""
 
@@ -77,13 +78,9 @@ class HostSteps:
         filtered: FloatImage = cv2.medianBlur(depth, self._config.median_size_px)  # type: ignore[assignment]
         return filtered
 
-    def download(self, depth: FloatImage, source: GrayImage) -> tuple[FloatImage, GrayImage]:
-        """Depth [m] and `Source`, shape (H, W), as NumPy arrays of their own."""
-        return depth, source
-
-    def to_host(self, depth: FloatImage) -> FloatImage:
-        """A depth image of this object's memory [m], shape (H, W), as a NumPy array."""
-        return depth
+    def to_host(self, image: Image) -> Image:
+        """An image of this object's memory, shape (H, W), as a NumPy array."""
+        return image
 
     def wait(self) -> None:
         """Wait until the steps are finished; those on the CPU are when they return."""

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..devices import quiet_warp
 from ..geometry import RayMap
-from ..types import FloatArray, FloatImage, GrayImage, Intrinsics
+from ..types import FloatArray, FloatImage, Intrinsics
 from . import warp_kernels as kernels
 from .config import VoxDepthConfig
 from .voxels import OccupiedVoxels
@@ -87,14 +87,9 @@ class WarpSteps:
         self._launch(kernels.median, [depth, self._config.median_size_px // 2], [filtered])
         return filtered
 
-    def download(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage]:
+    def to_host(self, image: Any) -> Any:
         """See `HostSteps`."""
-        return depth.numpy(), source.numpy()
-
-    def to_host(self, depth: Any) -> FloatImage:
-        """See `HostSteps`."""
-        image: FloatImage = depth.numpy()
-        return image
+        return image.numpy()
 
     def wait(self) -> None:
         """See `HostSteps`."""

@@ -12,7 +12,7 @@ from ..colors import FAR_M, far_end_m
 from ..datasets import Dataset
 from ..types import CorrectedDepth, Frame
 from .files import atomic
-from .stages import log_template, log_warped, new_template, shown_voxels_m, voxel_cloud
+from .stages import log_template, log_warped, new_template, voxel_cloud
 from .stream import RecordingFile, confidence_image, depth_colors, depth_image, gray_image, layout, source_labels
 
 VIEWS = ("gray", "colors/raw", "colors/corrected", "source", "confidence")
@@ -108,7 +108,7 @@ def _log_stages(stream: rr.RecordingStream, corrected: CorrectedDepth, far_m: fl
     """Record the stages of the paper's method. Its voxels are in the camera of the template: frames have no poses."""
     if (template := new_template(corrected)) is not None:
         log_template(stream.log, template, far_m)
-        stream.log("voxels", voxel_cloud(shown_voxels_m(template)))
+        stream.log("voxels", voxel_cloud(template, np.eye(4)))
     log_warped(stream.log, corrected, far_m)
 
 

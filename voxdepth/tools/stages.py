@@ -6,9 +6,9 @@ import numpy as np
 import rerun as rr
 
 from ..colors import FAR_M
-from ..geometry import PointArray
+from ..geometry import transform
 from ..paper.epochs import Template, VoxDepthDiagnostics
-from ..types import CorrectedDepth
+from ..types import CorrectedDepth, FloatArray
 from .stream import depth_colors, depth_image
 
 MOST_POINTS = 20_000
@@ -40,12 +40,7 @@ def log_warped(log: Log, corrected: CorrectedDepth, far_m: float = FAR_M) -> Non
         log("colors/warped", depth_colors(shown_m, far_m))
 
 
-def shown_voxels_m(template: Template) -> PointArray:
-    """Return some of the voxels of a template [m] in its camera, shape (N, 3)."""
-    points_m = template.voxels.centres_m
-    return points_m[:: max(1, -(-len(points_m) // MOST_POINTS))]
-
-
-def voxel_cloud(points_m: PointArray) -> rr.Points3D:
-    """Return voxels, shape (N, 3), as points."""
-    return rr.Points3D(points_m, colors=[VOXEL_COLOR], radii=[VOXEL_RADIUS_M])
+def voxel_cloud(template: Template, T_world_cam: FloatArray) -> rr.Points3D:
+    """Return voxels of a template as points in the world, given the pose of its camera, shape (4, 4)."""
+    points_m = transform(T_world_cam, template.voxels.centres_m)
+    return rr.Points3D(points_m[:: -(-len(points_m) // MOST_POINTS) or 1], colors=[VOXEL_COLOR], radii=[VOXEL_RADIUS_M])
