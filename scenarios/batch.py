@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from swarm.types import Outcome
 
@@ -50,18 +50,34 @@ def acceptance_run(name: str, seed: int, changes: Mapping[str, Any] = MappingPro
     settings = {
         "rig.depth": check.depth,
         "corrector": check.corrector,
-        **images_of(check.width_px, check.height_px),
+        **images_of(check.width_px, check.height_px, check.decimate),
     }
     return load_run(name, seed, {**settings, **changes})
 
 
+class Promise(NamedTuple):
+    """Something that a scenario guarantees, with what was found."""
+
+    text: str
+    kept: bool
+
+
 def check_acceptance(
     name: str, seeds: Sequence[int], report: Callable[[int, Outcome], None], *, workers: int
-) -> tuple[int, float]:
-    """Fly the acceptance check of a scenario; return the number of successes and the required share of them."""
+) -> list[Promise]:
+    """Fly the acceptance check of a scenario and return its promises; a metric that no run has is a `ScenarioError`."""
     runs = [acceptance_run(name, seed) for seed in seeds]
-    successes = 0
+    check, results = load_run(name, 0, {}).scenario.acceptance, []
     for run, finished in zip(runs, fly_all(runs, workers=workers), strict=True):
         report(run.seed, finished.result.outcome)
-        successes += finished.result.outcome is Outcome.SUCCESS
-    return successes, load_run(name, 0, {}).scenario.acceptance.min_success_share
+        results.append(finished.result)
+    successes = sum(result.outcome is Outcome.SUCCESS for result in results)
+    text = f"{successes} of {len(runs)} succeeded, {check.min_success_share:.0%} required"
+    promises = [Promise(text, kept=successes >= check.min_success_share * len(runs))]
+    for metric, largest in check.largest_means.items():
+        values = [float(value) for result in results if (value := result.metrics.get(metric)) is not None]
+        if not values:
+            raise ScenarioError(f"the acceptance check of {name} asks for the metric {metric!r}, which no run has")
+        mean = sum(values) / len(values)
+        promises.append(Promise(f"{metric} {mean:.3g}, at most {largest:g} allowed", kept=mean <= largest))
+    return promises

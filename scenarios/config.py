@@ -14,14 +14,18 @@ from .files import Name, load
 
 
 class Acceptance(Model):
-    """The success rate that a scenario guarantees, and the depth with which it does."""
+    """What a scenario guarantees, and the depth with which it does."""
 
     depth: SensorModelName = "truth"
     corrector: str = "raw"
     width_px: int = Field(default=160, ge=32, le=4_096)
     height_px: int = Field(default=120, ge=32, le=4_096)
+    decimate: int = Field(default=1, ge=1, le=8)
+    """Factor by which captures are smaller than those images."""
     min_success_share: float = Field(default=0.9, ge=0, le=1)
     """Smallest share of seeds that end in success."""
+    largest_means: dict[str, float] = Field(default_factory=dict)
+    """Largest mean over the seeds of some metrics, by their names in `metrics.json`."""
 
 
 class RecordingConfig(Model):
@@ -72,9 +76,9 @@ class Scenario(MissionSetup):
         return self.model_copy(update={"corrector_latency_s": latency_s})
 
 
-def images_of(width_px: int, height_px: int) -> dict[str, int]:
-    """Return the values of a scenario whose cameras have images of a size, without decimation, by dotted key."""
-    return {"rig.width_px": width_px, "rig.height_px": height_px, "rig.decimate": 1}
+def images_of(width_px: int, height_px: int, decimate: int = 1) -> dict[str, int]:
+    """Return the values of a scenario whose cameras match images of a size, by dotted key."""
+    return {"rig.width_px": width_px, "rig.height_px": height_px, "rig.decimate": decimate}
 
 
 class Run(Model):

@@ -10,6 +10,9 @@ from voxdepth.tools.viewer import RECORDING
 from .config import Run
 from .flight import Finished
 
+WITHOUT_TEMPLATE = "corrector_phase_passthrough_share"
+"""The metric of the paper's method that says how many frames it did not correct."""
+
 
 def percent(share: float) -> str:
     """Return a share as a percentage."""
@@ -36,6 +39,8 @@ def summary_tables(finished: Finished, run: Run) -> list[Table]:
         ("progress of the leader [m]", NUMBER.text(m["leader_progress_m"])),
         ("formation error, mean [m]", NUMBER.text(m["formation_error_mean_m"])),
     ]
+    if (passed := m.get(WITHOUT_TEMPLATE)) is not None:
+        rows += [("epochs", str(m["corrector_new_epochs"])), ("frames without a template", PERCENT.text(passed))]
     depth = [
         (name, m[f"depth_{name}_mae_m"], m[f"depth_{name}_too_far_share"], m[f"depth_{name}_hole_share"])
         for name in ("raw", "corrected")
@@ -50,6 +55,12 @@ def print_summary(console: Console, finished: Finished, run: Run) -> None:
     """Print outcome, safety and depth errors of one run, its speed, and where its files are."""
     for table in summary_tables(finished, run):
         table.print(console)
+    if (passed := finished.result.metrics.get(WITHOUT_TEMPLATE) or 0) > 0.5:
+        console.print(
+            f"warning: {percent(passed)} of the frames passed through without a template of the paper's method, which "
+            "needs frames that overlap: voxdepth run paper is a flight with 30 of them in a second, at 1.2 m/s",
+            soft_wrap=True,
+        )
     console.print(f"real-time factor {finished.real_time_factor:.2f}", highlight=False)
     if finished.folder is not None:
         console.print(f"written to {finished.folder}", soft_wrap=True, markup=False)

@@ -16,6 +16,7 @@ import numpy as np
 
 from swarm.recorder import Recorder
 from voxdepth.interrupts import kept_back
+from voxdepth.registry import PAPER
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.files import as_tool_error, to_toml, write
 from voxdepth.tools.provenance import machine, versions
@@ -92,8 +93,14 @@ def _make_recorder(run: Run, path: Path) -> Recorder:
     from .rerun.mission import MissionRecorder
 
     identity = f"{run.scenario.name}-{run.seed}-{run.scenario.rig.depth}-{run.scenario.corrector}"
-    every = run.scenario.recording.image_every
-    return MissionRecorder(path, run.scenario.rig, recording_id=identity, title=run.title, image_every=every)
+    return MissionRecorder(
+        path,
+        run.scenario.rig,
+        recording_id=identity,
+        title=run.title,
+        image_every=run.scenario.recording.image_every,
+        has_stages=run.scenario.corrector.name == PAPER,
+    )
 
 
 def _refuse_unwritable(out: Path) -> None:

@@ -1,13 +1,15 @@
 """Metrics of a mission, accumulated while it runs. Clearance is the gap from a collision sphere to a surface."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from enum import StrEnum
 
 import numpy as np
 
 from sim.types import Capture, Contact, DroneState
 from sim.world import World
 from voxdepth.metrics import DepthErrors, depth_errors
-from voxdepth.types import CorrectedDepth, FloatArray, MaskImage
+from voxdepth.types import CorrectedDepth, Diagnostics, FloatArray, MaskImage
 
 from .team import Team, positions_of
 from .types import MetricValue, Trajectory
@@ -18,6 +20,8 @@ MIN_SPEED_M_S = 0.1
 """Drones slower than this have no direction."""
 NEAR_MISS_M = 0.2
 """A drone with less clearance than this, and without a contact, has a near miss."""
+CORRECTOR = "corrector_"
+"""Beginning of the names of all metrics that come from the diagnostics of a corrector."""
 PASSED_M = 0.3
 """Clearance at which a near miss is over, so that one passage counts once."""
 
@@ -55,6 +59,36 @@ class NearMisses:
         return self._passed + (self._is_near and not touched)
 
 
+class CorrectorWork:
+    """Counts what correctors report: frames in each of their states, and events; at first those of `parts`."""
+
+    def __init__(self, parts: Iterable["CorrectorWork"] = ()) -> None:
+        self._frames: Counter[tuple[str, StrEnum]] = Counter()
+        self._events: Counter[str] = Counter()
+        for part in parts:
+            self._frames.update(part._frames)
+            self._events.update(part._events)
+
+    def add(self, diagnostics: Diagnostics) -> None:
+        """Add a frame."""
+        for name, fact in diagnostics.facts().items():
+            if isinstance(fact, StrEnum):
+                self._frames.update({(name, state): state is fact for state in type(fact)})
+            elif isinstance(fact, bool):
+                self._events[name] += fact
+
+    def metrics(self) -> dict[str, MetricValue]:
+        """Return the share of the frames in each state, and the number of events of each kind."""
+        frames: Counter[str] = Counter()
+        for (name, _), n in self._frames.items():
+            frames[name] += n
+        states = self._frames.items()
+        return {
+            **{f"{CORRECTOR}{name}_{state}_share": n / frames[name] for (name, state), n in states},
+            **{f"{CORRECTOR}{name}s": n for name, n in self._events.items()},
+        }
+
+
 class MissionMetrics:
     """Accumulates the metrics of a mission. A leader has arrived when it was within `goal_radius_m` of its goal.
 
@@ -76,6 +110,7 @@ class MissionMetrics:
         self._min_clearances_m = [float("inf")] * world.n_drones
         self._raw_errors = [DepthErrors()] * world.n_drones
         self._corrected_errors = [DepthErrors()] * world.n_drones
+        self._work = [CorrectorWork() for _ in range(world.n_drones)]
 
     def sample(self, states: list[DroneState]) -> dict[str, float]:
         """Add one control tick and return its metrics by name."""
@@ -121,7 +156,12 @@ class MissionMetrics:
             self._arrived[k] |= team.distance_to_goal_m(positions_m) <= self._goal_radius_m
 
     def add_depth(self, capture: Capture, corrected: CorrectedDepth) -> None:
-        """Add the depth errors of one image; depth that the corrector did not change is evaluated once."""
+        """Add the depth errors of one image, and what its corrector reports.
+
+        Depth that the corrector did not change is evaluated once.
+        """
+        if corrected.diagnostics is not None:
+            self._work[capture.drone].add(corrected.diagnostics)
         true_m, unchanged = capture.depth_true_m, np.array_equal(corrected.depth_m, capture.depth_raw_m)
         raw = depth_errors(capture.depth_raw_m, true_m, max_range_m=EVALUATED_RANGE_M)
         self._raw_errors[capture.drone] += raw
@@ -163,6 +203,7 @@ class MissionMetrics:
             "dropped_frames": sum(dropped_frames),
             **_depth_metrics("raw", sum(self._raw_errors, start=DepthErrors())),
             **_depth_metrics("corrected", sum(self._corrected_errors, start=DepthErrors())),
+            **CorrectorWork(self._work).metrics(),
         }
 
     def by_drone(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> list[dict[str, MetricValue]]:
@@ -179,6 +220,7 @@ class MissionMetrics:
                 "dropped_frames": dropped_frames[drone],
                 **_depth_metrics("raw", self._raw_errors[drone]),
                 **_depth_metrics("corrected", self._corrected_errors[drone]),
+                **self._work[drone].metrics(),
             }
             for drone in range(self._world.n_drones)
         ]

@@ -1,7 +1,9 @@
 """Small worlds and cameras that several tests need."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
@@ -45,3 +47,11 @@ def camera_at(x: float, y: float, z: float, q_xyzw: object = (0, 0, 0, 1), intri
     q = np.asarray(q_xyzw, np.float64)
     pose: FloatArray = frames.camera_pose(np.array([x, y, z]), q / np.linalg.norm(q), np.zeros(3))
     return Camera(T_world_cam=pose, intrinsics=intrinsics)
+
+
+def promised_entities(recording: str) -> set[str]:
+    """The entities of a recording that the tutorial of the paper names in its table of that file."""
+    tutorial = (Path(__file__).parents[1] / "docs/tutorials/rerun_the_paper.md").read_text()
+    _, _, table = tutorial.partition(f"| entity in `{recording}` |")
+    rows = [row for row in table.partition("\n\n")[0].splitlines() if row.startswith("| `")]
+    return {entity for row in rows for entity in re.findall(r"`([^`]+)`", row.split("|")[1])}

@@ -26,6 +26,7 @@ __all__ = [
     "CORRECTOR_NAMES",
     "DEFAULT",
     "ENTRY_POINTS",
+    "PAPER",
     "config_of",
     "corrector_names",
     "create_bare",

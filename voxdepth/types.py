@@ -352,7 +352,7 @@ class Diagnostics(Protocol):
     """What a method reports about its work on one frame, beyond the result that all methods share."""
 
     def facts(self) -> Mapping[str, str | int | float]:
-        """Scalars for logs and reports, by name."""
+        """Scalars for logs and reports, by name. A `StrEnum` is a state, and a `bool` an event: both are counted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -81,13 +81,12 @@ def accept(
 
     all_accepted = True
     for name in scenarios or shipped_names("scenarios"):
-        successes, required_share = check_acceptance(
+        promises = check_acceptance(
             name, range(seeds), lambda seed, outcome: typer.echo(f"  seed {seed}: {outcome}"), workers=workers
         )
-        accepted = successes >= required_share * seeds
-        verdict = "accepted" if accepted else "MISSED"
-        typer.echo(f"{name}: {successes} of {seeds} succeeded, {required_share:.0%} required: {verdict}")
-        all_accepted = all_accepted and accepted
+        for promise in promises:
+            typer.echo(f"{name}: {promise.text}: {'accepted' if promise.kept else 'MISSED'}")
+        all_accepted = all_accepted and all(promise.kept for promise in promises)
     if not all_accepted:
         raise typer.Exit(1)
 

@@ -1,8 +1,9 @@
 """Recordings of missions: world, drones, images, maps, states, metrics and events."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from swarm.types import Histogram, Outcome
 from swarm.voxel_map import STATES
 from voxdepth.colors import FAR_M
 from voxdepth.tools.files import as_tool_error
+from voxdepth.tools.stages import log_template, log_warped, new_template, voxel_cloud
 from voxdepth.tools.stream import (
     RecordingFile,
     confidence_image,
@@ -103,19 +105,26 @@ class MissionRecorder(Recorder):
         recording_id: Equal for runs of the same scenario and seed, so that they can be compared.
         title: Name of the recording in the viewer.
         image_every: Every n-th capture of a drone is recorded with its images and its map.
+        has_stages: Whether the correctors are the paper's method, whose stages the layout shows.
     """
 
-    def __init__(self, path: Path, rig: RigConfig, *, recording_id: str, title: str, image_every: int) -> None:
+    def __init__(
+        self, path: Path, rig: RigConfig, *, recording_id: str, title: str, image_every: int, has_stages: bool = False
+    ) -> None:
         self._path = path
         self._rig = rig
         self._recording_id = recording_id
         self._title = title
         self._image_every = image_every
+        self._rows = stage_rows if has_stages else depth_rows
         self._captures: Counter[int] = Counter()
         self._views: dict[int, Histogram | CostMap] = {}
         """Newest view of each drone that was recorded."""
         self._maps: Counter[int] = Counter()
-        self._states: dict[int, str] = {}
+        self._states: dict[str, str] = {}
+        """Newest state of each entity that has states."""
+        self._camera_poses: dict[tuple[int, float], FloatArray] = {}
+        """Pose of the camera of each capture, by drone and time: a template has the pose of an earlier one."""
         self._world: World | None = None
         self._newest_m: Sequence[FloatArray] = ()
         """Position of each drone at the last decision."""
@@ -134,7 +143,7 @@ class MissionRecorder(Recorder):
         # Chunks end by size and by simulated time: ending them by the clock would make two runs differ.
         batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
         self._leaders, self._followed = {team.leader for team in teams}, teams[0].members
-        views = blueprint(world.n_drones, self._leaders)
+        views = blueprint(world.n_drones, self._leaders, self._rows)
         with as_tool_error(f"cannot write {self._path}"):
             self._file = RecordingFile("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
         self._stream = self._file.stream
@@ -176,9 +185,7 @@ class MissionRecorder(Recorder):
                 self._add(f"drone/{drone}/speed_m_s", scalars, float(np.linalg.norm(state.velocity_m_s)))
             self._log_view(drone, state, decision.view)
             self._log_choice(drone, state, decision)
-            if self._states.get(drone) != decision.state:
-                self._states[drone] = decision.state
-                self._add(f"drone/{drone}/state", words, decision.state)
+            self._add_state(f"drone/{drone}/state", decision.state)
         flying_m = [states[drone].position_m for drone in self._followed if decisions[drone] is not DROPPED]
         if flying_m:
             self._add("world/swarm", places, np.mean(flying_m, axis=0))
@@ -189,8 +196,9 @@ class MissionRecorder(Recorder):
             self._add(f"world/mover/{index}", poses, pose)
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
-        """Record the images of some captures."""
+        """Record what the corrector reports, and the images of some captures."""
         self._at(step, capture.stamp_s)
+        self._log_work(capture, corrected)
         if self._captures[capture.drone] % self._image_every == 0:
             self._log_images(capture, corrected)
         self._captures[capture.drone] += 1
@@ -216,8 +224,7 @@ class MissionRecorder(Recorder):
         self._log(f"world/contact/{self._contacts}", mark)
         self._contacts += 1
         self._log("events", rr.TextLog(contact_text(contact), level=rr.TextLogLevel.ERROR))
-        self._states[contact.drone] = "collided"
-        self._add(f"drone/{contact.drone}/state", words, "collided")
+        self._add_state(f"drone/{contact.drone}/state", "collided")
 
     def outcome(self, step: int, time_s: float, outcome: Outcome) -> None:
         """Record the last event."""
@@ -245,9 +252,18 @@ class MissionRecorder(Recorder):
         if self._stream is not None:
             self._stream.log(path, *what, static=static)
 
+    def _log_in(self, parent: str, name: str, what: Any) -> None:
+        self._log(f"{parent}/{name}", what)
+
     def _add(self, path: str, columns: Columns, value: Any) -> None:
         if self._columns is not None:
             self._columns.add(path, columns, value)
+
+    def _add_state(self, path: str, state: str) -> None:
+        """Record a state if it is a new one."""
+        if self._states.get(path) != state:
+            self._states[path] = state
+            self._add(path, words, state)
 
     def _at(self, step: int, time_s: float) -> None:
         if self._stream is not None and self._columns is not None:
@@ -309,7 +325,23 @@ class MissionRecorder(Recorder):
             self._log(f"{path}/colors/{name}", depth_colors(depth_m))
         self._log(f"{path}/source", rr.SegmentationImage(corrected.source))
         self._log(f"{path}/confidence", confidence_image(corrected.confidence))
+        log_warped(partial(self._log_in, path), corrected)
         self._add(f"world/cloud/{capture.drone}", labelled_points, cloud(capture, corrected))
+
+    def _log_work(self, capture: Capture, corrected: CorrectedDepth) -> None:
+        """Record the diagnostics of a corrector, and the template and its voxels when an epoch begins."""
+        drone = capture.drone
+        for name, fact in ({} if corrected.diagnostics is None else corrected.diagnostics.facts()).items():
+            path = f"drone/{drone}/corrector/{name}"
+            if isinstance(fact, str):
+                self._add_state(path, fact.replace("_", " "))
+            else:
+                self._add(path, scalars, float(fact))
+        self._camera_poses[drone, capture.stamp_s] = capture.T_world_cam
+        if (template := new_template(corrected)) is not None:
+            log_template(partial(self._log_in, f"world/drone/{drone}/cam"), template)
+            T_world_cam = self._camera_poses[drone, template.stamp_s]
+            self._log(f"world/voxels/{drone}", voxel_cloud(template, T_world_cam))
 
     def _log_histogram(self, drone: int, histogram: Histogram) -> None:
         """Record the free ranges as an image: free cells are bright, unknown ones dark."""
@@ -356,8 +388,8 @@ class MissionRecorder(Recorder):
             self._add(f"world/choice/{drone}", arrows, (state.position_m, 1.5 * decision.direction))
 
 
-def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
-    """Return the layout that is saved with the recording."""
+def blueprint(n_drones: int, leaders: set[int], rows: Callable[[int], list[rrb.Horizontal]]) -> rrb.Blueprint:
+    """Return the layout that is saved with the recording; `rows` returns those of the tab of a drone."""
     curves = [
         rrb.TimeSeriesView(
             name=name,
@@ -373,7 +405,11 @@ def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
     events = rrb.TextLogView(name="events", origin="events", columns=EVENT_COLUMNS)
     below = rrb.Horizontal(states, rrb.Vertical(*curves), rrb.Vertical(formation, events), column_shares=[3, 3, 2])
     left = rrb.Vertical(_world_view(n_drones, leaders), below, row_shares=[5, 4])
-    cameras = rrb.Tabs(*[_camera_views(drone, drone in leaders) for drone in range(n_drones)], name="cameras")
+    tabs = [
+        rrb.Vertical(*rows(drone), name=f"leader {drone}" if drone in leaders else f"drone {drone}")
+        for drone in range(n_drones)
+    ]
+    cameras = rrb.Tabs(*tabs, name="cameras")
     return layout(rrb.Horizontal(left, cameras, column_shares=[3, 2]), "sim_time")
 
 
@@ -386,7 +422,9 @@ def _world_view(n_drones: int, leaders: set[int]) -> rrb.Spatial3DView:
     )
     trails = {f"world/trail/{i}": flown for i in range(n_drones)}
     others = [i for i in range(n_drones) if i not in leaders]
-    hidden = {f"world/{what}/{i}": rrb.EntityBehavior(visible=False) for i in others for what in ("map", "cloud")}
+    hidden = {
+        f"world/{what}/{i}": rrb.EntityBehavior(visible=False) for i in others for what in ("map", "cloud", "voxels")
+    }
     return rrb.Spatial3DView(
         name="world",
         origin="world/swarm",
@@ -396,30 +434,46 @@ def _world_view(n_drones: int, leaders: set[int]) -> rrb.Spatial3DView:
     )
 
 
-def _camera_views(drone: int, leads: bool) -> rrb.Vertical:
-    cam = f"world/drone/{drone}/cam"
+def depth_rows(drone: int) -> list[rrb.Horizontal]:
+    """Return the views of a drone, two in a row."""
+    clearance = rrb.TimeSeriesView(
+        name="clearance [m], speed [m/s]",
+        contents=[f"drone/{drone}/{curve}" for curve in CURVES],
+        overrides={f"drone/{drone}/speed_m_s": rr.SeriesLines.from_fields(colors=[SPEED_COLOR])},
+    )
+    return [*_camera_rows(drone), rrb.Horizontal(_image(drone, "confidence", "confidence"), clearance)]
 
-    def view(name: str, path: str) -> rrb.Spatial2DView:
-        return rrb.Spatial2DView(name=name, origin=cam, contents=[f"{cam}/{path}"])
 
+def stage_rows(drone: int) -> list[rrb.Horizontal]:
+    """Return the views of a drone that flies the paper's method: its confidence gives way to the stages."""
+    at = f"drone/{drone}/corrector/"
+    states = [f"{at}{name}" for name in ("phase", "registration", "epoch_end")]
+    facts = rrb.Horizontal(
+        rrb.StateTimelineView(name="VoxDepth (the paper)", contents=states),
+        rrb.TimeSeriesView(name="matches, inliers", contents=[f"{at}n_matches", f"{at}n_inliers"]),
+        rrb.TimeSeriesView(name="epoch", contents=[f"{at}epoch"], plot_legend=NO_LEGEND),
+        column_shares=[2, 1, 1],
+    )
+    template, warped = _image(drone, "template", "colors/template"), _image(drone, "template, warped", "colors/warped")
+    return [*_camera_rows(drone), rrb.Horizontal(template, warped), facts]
+
+
+def _camera_rows(drone: int) -> list[rrb.Horizontal]:
     known = rrb.Tabs(
         rrb.Spatial2DView(name="map", origin=f"world/map/{drone}"),
         rrb.Spatial2DView(name="histogram", origin=f"histogram/{drone}"),
     )
-    return rrb.Vertical(
-        rrb.Horizontal(view("gray", "gray"), known),
-        rrb.Horizontal(view("depth, true", "colors/true"), view("depth, raw", "colors/raw")),
-        rrb.Horizontal(view("depth, corrected", "colors/corrected"), view("source", "source")),
-        rrb.Horizontal(
-            view("confidence", "confidence"),
-            rrb.TimeSeriesView(
-                name="clearance [m], speed [m/s]",
-                contents=[f"drone/{drone}/{curve}" for curve in CURVES],
-                overrides={f"drone/{drone}/speed_m_s": rr.SeriesLines.from_fields(colors=[SPEED_COLOR])},
-            ),
-        ),
-        name=f"leader {drone}" if leads else f"drone {drone}",
-    )
+    true, raw, corrected = (_image(drone, f"depth, {name}", f"colors/{name}") for name in ("true", "raw", "corrected"))
+    return [
+        rrb.Horizontal(_image(drone, "gray", "gray"), known),
+        rrb.Horizontal(true, raw),
+        rrb.Horizontal(corrected, _image(drone, "source", "source")),
+    ]
+
+
+def _image(drone: int, name: str, path: str) -> rrb.Spatial2DView:
+    cam = f"world/drone/{drone}/cam"
+    return rrb.Spatial2DView(name=name, origin=cam, contents=[f"{cam}/{path}"])
 
 
 def cloud(capture: Capture, corrected: CorrectedDepth) -> tuple[FloatArray, npt.NDArray[np.uint8]]:

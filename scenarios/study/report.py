@@ -39,6 +39,7 @@ from .tables import (
     grid_table,
     mean_difference_table,
     mean_table,
+    work_table,
 )
 
 
@@ -63,6 +64,7 @@ class Findings:
             "mean_differences": mean_difference_table(compare_means(data, MEASURES)),
             "dose_responses": dose_response_table(self._dose_responses),
             "arms": arm_table(self._arms),
+            "work": work_table(self._arms),
         }
         """The tables of the report by name, in their order; those of the primary endpoint come first, and those
         of another that no run reached are left out."""

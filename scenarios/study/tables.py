@@ -3,10 +3,12 @@
 from collections.abc import Iterable, Sequence
 from itertools import product
 
+from swarm.metrics import CORRECTOR
 from swarm.types import Outcome
 from voxdepth.tools.table import Column, Table, Value
 
 from ..batch import OUTCOMES
+from ..report import percent
 from .analysis import ENDS, MEASURES, REACHED, ArmSummary, Comparison, MeanDifference, headline
 from .design import EndpointName, Study
 from .statistics import B_BOUNDS, DoseResponse, Estimate, Interval, clopper_pearson, stratified, wilson
@@ -56,6 +58,12 @@ ARM_NOTE = (
     "the depth error is that of the depth handed to the swarm, of pixels that have one and truly lie within 20 m, the"
     " mean over runs. The last column is the share of the pixels within 20 m that have none: arms that leave more of "
     "them empty are judged on fewer."
+)
+
+
+WORK_NOTE = (
+    "Means over runs of what the correctors report: the share of the frames in each of their states, and how often "
+    "something happened."
 )
 
 
@@ -146,6 +154,24 @@ def arm_table(arms: Iterable[ArmSummary]) -> Table:
         *(Column("mission time", "s"), Column("depth error, MAE", "m"), Column("without depth", "%", ".1f")),
     )
     return Table.of("All arms", columns, [_arm_row(arm, kinds) for arm in arms], note=ARM_NOTE)
+
+
+def work_table(arms: Iterable[ArmSummary]) -> Table:
+    """Return what the correctors of each arm reported about their work; empty where none did."""
+    arms = [arm for arm in arms if any(_work(arm))]
+    names = list(dict.fromkeys(name for arm in arms for name in _work(arm)))
+    columns = (_work_column(name) for name in names)
+    rows = [[arm.scenario, arm.label, arm.n, *(arm.mean(name)[0] for name in names)] for arm in arms]
+    return Table.of("Work of the correctors", ("scenario", "arm", "runs", *columns), rows, note=WORK_NOTE)
+
+
+def _work(arm: ArmSummary) -> list[str]:
+    return [name for record in arm.records for name in record.metrics if name.startswith(CORRECTOR)]
+
+
+def _work_column(name: str) -> Column:
+    words = name.removeprefix(CORRECTOR).replace("_", " ")
+    return Column(words.removesuffix(" share"), number=percent if words.endswith(" share") else ".1f")
 
 
 def _arm_row(arm: ArmSummary, kinds: Iterable[str]) -> Sequence[Value]:

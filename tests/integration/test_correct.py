@@ -19,6 +19,7 @@ from typer.testing import CliRunner, Result
 from sim.recording import RecordingWriter
 from sim.testing import noisy_sequence
 from sim.types import Capture
+from tests.helpers import promised_entities
 from tests.integration.test_cli import ENVIRONMENT
 from tests.unit.test_correction import contents
 from voxdepth.errors import ConfigError, DatasetError
@@ -187,6 +188,8 @@ def test_a_rerun_recording_holds_every_frame_and_the_ends_of_epochs(
     )
     assert {entity: rows(path, f"/{entity}") for entity in entities} == dict.fromkeys(entities, N_FRAMES)
     assert rows(path, "/source") == N_FRAMES + 1, "every frame and the labels"
+    held = {str(chunk.entity_path).removeprefix("/") for chunk in rr.chunk.RrdReader(path).stream().to_chunks()}
+    assert {entity for entity in held if not entity.startswith(("timings/", "__"))} == promised_entities("paper.rrd")
     verify = [sys.executable, "-m", "rerun", "rrd", "verify", str(path)]
     assert subprocess.run(verify, capture_output=True, env=ENVIRONMENT, check=False).returncode == 0
     assert contents(tmp_path / "out") == contents(whole)

@@ -13,6 +13,8 @@ from scenarios.flight import flying
 from scenarios.rerun.mission import CHUNK_S, HEADING_M, MissionRecorder, cloud
 from sim.frames import rotation_from_quaternion
 from swarm.recorder import CaptureRecorder
+from tests.helpers import promised_entities
+from voxdepth.registry import PAPER
 from voxdepth.tools.stream import depth_png
 
 IMAGE_EVERY = 2
@@ -21,7 +23,9 @@ IMAGE_EVERY = 2
 def recorded(path: Path, **changes: Any) -> Path:
     """Record a second of two drones at 20 decisions and 10 images per second; warnings of Rerun are errors."""
     run = load_run("city", 0, {"mission.drones": 2, "mission.duration_s": 1.0, **images_of(96, 54), **changes})
-    recorder = MissionRecorder(path, run.scenario.rig, recording_id="test", title="a test", image_every=IMAGE_EVERY)
+    settings: Any = {"recording_id": "test", "title": "a test", "image_every": IMAGE_EVERY}
+    has_stages = run.scenario.corrector.name == PAPER
+    recorder = MissionRecorder(path, run.scenario.rig, **settings, has_stages=has_stages)
     rr.set_strict_mode(True)
     try:
         with flying(run, recorder, recorded=True) as mission:
@@ -89,6 +93,20 @@ def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
     assert bodies == {f"/world/scene/{body.name}" for body in scene.bodies}
     timelines = {name for chunk in chunks(recording, "/metrics/clearance_m") for name in chunk.timeline_names}
     assert timelines == {"step", "sim_time"}
+
+
+def test_a_flight_by_the_paper_s_method_holds_its_stages(tmp_path: Path) -> None:
+    quick = {"name": "voxdepth", "config": {"window_frames": 2, "fusion_lag_frames": 1}}
+    path = recorded(tmp_path / "run.rrd", corrector=quick)
+    assert rows_of(path, "/world/drone/1/cam/colors/warped") == 5
+    assert rows_of(path, "/drone/1/corrector/n_matches") == 10
+    epochs = int(values(path, "/drone/1/corrector/epoch", "Scalars:scalars").max())
+    assert epochs >= 1
+    for entity in ("/world/voxels/1", "/world/drone/1/cam/depth/template", "/world/drone/1/cam/colors/template"):
+        assert rows_of(path, entity) == epochs
+    assert rows_of(path, "/drone/1/corrector/phase") >= 1
+    promised = promised_entities("run.rrd")
+    assert [entity for entity in promised if not rows_of(path, f"/{entity}")] == []
 
 
 def test_a_drone_without_a_map_has_its_histograms_recorded(tmp_path: Path) -> None:

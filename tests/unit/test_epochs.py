@@ -9,6 +9,7 @@ import pytest
 
 from voxdepth.paper.epochs import EpochEnd, Epochs, Lag, Phase, Template
 from voxdepth.paper.registration import Features, Registration, RegistrationStatus
+from voxdepth.paper.voxels import OccupiedVoxels, VoxelConfig
 from voxdepth.types import Frame
 
 NO_FEATURES = Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
@@ -18,6 +19,12 @@ LOST = Registration(status=RegistrationStatus.FEW_MATCHES)
 
 def frame(number: int) -> Frame:
     return Frame(stamp_s=float(number), gray=np.zeros((2, 2), np.uint8), depth_m=np.zeros((2, 2), np.float32))
+
+
+def template(number: int, features: Features) -> Template:
+    """A template whose depth is a number."""
+    depth_m, voxels = np.zeros((2, 2), np.float32), OccupiedVoxels.of(np.zeros(1, np.uint32), VoxelConfig())
+    return Template(depth=number, depth_m=depth_m, voxels=voxels, stamp_s=0.0, features=features, timings_s={})
 
 
 class Fuser:
@@ -32,7 +39,7 @@ class Fuser:
     def __call__(self, window: object, features: Features) -> Template:
         assert self.may_run.wait(10)
         self.windows.append([f.stamp_s for f in window])  # type: ignore[attr-defined]
-        return Template(depth=len(self.windows), features=features, timings_s={})
+        return template(len(self.windows), features)
 
 
 def epochs_of(
@@ -159,7 +166,7 @@ def test_frames_of_a_window_are_copies() -> None:
 
     def fuse(window: Sequence[Frame], features: Features) -> Template:
         seen.extend(float(f.depth_m[0, 0]) for f in window)
-        return Template(depth=None, features=features, timings_s={})
+        return template(0, features)
 
     epochs = Epochs(fuse, lambda a, b: True, window_frames=3, max_epoch_frames=5, lag=0)
     for number in range(3):

@@ -1,14 +1,17 @@
 """The page of a run."""
 
 import base64
+import io
 import re
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from scenarios import runner
 from scenarios.config import images_of, load_run
 from scenarios.errors import ScenarioError
+from scenarios.report import print_summary
 from scenarios.run_page import named
 from scenarios.runner import fly_and_write
 from voxdepth.tools.errors import ToolError
@@ -56,3 +59,19 @@ def test_a_run_leaves_a_page_that_needs_nothing_else(tmp_path: Path) -> None:
     (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', pages[0])
     assert base64.b64decode(picture) == (folders[0] / "flight.png").read_bytes()
     assert not re.search(r'(?:src|href)="(?!data:)', pages[0])
+
+
+@pytest.mark.parametrize(("window", "passed"), [(4, True), (1, False)])
+def test_a_flight_whose_frames_mostly_pass_through_is_warned_of(tmp_path: Path, window: int, passed: bool) -> None:
+    corrector = {"name": "voxdepth", "config": {"window_frames": window, "fusion_lag_frames": 0}}
+    changes = QUICK | images_of(96, 54) | {"corrector": corrector, "mission.cruise_speed_m_s": 1e-6}
+    run = load_run("city", 3, changes | {"mission.drones": 1})
+    finished = fly_and_write(run, tmp_path, record=False)
+    share = finished.result.metrics["corrector_phase_passthrough_share"]
+    assert share == finished.result.drones[0]["corrector_phase_passthrough_share"] == (window - 1) / 5
+    console = Console(file=io.StringIO(), width=200)
+    print_summary(console, finished, run)
+    printed = console.file.getvalue()  # type: ignore[attr-defined]
+    assert ("warning: 60.0 % of the frames passed through without a template" in printed) == passed
+    assert finished.folder is not None
+    assert "corrector phase passthrough" in (finished.folder / "summary.html").read_text()

@@ -25,7 +25,7 @@ from scenarios.study.report import Findings, export, render, run_table, write_re
 from scenarios.study.run import Progress, display_on, duration
 from scenarios.study.statistics import DoseResponse, Estimate, Interval, clopper_pearson, mcnemar, wilson
 from scenarios.study.store import Failure, StudyData
-from scenarios.study.tables import mean_difference_table
+from scenarios.study.tables import mean_difference_table, work_table
 from swarm.types import Outcome
 from tests.studies import arm, contents_of, noisy, record, study
 
@@ -315,3 +315,15 @@ def test_progress_is_a_table_on_a_terminal() -> None:
     assert "6 of 9 runs" in console.export_text()
     assert len(progress.table()) == 3
     assert progress.table().column("collision ratio") == [0.5, 0.0, 0.0]
+
+
+def test_the_work_of_correctors_has_a_row_for_each_arm_that_reports_some() -> None:
+    data = two_arms("oo", "oo")
+    worked = {"corrector_phase_fusing_share": 0.25, "corrector_new_epochs": 3}
+    records = {
+        spec.key: record(spec, MISS, **worked) if spec.arm == "b" else data.records[spec.key] for spec in data.specs
+    }
+    table = work_table(summarise_arms(replace(data, records=records)))
+    assert table.headings == ["scenario", "arm", "runs", "phase fusing", "new epochs"]
+    assert [row[1:] for row in table.texts] == [["b", "2", "25.0 %", "3.0"]]
+    assert len(work_table(summarise_arms(data))) == 0

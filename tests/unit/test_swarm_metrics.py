@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from sim.types import Contact, VelocityCommand
 from sim.world import World
-from swarm.metrics import MissionMetrics, NearMisses, separation_m, touched
+from swarm.metrics import CorrectorWork, MissionMetrics, NearMisses, separation_m, touched
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import RADIUS_M, capture, corrected, flat, state
@@ -263,3 +264,40 @@ class TestDroppingOut:
         assert now["formation_error_m"] == pytest.approx(5.0, abs=1e-6)
         assert lengths == [2, 2, 1]
         assert alone == {}
+
+
+class Weather(StrEnum):
+    DRY = "dry"
+    WET = "wet"
+    ICY = "icy"
+
+
+@dataclass
+class Report:
+    """What a corrector reports about a frame."""
+
+    weather: Weather
+    slip: bool
+
+    def facts(self) -> dict[str, str | int | float]:
+        return {"weather": self.weather, "slip": self.slip, "n_wheels": 4, "driver": "ann"}
+
+
+def test_states_are_shares_of_the_frames_and_events_are_counted() -> None:
+    one, other = CorrectorWork(), CorrectorWork()
+    for slip in (True, False, True):
+        one.add(Report(Weather.WET, slip=slip))
+    other.add(Report(Weather.DRY, slip=False))
+    assert other.metrics() == {
+        "corrector_weather_dry_share": 1,
+        "corrector_weather_wet_share": 0,
+        "corrector_weather_icy_share": 0,
+        "corrector_slips": 0,
+    }
+    assert CorrectorWork([one, other]).metrics() == {
+        "corrector_weather_dry_share": 0.25,
+        "corrector_weather_wet_share": 0.75,
+        "corrector_weather_icy_share": 0,
+        "corrector_slips": 2,
+    }
+    assert CorrectorWork().metrics() == {}

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Literal
 
-from ..types import Frame
-from .registration import Features, Registration, RegistrationStatus
+from ..types import FloatImage, Frame
+from .registration import Features, Registration, RegistrationStatus, warped
+from .voxels import OccupiedVoxels
 
 
 class Phase(StrEnum):
@@ -38,16 +39,31 @@ class VoxDepthDiagnostics:
 
     phase: Phase
     registration: Registration
+    epoch: int = 0
+    """Number of the epoch, from 1; 0 before the first template."""
+    new_epoch: bool = False
+    """Whether this frame is the first with its template."""
     epoch_end: EpochEnd | None = None
     """Why the epoch ended with this frame; None if it did not."""
+    template: "Template | None" = None
+    """The template of the epoch; None before the first."""
+
+    @property
+    def warped_template_m(self) -> FloatImage | None:
+        """The template in the pixels of the frame [m], shape (H, W), 0 = unknown; None if it was not used."""
+        if self.template is None or not self.registration.ok:
+            return None
+        return warped(self.template.depth_m, self.registration.M_frame_template)
 
     def facts(self) -> Mapping[str, str | int | float]:
         """See `Diagnostics`."""
         return {
-            "phase": self.phase.value,
-            "registration": self.registration.status.value,
+            "phase": self.phase,
+            "registration": self.registration.status,
             "n_matches": self.registration.n_matches,
             "n_inliers": self.registration.n_inliers,
+            "epoch": self.epoch,
+            "new_epoch": self.new_epoch,
             "epoch_end": "none" if self.epoch_end is None else self.epoch_end.value,
         }
 
@@ -58,6 +74,12 @@ class Template:
 
     depth: Any
     """Depth [m], shape (H, W), 0 = unknown, in the memory of the `ImageSteps` that made it."""
+    depth_m: FloatImage
+    """The same as a NumPy array, which nothing changes."""
+    voxels: OccupiedVoxels
+    """The cloud that was fused, in the camera of that frame."""
+    stamp_s: float
+    """Time of that frame."""
     features: Features
     timings_s: Mapping[str, float]
     """Wall-clock time of fusing [s], by step."""
@@ -89,6 +111,7 @@ class Epochs:
     def reset(self) -> None:
         """Forget template and window; the next frame opens a new one."""
         self.template: Template | None = None
+        self.number = 0
         self._window: list[Frame] | None = []
         self._last_features: Features | None = None
         self._pending: Future[Template] | None = None
@@ -112,6 +135,7 @@ class Epochs:
         if pending is not None and (pending.done() if self._lag == "ready" else self._frames >= self._due):
             self._pending, self._window = None, []  # If fusing failed, the next frame opens a new window.
             self.template = pending.result()
+            self.number += 1
             self._window, self._epoch_frames = None, 0
         return self.template
 

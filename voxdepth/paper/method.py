@@ -9,6 +9,7 @@ from numba import float32, uint8, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
 from ..corrector import StreamCorrector, checked_config
+from ..geometry import PointArray
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import MotionModelName, VoxDepthConfig
@@ -77,11 +78,26 @@ class VoxDepth(StreamCorrector):
         super().close()
         self._epochs.close()
 
+    @property
+    def template_m(self) -> FloatImage | None:
+        """The present template: a depth image [m], shape (H, W), 0 = unknown; None before the first epoch."""
+        return None if self._epochs.template is None else self._epochs.template.depth_m
+
+    @property
+    def voxel_points_m(self) -> PointArray:
+        """Centres of the voxels of the present template [m], shape (N, 3), float32; none before the first epoch.
+
+        They are in the camera of the last frame of its window.
+        """
+        template = self._epochs.template
+        return np.empty((0, 3), np.float32) if template is None else template.voxels.centres_m
+
     def _align(self, frame: Frame) -> Aligned:
         timer = StepTimer()
         with timer("describe"):
             features = self._registration.describe(frame.gray)
         with timer("take_template"):
+            before = self._epochs.template
             template = self._epochs.begin(frame, features)
         with timer("register"):
             registration = (
@@ -90,8 +106,14 @@ class VoxDepth(StreamCorrector):
                 else self._registration.register(template.features, features)
             )
         epoch_end = self._epochs.end(frame, features, registration)
-        phase = self._epochs.phase(registration)
-        diagnostics = VoxDepthDiagnostics(phase=phase, registration=registration, epoch_end=epoch_end)
+        diagnostics = VoxDepthDiagnostics(
+            phase=self._epochs.phase(registration),
+            registration=registration,
+            epoch=self._epochs.number,
+            new_epoch=template is not before,
+            epoch_end=epoch_end,
+            template=template,
+        )
         return Aligned(frame=frame, template=template, diagnostics=diagnostics, timings_s=timer.times_s)
 
     def combine(self, aligned: Aligned) -> CorrectedDepth:
@@ -107,7 +129,7 @@ class VoxDepth(StreamCorrector):
         with timer("filter"):
             depth = self._steps.filter(depth)
         with timer("label"):  # after the median has emptied some pixels and filled others
-            depth_m, source_before = self._steps.download(depth, source)
+            depth_m, source_before = self._steps.to_host(depth), self._steps.to_host(source)
             source, confidence = np.empty_like(source_before), np.empty_like(depth_m)
             _label(depth_m, source_before, source, confidence)
         return CorrectedDepth(
@@ -183,7 +205,14 @@ def fuse_window(
             sparse = steps.project()
         with timer("inpaint"):
             depth = steps.inpaint(sparse)
-    return Template(depth=depth, features=features, timings_s=timer.times_s)
+    return Template(
+        depth=depth,
+        depth_m=steps.to_host(depth),
+        voxels=steps.occupied(),
+        stamp_s=window[-1].stamp_s,
+        features=features,
+        timings_s=timer.times_s,
+    )
 
 
 MOTION_MODELS: dict[MotionModelName, MotionModel] = {"constant": constant_velocity, "per_frame": motion_per_frame}

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from ..compiled import compiled
 from ..model import Model
-from ..types import FloatArray, GrayImage, resized
+from ..types import FloatArray, FloatImage, GrayImage, resized
 
 Indices = npt.NDArray[np.intp]
 Descriptors = npt.NDArray[np.uint64]
@@ -78,6 +78,15 @@ class Features:
 
     points_px: npt.NDArray[np.float32]
     descriptors: npt.NDArray[np.uint64]
+
+
+def warped(image: FloatImage, M_frame_template: FloatArray, out: FloatImage | None = None) -> FloatImage:
+    """An image of the template in the pixels of a frame, shape (H, W), sampled at the nearest pixel; 0 outside of it.
+
+    `out` is overwritten and returned; None makes a new image.
+    """
+    size = image.shape[1], image.shape[0]
+    return cv2.warpAffine(image, M_frame_template, size, dst=out, flags=cv2.INTER_NEAREST)  # type: ignore[return-value]
 
 
 class OrbRegistration:

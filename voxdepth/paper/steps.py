@@ -1,6 +1,6 @@
 """The image operations of the paper's method, on the CPU (here) or on a GPU (`warp_steps`)."""
 
-from typing import TYPE_CHECKING, Union
+from typing import TYPE_CHECKING, TypeVar, Union
 
 import cv2
 import numpy as np
@@ -10,11 +10,13 @@ from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compile_all, com
 from ..devices import DeviceName, require_device
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
 from .config import VoxDepthConfig
-from .voxels import VoxelGrid, project_voxels
+from .registration import warped
+from .voxels import OccupiedVoxels, VoxelGrid, project_voxels
 
 if TYPE_CHECKING:
     from .warp_steps import WarpSteps
 
+Image = TypeVar("Image", FloatImage, GrayImage)
 ImageSteps = Union["HostSteps", "WarpSteps"]
 """The steps that process every pixel. Images stay in the memory of the implementation from step to step."""
 
@@ -45,6 +47,10 @@ class HostSteps:
         """Sparse depth of the grid's voxels in the camera at its origin."""
         return project_voxels(self._grid, self._intrinsics)
 
+    def occupied(self) -> OccupiedVoxels:
+        """The voxels of the grid as they are now."""
+        return OccupiedVoxels.of(self._grid.words, self._grid.config)
+
     def inpaint(self, sparse: FloatImage) -> FloatImage:
         """Dense depth of sparse depth."""
         return self._config.inpainting.fill(sparse)
@@ -55,10 +61,7 @@ class HostSteps:
 
     def warp(self, template: FloatImage, M_frame_template: FloatArray) -> FloatImage:
         """The template in the pixels of the frame, sampled at the nearest pixel; 0 outside of it."""
-        height, width = self._intrinsics.shape
-        return cv2.warpAffine(  # type: ignore[return-value]
-            template, M_frame_template, (width, height), dst=self._warped, flags=cv2.INTER_NEAREST
-        )
+        return warped(template, M_frame_template, self._warped)
 
     def combine(self, raw: FloatImage, template: FloatImage) -> tuple[FloatImage, GrayImage]:
         """Depth and `Source` after the invalid pixels of a frame are replaced by those of the warped template."""
@@ -75,9 +78,9 @@ class HostSteps:
         filtered: FloatImage = cv2.medianBlur(depth, self._config.median_size_px)  # type: ignore[assignment]
         return filtered
 
-    def download(self, depth: FloatImage, source: GrayImage) -> tuple[FloatImage, GrayImage]:
-        """Depth [m] and `Source`, shape (H, W), as NumPy arrays of their own."""
-        return depth, source
+    def to_host(self, image: Image) -> Image:
+        """An image of this object's memory, shape (H, W), as a NumPy array."""
+        return image
 
     def wait(self) -> None:
         """Wait until the steps are finished; those on the CPU are when they return."""

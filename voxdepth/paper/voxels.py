@@ -1,6 +1,8 @@
 """Boolean voxel grid, packed in bits, and its projection to a depth image: paper, Algorithm 1 and Eq. voxelor."""
 
+from dataclasses import dataclass
 from math import prod
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -9,7 +11,7 @@ from numba.types import UniTuple
 from pydantic import Field, model_validator
 
 from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled
-from ..geometry import RayMap
+from ..geometry import PointArray, RayMap
 from ..model import Model
 from ..types import FloatArray, FloatImage, Intrinsics
 
@@ -103,6 +105,33 @@ def _mark(
             if (z_m > 0) & is_inside:
                 cell = (int64(z) * shape[1] + int64(y)) * shape[0] + int64(x)
                 words[cell >> 5] |= uint32(1) << uint32(cell & 31)
+
+
+@dataclass(frozen=True, eq=False)
+class OccupiedVoxels:
+    """The occupied voxels of a grid at one time, as its words that are not zero."""
+
+    config: VoxelConfig
+    at: npt.NDArray[np.intp]
+    """Index of each of those words."""
+    words: Words
+
+    @classmethod
+    def of(cls, words: Words, config: VoxelConfig) -> Self:
+        """Those of a grid with these words, as a copy."""
+        at = np.flatnonzero(words != 0)  # four times as fast as without the comparison
+        return cls(config, at, words[at])
+
+    @property
+    def centres_m(self) -> PointArray:
+        """Centres of the voxels [m] in the frame of the grid, shape (N, 3), float32, the farthest last."""
+        set_at = np.flatnonzero(np.unpackbits(self.words.view(np.uint8), bitorder="little"))
+        nx, ny, _ = self.config.shape
+        row, x = np.divmod(self.at[set_at >> 5] * 32 + (set_at & 31), nx)
+        z, y = np.divmod(row, ny)
+        cells = np.column_stack([x - nx // 2, y - ny // 2, z]).astype(np.float32)
+        centres_m: PointArray = (cells + np.float32(0.5)) * np.array(self.config.cell_m, np.float32)
+        return centres_m
 
 
 def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:

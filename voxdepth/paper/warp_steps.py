@@ -7,9 +7,10 @@ import warp as wp
 
 from ..devices import quiet_warp
 from ..geometry import RayMap
-from ..types import FloatArray, FloatImage, GrayImage, Intrinsics
+from ..types import FloatArray, FloatImage, Intrinsics
 from . import warp_kernels as kernels
 from .config import VoxDepthConfig
+from .voxels import OccupiedVoxels
 
 
 class WarpSteps:
@@ -43,6 +44,10 @@ class WarpSteps:
         self._launch(kernels.splat_voxels, inputs, [sparse], dim=voxels.n_words)
         self._launch(kernels.empty_unlowered, [], [sparse])
         return sparse
+
+    def occupied(self) -> OccupiedVoxels:
+        """See `HostSteps`."""
+        return OccupiedVoxels.of(self._words.numpy(), self._config.voxels)
 
     def inpaint(self, sparse: Any) -> Any:
         """See `HostSteps`. All methods but dilation, the paper's, run on the CPU: once an epoch."""
@@ -82,9 +87,9 @@ class WarpSteps:
         self._launch(kernels.median, [depth, self._config.median_size_px // 2], [filtered])
         return filtered
 
-    def download(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage]:
+    def to_host(self, image: Any) -> Any:
         """See `HostSteps`."""
-        return depth.numpy(), source.numpy()
+        return image.numpy()
 
     def wait(self) -> None:
         """See `HostSteps`."""

@@ -108,7 +108,7 @@ class TrackingResult:
     def facts(self) -> Mapping[str, str | int | float]:
         """See `Diagnostics`."""
         return {
-            "tracking": self.status.value,
+            "tracking": self.status,
             "n_tracks": self.n_tracks,
             "n_inliers": self.n_inliers,
             "memory_reset": int(self.memory_reset),

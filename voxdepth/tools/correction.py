@@ -17,6 +17,7 @@ from ..datasets import Dataset
 from ..errors import PipelineError
 from ..model import Model
 from ..pipeline import CorrectionPipeline
+from ..registry import PAPER
 from ..soundness import KINDS, first_fault
 from ..types import CorrectedDepth, DepthCorrector, Frame, Source
 from .errors import ToolError
@@ -106,7 +107,8 @@ class Correction:
         from .recording import recording, scale_of
 
         recording_id = f"{self.config.folder}-{self.config.corrector}"
-        return recording(path, recording_id, scale_of(self.dataset, self.frames))
+        has_stages = self.config.corrector == PAPER
+        return recording(path, recording_id, scale_of(self.dataset, self.frames), has_stages=has_stages)
 
 
 class FrameLine(NamedTuple):

@@ -12,9 +12,13 @@ from ..colors import FAR_M, far_end_m
 from ..datasets import Dataset
 from ..types import CorrectedDepth, Frame
 from .files import atomic
+from .stages import log_template, log_warped, new_template, voxel_cloud
 from .stream import RecordingFile, confidence_image, depth_colors, depth_image, gray_image, layout, source_labels
 
 VIEWS = ("gray", "colors/raw", "colors/corrected", "source", "confidence")
+TEMPLATE_VIEWS = ("colors/template", "colors/warped")
+BEHIND_CAMERA = rrb.EyeControls3D(position=(-6.0, -5.0, -9.0), look_target=(0.0, 0.0, 8.0), eye_up=(0.0, -1.0, 0.0))
+"""Where the voxels of a template are seen from, in its camera [m]."""
 MILLISECONDS = 1000.0
 SAMPLED_FRAMES = 8
 """Number of frames, spread over a recording, that the scale of its depth colours is chosen by."""
@@ -30,13 +34,16 @@ def scale_of(dataset: Dataset, frames: int) -> float:
 
 
 @contextmanager
-def recording(path: Path, recording_id: str, far_m: float) -> Iterator[Callable[[int, Frame, CorrectedDepth], None]]:
+def recording(
+    path: Path, recording_id: str, far_m: float, *, has_stages: bool = False
+) -> Iterator[Callable[[int, Frame, CorrectedDepth], None]]:
     """Give the function that records a frame into a new `.rrd` file, which appears when it is complete.
 
     Args:
         path: The file; an existing one is replaced.
         recording_id: Equal for recordings of the same input and corrector, so that they can be compared.
         far_m: Depth [m] at the blue end of the colours.
+        has_stages: Whether to show the stages of the paper's method.
 
     Raises:
         ToolError: The file cannot be written.
@@ -46,10 +53,15 @@ def recording(path: Path, recording_id: str, far_m: float) -> Iterator[Callable[
         rrb.TimeSeriesView(name="time per step [ms]", origin="timings", plot_legend=rrb.Corner2D.RightTop),
         rrb.StateTimelineView(name="states", origin="state"),
     )
-    images = rrb.Grid(*(view_of(name, far_m) for name in VIEWS), grid_columns=3)
-    blueprint = layout(rrb.Vertical(images, curves, row_shares=[3, 1]), "frame")
+    views: list[rrb.View] = [view_of(name, far_m) for name in VIEWS]
+    if has_stages:
+        views += [view_of(name, far_m) for name in TEMPLATE_VIEWS]
+        views.append(rrb.Spatial3DView(name="voxels of the template", origin="voxels", eye_controls=BEHIND_CAMERA))
+    blueprint = layout(rrb.Vertical(rrb.Grid(*views, grid_columns=4), curves, row_shares=[3, 1]), "frame")
     with stream_into(path, "voxdepth-correct", recording_id, blueprint) as stream:
         stream.log("source", source_labels(), static=True)
+        if has_stages:
+            stream.log("voxels", rr.ViewCoordinates.RDF, static=True)
         first_s: float | None = None
 
         def log(index: int, frame: Frame, corrected: CorrectedDepth) -> None:
@@ -58,6 +70,7 @@ def recording(path: Path, recording_id: str, far_m: float) -> Iterator[Callable[
             stream.set_time("frame", sequence=index)
             stream.set_time("time", duration=frame.stamp_s - first_s)
             _log_images(stream, frame, corrected, far_m)
+            _log_stages(stream, corrected, far_m)
             _log_diagnostics(stream, corrected)
 
         yield log
@@ -89,6 +102,14 @@ def _log_images(stream: rr.RecordingStream, frame: Frame, corrected: CorrectedDe
         stream.log(f"colors/{name}", depth_colors(depth_m, far_m))
     stream.log("source", rr.SegmentationImage(corrected.source))
     stream.log("confidence", confidence_image(corrected.confidence))
+
+
+def _log_stages(stream: rr.RecordingStream, corrected: CorrectedDepth, far_m: float) -> None:
+    """Record the stages of the paper's method. Its voxels are in the camera of the template: frames have no poses."""
+    if (template := new_template(corrected)) is not None:
+        log_template(stream.log, template, far_m)
+        stream.log("voxels", voxel_cloud(template, np.eye(4)))
+    log_warped(stream.log, corrected, far_m)
 
 
 def _log_diagnostics(stream: rr.RecordingStream, corrected: CorrectedDepth) -> None:
