@@ -13,7 +13,7 @@ from .config import VoxDepthConfig
 
 
 class WarpSteps:
-    """Image operations on Warp arrays. For tests it also runs on `cpu`, several times slower than `HostSteps`."""
+    """Image operations on Warp arrays, on `cuda` or on Warp's `cpu`, which is several times slower than `HostSteps`."""
 
     def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig, *, device: str) -> None:
         quiet_warp()
@@ -85,10 +85,6 @@ class WarpSteps:
     def download(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage]:
         """See `HostSteps`."""
         return depth.numpy(), source.numpy()
-
-    def wait(self) -> None:
-        """See `HostSteps`."""
-        wp.synchronize_device(self._device)
 
     def _empty_source(self) -> Any:
         return wp.empty(self._intrinsics.shape, dtype=wp.uint8, device=self._device)

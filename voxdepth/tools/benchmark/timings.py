@@ -96,7 +96,7 @@ def correctors(intrinsics: Intrinsics) -> Iterator[Mapping[str, StreamCorrector]
     """New correctors by name, which are closed at the end. The paper's fuses a window within the call."""
     paper = {"voxdepth": VoxDepthConfig(fusion_lag_frames=0)}
     if cuda_devices():
-        paper["paper, cuda"] = VoxDepthConfig(fusion_lag_frames=0, device="cuda")
+        paper["voxdepth, cuda"] = VoxDepthConfig(fusion_lag_frames=0, device="cuda")
     found: dict[str, StreamCorrector] = {
         "temporal": TemporalCorrector(intrinsics),
         **{name: VoxDepth(intrinsics, config) for name, config in paper.items()},
