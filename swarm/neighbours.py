@@ -1,5 +1,7 @@
 """Positions of the other drones: found in the images, taken from the radio outside of the field of view."""
 
+from typing import Literal
+
 import numpy as np
 from pydantic import Field
 
@@ -30,6 +32,9 @@ class NeighbourConfig(Model):
     """Perception of the other drones."""
 
     detector: DetectorConfig = DetectorConfig()
+    known_by: Literal["depth_and_radio", "depth"] = "depth_and_radio"
+    """What tells a drone where the others are. With `depth`, those that its detector did not find within `memory_s` do
+    not exist for it, and wrong depth misplaces the others; the radio still ties followers to their leader."""
     memory_s: float = Field(default=0.5, ge=0)
     """Time for which a detected drone is assumed to keep its velocity when it is not detected again."""
     agreed_m: float = Field(default=1.0, ge=0)
@@ -109,7 +114,7 @@ class NeighbourTracker:
 
     Inside the field of view and the detector's range the camera decides where it detects a drone and the radio agrees.
     Otherwise the radio decides: a drone that is not detected may be hidden, or without depth. Velocities come by radio;
-    a drone that is seen and not heard counts as still.
+    a drone that is seen and not heard counts as still, as all do that are known by depth alone.
     """
 
     def __init__(self, config: NeighbourConfig, camera: Intrinsics, n_drones: int) -> None:
@@ -122,6 +127,8 @@ class NeighbourTracker:
 
     def update(self, percept: Percept | None, heard: Neighbours, time_s: float) -> Neighbours:
         """Return the other drones at their positions at `time_s`."""
+        if self._config.known_by == "depth":
+            heard = heard.among(range(0))
         if percept is None:
             return heard
         pose = percept.true_T_world_cam

@@ -17,11 +17,11 @@ RIG = RigConfig(width_px=96, height_px=64, depth="truth")
 
 
 @contextmanager
-def mission_among(*bodies: Body, config: MissionConfig, seed: int = 0) -> Iterator[Mission]:
+def mission_among(*bodies: Body, config: MissionConfig, seed: int = 0, renderer: str = "raycast") -> Iterator[Mission]:
     """A mission of drones that see the true depth of a few bodies, and of each other."""
     scene = Scene(seed=5, bodies=bodies)
     with World(scene, config.starts_m(), start_yaw_rad=config.start_yaws_rad()) as world:
-        rig = StereoRig(world, create_renderer("raycast", world, threads=1), RIG, seed=seed, gray=False)
+        rig = StereoRig(world, create_renderer(renderer, world, threads=1), RIG, seed=seed, gray=False)
         yield Mission(
             config,
             world,

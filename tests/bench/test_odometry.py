@@ -5,6 +5,7 @@
 
 import time
 from collections import Counter, defaultdict
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, lru_cache
 from itertools import pairwise, permutations
@@ -15,14 +16,18 @@ import numpy as np
 import pytest
 
 from scenarios.sequences import captures, load_sequence
+from sim.render.meshes import open3d
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
 from voxdepth.geometry import exp_se3
 from voxdepth.paper.odometry import (
+    OPENCV_DEPTH_UNITS_PER_M,
     Comparison,
     Motion,
     OdometryConfig,
     PhotometricOdometry,
+    _opencv_images,
+    _opencv_solver,
     motion_from_priors,
     reduced,
     view_of,
@@ -43,6 +48,7 @@ STEPS = (1, 2, 4, 6)
 """Frames from the first to the second of a pair."""
 GAINS = (1.0, 1.1)
 """Exposure of the first and of the second frame of a pair."""
+REDUCED = reduced(CAMERA, OdometryConfig().max_width_px)
 NO_LIMITS = OdometryConfig(max_residual_px=1e9, min_overlap=0)
 
 
@@ -138,8 +144,8 @@ def test_what_the_images_say_of_falsified_motions(offset_mm: float, turn_mrad: f
     found = []
     for pair in good_pairs():
         comparison = Comparison(view_of(pair.source, camera), view_of(pair.target, camera), camera, max_depth_m)
-        found.append(comparison.residuals(T @ pair.truth()))
-    figure = f"{len(found):3}, residual_px {span([residuals[1] for residuals in found if residuals])}"
+        found.append(comparison.residual_px(T @ pair.truth()))
+    figure = f"{len(found):3}, residual_px {span([residual_px for residual_px in found if residual_px is not None])}"
     show(f"true motions falsified by {offset_mm} mm, {turn_mrad} mrad", figure)
 
 
@@ -216,3 +222,66 @@ def test_width_of_the_images(width_px: int) -> None:
     errors_mm = [pair.error_mm(motion) for pair, motion in done if motion.ok]
     solved = f"{len(errors_mm):3} of {len(pairs)} solved"
     show(f"max_width_px {width_px}", f"{solved}, CPU mean {spent_ms:5.1f} ms, error p50 {np.median(errors_mm):4.1f} mm")
+
+
+Found = FloatArray | None
+"""Maps points of the source camera into the target camera, shape (4, 4); None if the motion was not found."""
+
+
+def by_ours(pair: Pair) -> Found:
+    motion = PhotometricOdometry(CAMERA).estimate(pair.source, pair.target)
+    return motion.T_target_source if motion.ok else None
+
+
+def by_the_default_method(pair: Pair) -> Found:
+    return motions_of_the_default([replace(pair[i], T_world_cam=None, stamp_s=0.1 * i) for i in range(2)])[0]
+
+
+def by_opencv(pair: Pair) -> Found:
+    before, after = (_opencv_images(view_of(frame, REDUCED), REDUCED) for frame in pair[:2])
+    solved, T = _opencv_solver(REDUCED, OdometryConfig()).compute(before[1], before[0], after[1], after[0])
+    return np.asarray(T, np.float64) if solved else None
+
+
+def by_open3d(pair: Pair, least_fitness: float = 0.0) -> Found:
+    """By gray values, with three scales."""
+    o3d, config, tensor = open3d(), OdometryConfig(), open3d().core.Tensor
+    odometry, camera = o3d.t.pipelines.odometry, REDUCED
+    matrix = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]])
+    images = []
+    for frame in pair[:2]:
+        gray, units = _opencv_images(view_of(frame, camera), camera)
+        both = np.repeat(gray[..., None], 3, axis=2), units[..., None]
+        images.append(o3d.t.geometry.RGBDImage(*(o3d.t.geometry.Image(tensor(array)) for array in both)))
+    try:
+        found = odometry.rgbd_odometry_multi_scale(
+            *images, tensor(matrix), tensor(np.eye(4)), OPENCV_DEPTH_UNITS_PER_M, config.max_depth_m,
+            [odometry.OdometryConvergenceCriteria(n) for n in (20, 10, 5)], odometry.Method.Intensity,
+            odometry.OdometryLossParams(config.max_depth_difference_m),
+        )  # fmt: skip
+    except RuntimeError as error:
+        assert "tracking failed" in str(error)
+        return None
+    return found.transformation.numpy() if found.fitness > least_fitness else None
+
+
+def by_good_fits_of_open3d(pair: Pair) -> Found:
+    return by_open3d(pair, OdometryConfig().min_overlap)
+
+
+@pytest.mark.parametrize("odometry", [by_ours, by_the_default_method, by_opencv, by_open3d, by_good_fits_of_open3d])
+def test_odometries_of_others(odometry: Callable[[Pair], Found]) -> None:
+    """All at the size of ours."""
+    pairs, wrong = good_pairs(), bad_pairs()
+    odometry(pairs[0])
+    start_s = time.process_time()
+    found = [odometry(pair) for pair in pairs]
+    spent_ms = 1e3 * (time.process_time() - start_s) / len(pairs)
+    errors_mm = [
+        1e3 * np.linalg.norm((T - p.truth())[:3, 3]) for p, T in zip(pairs, found, strict=True) if T is not None
+    ]
+    accepted = sum(odometry(pair) is not None for pair in wrong)
+    p50, p95, most = np.percentile(errors_mm, [50, 95, 100])
+    figure = f"error p50 {p50:.1f}, p95 {p95:.1f}, largest {most:.0f} mm, CPU mean {spent_ms:.1f} ms"
+    solved = f"{len(errors_mm)} of {len(pairs)} solved, {accepted} of {len(wrong)} wrong ones accepted"
+    show(odometry.__name__, f"{solved}, {figure}")

@@ -7,6 +7,7 @@ import pytest
 
 from examples.straight_controller import Straight
 from sim.bodies import Body, Box
+from sim.errors import RenderError
 from sim.types import VelocityCommand
 from swarm.errors import MissionError
 from swarm.pilot import Decision, Situation
@@ -22,6 +23,10 @@ EXACT: dict[str, Any] = {
     "pose_prior": {"drift_m_per_sqrt_s": 0.0, "drift_yaw_deg_per_sqrt_s": 0.0},
 }
 """Radio, detector and odometry without chance."""
+
+
+POLE = Body(name="pole", kind="building", shape=Box((0.4, 0.4, 20.0)), position_m=(2.0, 1.3, 5.0), surface=ROUGH)
+"""In the way of the left follower of the first pair."""
 
 
 def route(x0: float, y0: float, x1: float, y1: float) -> Route:
@@ -59,6 +64,28 @@ def test_without_avoidance_it_does_not_stop() -> None:
     assert result.outcome is Outcome.COLLISION
     assert result.contacts[0].other == "wall"
     assert float(result.metrics["min_clearance_m"] or 0) <= 0
+
+
+@pytest.mark.parametrize("renderer", ["tiny", "egl"])
+def test_what_pybullet_draws_shows_the_way_around_a_pole(renderer: str) -> None:
+    try:
+        with mission_among(POLE, config=config(route(-3, 1.3, 6, 1.3), deadlock_s=9.0), renderer=renderer) as mission:
+            result = mission.run()
+    except RenderError as error:
+        pytest.skip(str(error))
+    assert result.outcome is Outcome.SUCCESS
+    assert float(result.metrics["path_deviation_max_m"] or 0) > 0.4
+
+
+def test_two_that_see_nothing_of_each_other_meet_without_a_radio() -> None:
+    """Side by side, on ways that cross: neither is in the image of the other. Head on, depth shows them in time."""
+    blind = {"known_by": "depth", "detector": {"miss_rate": 0.0}}
+    beside, ahead = (route(0, 1.5, 12, -2), route(0, -1.5, 12, 2)), (route(-6, 0, 6, 0), route(6, 0.4, -6, 0.4))
+    outcomes = []
+    for routes, neighbours in ((beside, {}), (beside, blind), (ahead, blind)):
+        with mission_among(config=config(*routes, neighbours=neighbours, deadlock_s=9.0)) as mission:
+            outcomes.append(mission.run().outcome)
+    assert outcomes == [Outcome.SUCCESS, Outcome.COLLISION, Outcome.SUCCESS]
 
 
 def test_the_controller_of_somebody_else_flies_by_its_name() -> None:
@@ -169,10 +196,6 @@ def test_a_result_needs_an_end_and_an_interruption_is_one() -> None:
             mission.result()
         mission.interrupt()
         assert mission.result().outcome is Outcome.INTERRUPTED
-
-
-POLE = Body(name="pole", kind="building", shape=Box((0.4, 0.4, 20.0)), position_m=(2.0, 1.3, 5.0), surface=ROUGH)
-"""In the way of the left follower of the first pair."""
 
 
 def fly_past_the_pole(*routes: Route, **changes: Any) -> MissionResult:

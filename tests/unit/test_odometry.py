@@ -109,10 +109,10 @@ def test_noise_raises_the_residual() -> None:
     first, calm, noisy = frame(), frame(x=STEP_M, seed=2), frame(x=STEP_M, seed=2)
     noisy = Frame(stamp_s=2, gray=photon_noise(noisy.gray, 6.0, 3, seed=0), depth_m=noisy.depth_m)
     odometry = PhotometricOdometry(SMALL, NO_LIMITS)
-    calm_gray, noisy_gray = (odometry.estimate(first, second).residual_gray for second in (calm, noisy))
-    assert calm_gray is not None
-    assert noisy_gray is not None
-    assert 0 < calm_gray < 0.7 * noisy_gray
+    calm_px, noisy_px = (odometry.estimate(first, second).residual_px for second in (calm, noisy))
+    assert calm_px is not None
+    assert noisy_px is not None
+    assert 0 < calm_px < 0.7 * noisy_px
 
 
 def test_a_view_of_something_else_is_a_failure() -> None:
@@ -137,7 +137,7 @@ def test_an_image_that_no_motion_explains_fails_by_its_residual() -> None:
     require_failure(motion)
     assert motion.residual_px is not None
     assert motion.residual_px > OdometryConfig().max_residual_px
-    assert PhotometricOdometry(SMALL, NO_LIMITS).estimate(first, second).residual_gray == motion.residual_gray
+    assert PhotometricOdometry(SMALL, NO_LIMITS).estimate(first, second).residual_px == motion.residual_px
 
 
 def test_a_target_with_little_depth_fails_by_its_overlap() -> None:

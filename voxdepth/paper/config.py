@@ -63,7 +63,7 @@ class VoxDepthConfig(Model):
     median_size_px: int = 5
     """Window of the median filter against flicker: 1 (off), 3 or 5."""
     device: DeviceName = "cpu"
-    """Device that processes the images."""
+    """What processes the images: `cpu`, `cuda`, `warp-cpu` (the kernels of `cuda` without a GPU), or `auto`."""
 
     @field_validator("median_size_px")
     @classmethod

@@ -60,10 +60,9 @@ class Motion:
     T_target_source: FloatArray = field(default_factory=lambda: np.eye(4))
     """Maps points of the source camera into the target camera, shape (4, 4)."""
     status: MotionStatus = MotionStatus.OK
-    residual_gray: float | None = None
-    """Median absolute gray difference of textured pixels after warping, exposure removed; None if not measured."""
     residual_px: float | None = None
-    """`residual_gray` over the median gradient: about the shift in the reduced image that would explain it."""
+    """Median absolute gray difference of textured pixels after warping, exposure removed, over their median gradient:
+    about the shift in the reduced image that would explain it. None if not measured."""
     overlap: float | None = None
     """Share of the source's pixels with depth that land where the target has a depth, 0..1; None if not measured."""
 
@@ -155,13 +154,12 @@ class PhotometricOdometry:
         """The motion, or the status of the first check that fails."""
         if _too_far(T_target_source, self._config):
             return Motion(status=MotionStatus.TOO_FAR)
-        overlap, residuals = comparison.overlap(T_target_source), comparison.residuals(T_target_source)
-        if overlap < self._config.min_overlap or residuals is None:
+        overlap, residual_px = comparison.overlap(T_target_source), comparison.residual_px(T_target_source)
+        if overlap < self._config.min_overlap or residual_px is None:
             return Motion(status=MotionStatus.OVERLAP, overlap=overlap)
-        gray, px = residuals
-        if px > self._config.max_residual_px:
-            return Motion(status=MotionStatus.RESIDUAL, residual_gray=gray, residual_px=px, overlap=overlap)
-        return Motion(T_target_source=T_target_source, residual_gray=gray, residual_px=px, overlap=overlap)
+        if residual_px > self._config.max_residual_px:
+            return Motion(status=MotionStatus.RESIDUAL, residual_px=residual_px, overlap=overlap)
+        return Motion(T_target_source=T_target_source, residual_px=residual_px, overlap=overlap)
 
 
 class PriorsFirst:
@@ -231,13 +229,12 @@ class Comparison:
                 break
         return T
 
-    def residuals(self, T_target_source: FloatArray) -> tuple[float, float] | None:
-        """Median absolute gray difference, also over the median gradient; None if too few pixels are compared."""
+    def residual_px(self, T_target_source: FloatArray) -> float | None:
+        """See `Motion`; None if too few pixels are compared."""
         seen, there = self._look_up(transform(T_target_source, self._points))
         if there.sum() < MIN_POINTS:
             return None
-        residual_gray = float(np.median(np.abs(self._difference(seen[there, 0], there))))
-        return residual_gray, residual_gray / float(np.median(self._gradient[there]))
+        return float(np.median(np.abs(self._difference(seen[there, 0], there))) / np.median(self._gradient[there]))
 
     def overlap(self, T_target_source: FloatArray) -> float:
         """Share of the source's pixels with depth that land where the target has a depth."""

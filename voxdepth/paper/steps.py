@@ -1,4 +1,4 @@
-"""The image operations of the paper's method, on the CPU (here) or on a GPU (`warp_steps`)."""
+"""The image operations of the paper's method, by the usual libraries (here) or by Warp (`warp_steps`)."""
 
 from typing import TYPE_CHECKING, TypeVar, Union
 
@@ -7,7 +7,7 @@ import numpy as np
 from numba import float32, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compile_all, compiled
-from ..devices import DeviceName, require_device
+from ..devices import DeviceName, present
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
 from .config import VoxDepthConfig
 from .registration import warped
@@ -82,18 +82,15 @@ class HostSteps:
         """An image of this object's memory, shape (H, W), as a NumPy array."""
         return image
 
-    def wait(self) -> None:
-        """Wait until the steps are finished; those on the CPU are when they return."""
-
 
 def create_steps(device: DeviceName, intrinsics: Intrinsics, config: VoxDepthConfig) -> ImageSteps:
-    """Create the steps on a device, or raise a `ConfigError`, see `require_device`."""
+    """Create the steps on a device, or raise a `ConfigError`, see `present`."""
+    device = present(device)
     if device == "cpu":
         return HostSteps(intrinsics, config)
-    require_device(device)
     from .warp_steps import WarpSteps
 
-    return WarpSteps(intrinsics, config, device=device)
+    return WarpSteps(intrinsics, config, device=device.removeprefix("warp-"))
 
 
 @compiled(void(READABLE_IMAGE, float32, float32, float32, FLOAT_IMAGE, BYTE_IMAGE))

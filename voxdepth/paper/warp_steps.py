@@ -14,7 +14,7 @@ from .voxels import OccupiedVoxels
 
 
 class WarpSteps:
-    """Image operations on Warp arrays. For tests it also runs on `cpu`, several times slower than `HostSteps`."""
+    """Image operations on Warp arrays, on `cuda` or on Warp's `cpu`, which is several times slower than `HostSteps`."""
 
     def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig, *, device: str) -> None:
         quiet_warp()
@@ -90,10 +90,6 @@ class WarpSteps:
     def to_host(self, image: Any) -> Any:
         """See `HostSteps`."""
         return image.numpy()
-
-    def wait(self) -> None:
-        """See `HostSteps`."""
-        wp.synchronize_device(self._device)
 
     def _empty_source(self) -> Any:
         return wp.empty(self._intrinsics.shape, dtype=wp.uint8, device=self._device)
