@@ -30,7 +30,7 @@ SPARSE = CONFIG.model_copy(update={"inpainting": Inpainting(size_px=1)})
 PROJECTION, TEMPLATE, RAW, TRUTH = "voxel projection", "template", "frame as measured", "truth"
 NEAR_M, DENSE = 20.0, 0.95
 COLUMNS = ("sequence", "stage", "frame", Column("with depth", "%", ".1f"), Column("MAE", "m"), "n pixels")
-PANEL_COLUMNS, PANEL_IN = 5, (2.9, 2.0)
+PANEL_COLUMNS, PANEL_IN = 5, (2.4, 1.7)
 
 
 class Stage(NamedTuple):
