@@ -1,12 +1,15 @@
 """Missions in processes of their own."""
 
 import os
+from types import SimpleNamespace
 
 import pytest
 
-from scenarios.batch import in_processes
+from scenarios import batch
+from scenarios.batch import check_acceptance, in_processes
 from scenarios.config import Run, load_run
 from scenarios.errors import ScenarioError
+from swarm.types import Outcome
 
 
 def seed_of(run: Run) -> int:
@@ -23,3 +26,17 @@ def test_results_come_in_order_and_a_process_that_dies_is_told() -> None:
     assert list(in_processes(seed_of, runs, workers=2)) == [0, 1, 2, 3, 4]
     with pytest.raises(ScenarioError, match="fewer workers"):
         list(in_processes(die, runs, workers=2))
+
+
+@pytest.mark.parametrize(("shares", "kept"), [((0.3, 0.5), True), ((0.3, 0.6), False), ((None, None), None)])
+def test_a_scenario_promises_means_of_metrics(
+    monkeypatch: pytest.MonkeyPatch, shares: tuple[float | None, ...], kept: bool | None
+) -> None:
+    flown = [SimpleNamespace(outcome=Outcome.SUCCESS, metrics={"corrector_phase_passthrough_share": s}) for s in shares]
+    monkeypatch.setattr(batch, "fly_all", lambda runs, workers: [SimpleNamespace(result=result) for result in flown])
+    if kept is None:
+        with pytest.raises(ScenarioError, match="'corrector_phase_passthrough_share', which no run has"):
+            check_acceptance("paper", range(2), lambda *_: None, workers=1)
+    else:
+        promises = check_acceptance("paper", range(2), lambda *_: None, workers=1)
+        assert [promise.kept for promise in promises] == [True, kept]
