@@ -58,7 +58,7 @@ def print_summary(console: Console, finished: Finished, run: Run) -> None:
     if (passed := finished.result.metrics.get(WITHOUT_TEMPLATE) or 0) > 0.5:
         console.print(
             f"warning: {percent(passed)} of the frames passed through without a template of the paper's method, which "
-            "needs frames that overlap: voxdepth run paper is a flight with 30 of them in a second, at 1.2 m/s",
+            "needs frames that overlap: fly slower, with more frames per second, as in voxdepth run paper",
             soft_wrap=True,
         )
     console.print(f"real-time factor {finished.real_time_factor:.2f}", highlight=False)
