@@ -23,6 +23,8 @@ OCCLUSION_STEP_PX = 0.75
 """Least difference of disparity between a surface and the one that occludes it."""
 
 TEXTURE_WINDOW_PX = 15
+OUTSIDE = 32767
+"""The rival of pixels that map to the left of the right image."""
 NOISE_TEXTURE = 1.13
 """Value of `texture` for uncorrelated noise, in standard deviations of the noise: `2 / sqrt(pi)`."""
 
@@ -179,7 +181,7 @@ def fail_one_to_one(
     # output
     fails: MaskImage,
 ) -> None:
-    """Whether a pixel has no disparity, no place in the right image, or a nearer rival that maps to the same place."""
+    """Whether a pixel has no disparity, or a nearer rival that maps to the same place; there is one out of the image."""
     height, width = disparity.shape
     nearest = np.empty(width, np.int16)
     for row in range(height):
@@ -190,8 +192,8 @@ def fail_one_to_one(
                 nearest[target] = max(nearest[target], disparity[row, col])
         for col in range(width):
             target = col - ((disparity[row, col] + 8) >> 4)
-            is_out = disparity[row, col] < 0 or target < 0
-            fails[row, col] = is_out or nearest[target] - disparity[row, col] > tolerance
+            rival = OUTSIDE if target < 0 else nearest[target]
+            fails[row, col] = disparity[row, col] < 0 or rival - disparity[row, col] > tolerance
 
 
 def texture(gray: GrayImage) -> FloatImage:
