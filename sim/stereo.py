@@ -181,7 +181,7 @@ def fail_one_to_one(
     # output
     fails: MaskImage,
 ) -> None:
-    """Whether a pixel has no disparity, or a nearer rival that maps to the same place; there is one out of the image."""
+    """Whether a pixel has no disparity, or a nearer rival in the same place; outside of the image there is one."""
     height, width = disparity.shape
     nearest = np.empty(width, np.int16)
     for row in range(height):
