@@ -23,7 +23,7 @@ GROWTH = 8.0
 
 def fly(context: ExperimentContext) -> Findings:
     """Fly the missions that are not in the folder of the results yet, and fit the collisions."""
-    study = small_study(context.frames)
+    study = small_study(context.frames, context.seed)
     executor = Processes(os.cpu_count() or 1, study.time_limit_s)
     folder = context.out / COLLISIONS.name / "study"
     data = run_study(study, folder, executor, lambda progress: context.report(progress.line()), resume=True)
@@ -33,7 +33,7 @@ def fly(context: ExperimentContext) -> Findings:
         tables=(arm_table(arms), dose_response_table(responses)),
         claims=_claims(next(response for _, name, response in responses if name == ARM)),
         notes=(
-            f"{context.frames} seeds at each noise ratio; --frames sets their number. So few tell little: the whole "
+            f"Seeds {study.seeds.first} and up; --frames sets their number. So few tell little: the whole "
             f"study is `voxdepth study run {WHOLE}`. One draw of the noise holds for all pixels of an object.",
         ),
         figure=panels(
@@ -43,11 +43,12 @@ def fly(context: ExperimentContext) -> Findings:
     )
 
 
-def small_study(seeds: int) -> Study:
-    """The first seeds of one arm of the whole study, at a few noise ratios."""
+def small_study(count: int, first_seed: int | None = None) -> Study:
+    """One arm of the whole study at a few noise ratios, with a few seeds, by default its first ones."""
     whole = load_study(WHOLE)
     (arm,) = (arm.model_copy(update={"theta": THETAS}) for arm in whole.arms if arm.name == ARM)
-    fewer = whole.seeds.model_copy(update={"count": seeds})
+    first = whole.seeds.first if first_seed is None else first_seed
+    fewer = whole.seeds.model_copy(update={"count": count, "first": first})
     return whole.model_copy(update={"name": f"{WHOLE}-small", "arms": (arm,), "seeds": fewer})
 
 

@@ -108,8 +108,9 @@ class ExperimentReport:
 
         context, findings = self.context, self.findings
         width = "" if context.width_px is None else f" of {context.width_px} pixels width"
-        of = f"frames{width} of {', '.join(context.sequences)}" if context.sequences else "seeds"
-        frames = f"{context.frames} {of}; seed {context.seed or 0}"
+        frames = f"{context.frames} frames{width} of {', '.join(context.sequences)}; seed {context.seed or 0}"
+        if not context.sequences:
+            frames = f"missions with {context.frames} seeds"
         remarks = [f"note:  {note}" for note in findings.notes]
         for claim in reversed(findings.claims):
             remarks = [f"paper: {claim.paper}", f"here:  {claim.found} ({claim.verdict})", *remarks]

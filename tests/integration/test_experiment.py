@@ -99,7 +99,7 @@ def test_steps_follow_one_frame_through_the_stages(out: Path) -> None:
     (table,) = asked("steps", out, 16)
     filled = dict(zip(table.column("stage"), table.column("with depth"), strict=True))
     assert filled["voxel projection"] < filled["template"]  # type: ignore[operator]
-    assert filled["frame as measured"] < filled["result"] <= filled["truth"] == 100  # type: ignore[operator]
+    assert filled["as measured"] < filled["result"] <= filled["truth"] == 100  # type: ignore[operator]
     assert {"VD: voxdepth", "VD-code: voxdepth-authors", "RS: realsense-left"} <= set(filled)
 
 
