@@ -321,7 +321,7 @@ def flown_s(recording: Path) -> float:
 def test_list_names_everything() -> None:
     done = voxdepth("list")
     assert done.returncode == 0
-    for word in ("city", "truth, noisy, stereo", "raw, median", "voxdepth, temporal", "raster, raycast, tiny"):
+    for word in ("city", "truth, noisy, stereo", "raw, median", "voxdepth-authors", "raster, raycast, tiny"):
         assert word in done.stdout
 
 
