@@ -8,9 +8,9 @@ from voxdepth.types import FloatArray
 
 from . import rules
 from .controllers import Agent, Role
-from .mapping import MappingPilot
+from .mapping_pilot import MappingPilot
 from .pilot import Decision, Pilot, Situation
-from .reactive import ReactivePilot
+from .reactive_pilot import ReactivePilot
 from .rules import Corridor
 from .task import MissionConfig
 from .vectors import length

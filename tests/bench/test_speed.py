@@ -23,7 +23,7 @@ from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher
 from sim.types import BodyPose, VelocityCommand
 from sim.world import World
-from swarm.mapping import MappingPilot
+from swarm.mapping_pilot import MappingPilot
 from swarm.mission import Mission
 from swarm.task import MissionConfig
 from tests.helpers import camera_at

@@ -12,7 +12,7 @@ from swarm.agents import Follower, Leader, Track, create_agent
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.errors import MissionError
 from swarm.pilot import Decision, Heading, Holes, Pilot, PilotConfig, Situation
-from swarm.reactive import ReactivePilot, state_of
+from swarm.reactive_pilot import ReactivePilot, state_of
 from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import Choice, Histogram, Motion, Neighbours, Percept

@@ -13,7 +13,7 @@ from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
 from sim.types import DroneState
 from swarm.cost_map import CostMap, PlannedPath
 from swarm.errors import MissionError
-from swarm.mapping import MappingPilot
+from swarm.mapping_pilot import MappingPilot
 from swarm.nearby import neighbour_limits
 from swarm.pilot import Decision, PilotConfig, Situation
 from swarm.types import Motion, OnboardCamera, Percept
