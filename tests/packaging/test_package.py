@@ -111,6 +111,7 @@ def test_without_warp_everything_but_cuda_works() -> None:
     assert {name for name, source in sources.items() if source == str(int(Source.INVALID))} == {"raw"}
     assert {name for name, source in sources.items() if source == str(int(Source.MEMORY))} - {"learned"} == {
         "voxdepth",
+        "voxdepth-authors",
         "temporal",
     }
     assert devices == "()"
