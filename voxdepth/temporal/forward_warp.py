@@ -5,7 +5,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, float64, int32, int64, types, uint8, uint32, void
+from numba import float32, int32, int64, types, uint8, uint32, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..geometry import inverse_rigid
@@ -49,7 +49,6 @@ class Warped(NamedTuple):
 WARPED_TYPE = named_tuple(Warped, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
 Row = tuple[float, float, float, float]
 ROW_TYPE = types.UniTuple(float32, 4)
-MATRIX = float64[:, ::1]
 
 
 class Reprojection:

@@ -60,8 +60,7 @@ class TrackingCamera:
 
     def sees(self, points_m: FloatArray) -> MaskImage:
         """Whether points in the camera frame, shape (N, 3), are in front of the camera and inside the image."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            col, row = project(points_m, self.intrinsics).T
+        col, row = project(points_m, self.intrinsics).T
         width_px, height_px = self.size
         in_image = (col >= 0) & (col <= width_px - 1) & (row >= 0) & (row <= height_px - 1)
         return np.asarray((points_m[:, 2] > 0) & in_image, np.bool_)
