@@ -60,6 +60,7 @@ def test_a_part_that_is_larger_than_its_sample_is_padded_with_what_is_unknown(sa
         assert not image[:, height_px:].any() and not image[:, :, width_px:].any()
 
 
+@pytest.mark.slow
 def test_every_training_world_can_be_built() -> None:
     clips = import_module("learned_plugin.clips")
     assert all(clips.sequence(world, clips.FIRST_SEED).sequence.name == world for world in clips.WORLDS)
