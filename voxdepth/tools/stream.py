@@ -20,7 +20,7 @@ CENTIMETRE = 100.0
 """Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
 JPEG_QUALITY = 75
 PIPE_BYTES = 1 << 16
-REPLACED, REPLACED_COLOR = len(Source), (200, 40, 160)
+REPLACED, REPLACED_COLOR = len(Source), (50, 160, 70)
 """Label and colour of pixels whose measurement gave way to the memory, such as the template of the paper's method."""
 
 Log = Callable[[str, rr.AsComponents], None]
