@@ -1,9 +1,12 @@
 """Settings for all tests."""
 
+import gc
 import signal
 import threading
+from collections.abc import Generator
 
 import hypothesis
+import pytest
 
 from scenarios.quiet import import_noisy_libraries
 
@@ -13,3 +16,21 @@ import_noisy_libraries()
 if threading.current_thread() is threading.main_thread():
     # A shell's background jobs ignore Ctrl-C, and so would everything that the tests start and interrupt.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """What is imported stays, and need not be searched for garbage again and again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The report of an evaluation has no figures, which take longer than the evaluation of a test."""
+    for figures in ("all_figures", "error_maps"):
+        monkeypatch.setattr(f"scenarios.evaluation.report.{figures}", lambda evaluation: [])

@@ -257,13 +257,17 @@ def expand(study: Study) -> list[RunSpec]:
     names = [load_run(scenario, 0, {}).scenario.name for scenario in study.scenarios]
     if len(set(names)) < len(names):
         raise ScenarioError(f"the scenarios of a study must have different names, got {', '.join(names)}")
-    return [
-        _spec(study, scenario, arm, theta, seed)
-        for seed in study.seeds.first_seeds()
+    planned = [
+        (arm, theta, _run(study, scenario, arm, theta))
         for scenario in study.scenarios
         for arm in study.arms
-        if seed in study.seeds.first_seeds(arm.seeds)
         for theta in arm.levels
+    ]
+    return [
+        _spec(arm, theta, run.model_copy(update={"seed": seed}))
+        for seed in study.seeds.first_seeds()
+        for arm, theta, run in planned
+        if seed in study.seeds.first_seeds(arm.seeds)
     ]
 
 
@@ -284,9 +288,13 @@ def digest(study: Study, specs: Sequence[RunSpec]) -> str:
     return hashlib.sha256("\n".join([design, *runs]).encode()).hexdigest()
 
 
-def _spec(study: Study, scenario: str, arm: Arm, theta: float | None, seed: int) -> RunSpec:
+def _run(study: Study, scenario: str, arm: Arm, theta: float | None) -> Run:
+    """The run of an arm at a noise ratio that the seeds repeat; its own seed is of no meaning."""
     try:
-        run = load_run(scenario, seed, {**study.changes, **arm.changes_at(theta)})
+        return load_run(scenario, 0, {**study.changes, **arm.changes_at(theta)})
     except ToolError as error:
         raise ScenarioError(f"arm {arm.name!r} of the study {study.name!r}: {error}") from error
+
+
+def _spec(arm: Arm, theta: float | None, run: Run) -> RunSpec:
     return RunSpec(scenario=run.scenario.name, arm=arm.name, theta=theta, run=run, key=key_of(run))

@@ -73,6 +73,7 @@ def test_the_oracle_is_among_the_methods_where_a_recording_has_true_poses(
         assert (ORACLE in [method.name for method in plan.methods]) == expected
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_baseline_that_is_assumed_is_told_once_although_every_kind_opens_the_recording(
     folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -87,6 +88,7 @@ def test_a_baseline_that_is_assumed_is_told_once_although_every_kind_opens_the_r
     assert f"as baseline_m in {calibration}\n" in done.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_interrupted_evaluation_goes_on(
     folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -51,7 +51,7 @@ def test_a_short_flight_succeeds_and_reports() -> None:
     ],
 )
 def test_the_same_seed_gives_the_same_flight_with_any_number_of_threads(depth: str, corrector: str) -> None:
-    changes = {"rig.depth": depth, "mission.duration_s": 2.5, "corrector": corrector}
+    changes = {"rig.depth": depth, "mission.duration_s": 1.5, "corrector": corrector}
     if depth == "noisy":
         changes["rig.noise.scale.theta"] = 0.5
     first, second = (fly(short(**changes), threads=n).result for n in (1, 3))
@@ -62,7 +62,7 @@ def test_the_same_seed_gives_the_same_flight_with_any_number_of_threads(depth: s
 
 
 def test_another_seed_gives_another_flight() -> None:
-    noisy: dict[str, Any] = {"rig.depth": "noisy", "rig.noise.scale.theta": 0.5, "mission.duration_s": 2.5}
+    noisy: dict[str, Any] = {"rig.depth": "noisy", "rig.noise.scale.theta": 0.5, "mission.duration_s": 1.0}
     run = short(**noisy)
     other = run.model_copy(update={"seed": 1})
     assert fly(run).result.metrics != fly(other).result.metrics

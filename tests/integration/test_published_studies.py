@@ -100,6 +100,12 @@ def study_text() -> str:
     return (DOCS / "study.md").read_text()
 
 
+@pytest.fixture(scope="module")
+def noise(tmp_path_factory: pytest.TempPathFactory) -> StudyData:
+    """The study of noise, which takes long to read."""
+    return present("noise", tmp_path_factory.mktemp("noise"))
+
+
 def test_the_earlier_stores_are_all_there() -> None:
     assert sorted(path.name for path in (STORES / "earlier").glob("*.xz")) == [f"{name}.sqlite.xz" for name in EARLIER]
     assert sorted(path.name for path in (STORES / "cells_earlier").glob("*.xz")) == [
@@ -149,13 +155,12 @@ def _difference(data: StudyData) -> Row:
     return [str(comparison.pairs.n), f"{signed} points [{100 * low:+.0f}, {100 * high:+.0f}]"]
 
 
-def test_how_the_runs_with_noise_ended(study_text: str, tmp_path: Path) -> None:
-    data = present("noise", tmp_path)
-    scenarios = [spec.run.scenario for spec in data.specs]
-    assert len(data.records) == len(data.specs)
+def test_how_the_runs_with_noise_ended(study_text: str, noise: StudyData) -> None:
+    scenarios = [spec.run.scenario for spec in noise.specs]
+    assert len(noise.records) == len(noise.specs)
     assert {scenario.mission.after_contact for scenario in scenarios} == {"end"}
     assert {(s.rig.intrinsics.width_px, s.rig.intrinsics.height_px) for s in scenarios} == {(96, 54)}
-    arms, units = by_name(data), ("object", "frame", "pixel")
+    arms, units = by_name(noise), ("object", "frame", "pixel")
 
     def row(theta: str) -> Row:
         at_theta = [arms["city", f"one draw per {unit}, theta {theta}"] for unit in units]
@@ -167,8 +172,8 @@ def test_how_the_runs_with_noise_ended(study_text: str, tmp_path: Path) -> None:
     assert table(study_text, "### `noise`", "noise ratio") == [row(theta) for theta in thetas]
 
 
-def test_how_collisions_grow_with_noise(study_text: str, tmp_path: Path) -> None:
-    found = {arm: fit for _, arm, fit in dose_responses(present("noise", tmp_path)) if not isinstance(fit, str)}
+def test_how_collisions_grow_with_noise(study_text: str, noise: StudyData) -> None:
+    found = {arm: fit for _, arm, fit in dose_responses(noise) if not isinstance(fit, str)}
     with_all = [found[f"one draw per {unit}"] for unit in ("object", "frame")]
     below_1 = [found[f"one draw per {unit}, without theta 1"] for unit in ("object", "frame")]
     objects, images = (f"{fit.curve.b:.1f} [{fit.b.low:.1f}, {fit.b.high:.1f}]" for fit in with_all)

@@ -55,7 +55,7 @@ def assert_same(a: Capture, b: Capture) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=pytest.mark.slow) if name != "sim-PLF" else name for name in shipped_names("sequences")],
+    [pytest.param(name, marks=pytest.mark.slow) if name != "sim-cut" else name for name in shipped_names("sequences")],
 )
 def test_every_sequence_is_recorded_and_read_back_bit_for_bit(name: str, tmp_path: Path) -> None:
     planned = small(name)
@@ -145,16 +145,16 @@ def test_going_on_with_a_mover_gives_the_frames_of_one_go() -> None:
 
 def test_other_recordings_are_not_touched(tmp_path: Path) -> None:
     told: list[int] = []
-    record(small(), tmp_path / "r", 2, told.append)
+    record(small("sim-approach"), tmp_path / "r", 2, told.append)
     assert told == [0, 1, 2]
     before = {path: path.read_bytes() for path in (tmp_path / "r").rglob("*") if path.is_file()}
     with pytest.raises(RecordingError, match="is not empty"):
-        record(small(), tmp_path / "r", 3, told.append)
+        record(small("sim-approach"), tmp_path / "r", 3, told.append)
     assert {path: path.read_bytes() for path in (tmp_path / "r").rglob("*") if path.is_file()} == before
 
 
 def test_a_camera_inside_a_body_is_refused_and_its_recording_is_absent(tmp_path: Path) -> None:
-    into_the_ground = small("sim-KTS", **{"flight.height_m": 0.05, "flight.gust_m_s": 3.0})
+    into_the_ground = small("sim-KTS", **{"flight.height_m": 0.05, "flight.gust_m_s": 3.0, "rig.depth": "truth"})
     with pytest.raises(SensorError, match=r"in frame \d+ the (left|right) camera is inside a body"):
         record(into_the_ground, tmp_path / "r", 200, lambda frames: None)
     assert not list(tmp_path.iterdir())

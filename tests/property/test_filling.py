@@ -84,22 +84,16 @@ class TestSpeckles:
     ) -> None:
         assert self.largest_change(name, factor, decimation) < 0.05
 
-    @DECIMATIONS
-    @pytest.mark.parametrize("factor", [2.5, 1.3])
     @pytest.mark.xfail(
         strict=True, reason="the hole between a speckle and a near surface takes the disparity of the speckle"
     )
-    def test_a_near_one_in_a_shadow_neither(self, factor: float, decimation: int) -> None:
-        assert self.largest_change("shadow", factor, decimation) < 0.05
+    def test_a_near_one_in_a_shadow_neither(self) -> None:
+        assert self.largest_change("shadow", 1.3, 1) < 0.05
 
-    @DECIMATIONS
-    @pytest.mark.parametrize("factor", [0.75, 0.4])
-    @pytest.mark.parametrize("name", ["wall 8", "wall 16", "wall 40", "slanted 16", "shadow"])
+    @pytest.mark.parametrize("name", ["wall 16", "shadow"])
     @pytest.mark.xfail(strict=True, reason="a far speckle may be all that is visible of the background")
-    def test_a_far_one_never_changes_a_fill_by_more_than_a_twentieth(
-        self, name: str, factor: float, decimation: int
-    ) -> None:
-        assert self.largest_change(name, factor, decimation) < 0.05
+    def test_a_far_one_never_changes_a_fill_by_more_than_a_twentieth(self, name: str) -> None:
+        assert self.largest_change(name, 0.4, 1) < 0.05
 
 
 @given(seeds, decimations, st.floats(0.02, 1))
@@ -157,14 +151,6 @@ class TestHoverBeforeSpecks:
         for result in run(method(decimation=decimation), self.frames(60, hole_px=hole_px, near_px=near_px)):
             phantoms.add(result.depth_m, true_m)
         assert phantoms.count == 0
-
-    def test_a_phantom_obstacle_would_be_counted(self) -> None:
-        phantoms, true_m = Phantoms(), RESOLUTION.depth(self.TRUE_PX)
-        for _ in range(5):
-            depth_m = true_m.copy()
-            depth_m[40:46, 40:46] *= np.float32(0.4)
-            phantoms.add(depth_m, true_m)
-        assert phantoms.count == 1
 
 
 @pytest.mark.slow

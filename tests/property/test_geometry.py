@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as numpy_st
 
 from sim import frames
-from tests.voxel_twins import integrate_points, occupied_centres, project_nearest
+from tests.voxel_twins import project_nearest
 from voxdepth.geometry import back_project, compose, exp_se3, inverse_rigid, log_se3, solve_symmetric, transform
-from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
 from voxdepth.temporal.pose_fit import _median
 from voxdepth.types import FloatArray, Intrinsics
 
@@ -77,37 +76,3 @@ def test_a_turn_is_the_same_as_matrix_and_as_quaternion(yaw: float) -> None:
     R = frames.rotation_from_yaw(yaw)
     np.testing.assert_allclose(R, frames.rotation_from_quaternion(frames.quaternion_from_yaw(yaw)), atol=1e-12)
     np.testing.assert_allclose(R @ [1, 0, 0], [np.cos(yaw), np.sin(yaw), 0], atol=1e-12)
-
-
-@given(st.integers(0, 1000))
-def test_voxel_centres_are_within_half_a_cell(seed: int) -> None:
-    config = VoxelConfig(half_width_m=6, half_height_m=6, depth_m=10)
-    point = np.random.default_rng(seed).uniform([-5, -5, 0.1], [5, 5, 9], (1, 3)).astype(np.float32)
-    grid = VoxelGrid(config)
-    integrate_points(grid, point)
-    (centre,) = occupied_centres(grid)
-    assert (np.abs(centre - point[0]) <= np.array(config.cell_m) / 2 + 1e-5).all()
-
-
-@given(st.permutations(range(4)))
-def test_the_order_of_integration_does_not_matter(order: list[int]) -> None:
-    rng = np.random.default_rng(3)
-    clouds = [rng.uniform([-5, -5, 0], [5, 5, 9], (200, 3)).astype(np.float32) for _ in order]
-    config = VoxelConfig(half_width_m=6, half_height_m=6, depth_m=10)
-    one, other = VoxelGrid(config), VoxelGrid(config)
-    for i, j in zip(range(4), order, strict=True):
-        integrate_points(one, clouds[i])
-        integrate_points(other, clouds[j])
-    np.testing.assert_array_equal(one.words, other.words)
-
-
-def test_a_grid_is_empty_after_clear() -> None:
-    grid = VoxelGrid(VoxelConfig(half_width_m=6, half_height_m=6, depth_m=10))
-    integrate_points(grid, np.array([[0, 0, 1]], np.float32))
-    assert len(occupied_centres(grid)) == 1
-    grid.clear()
-    assert len(occupied_centres(grid)) == 0
-
-
-def test_the_default_grid_stays_under_48_megabytes() -> None:
-    assert VoxelGrid(VoxelConfig()).words.nbytes < 48e6

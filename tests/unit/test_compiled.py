@@ -113,8 +113,10 @@ def package(tmp_path: Path) -> Package:
     return Package(tmp_path)
 
 
-def test_a_second_process_reads_from_the_disk_without_a_word(package: Package, tmp_path: Path) -> None:
-    result, said = package.run()
+def test_the_first_call_compiles_and_a_second_process_reads_from_the_disk_without_a_word(
+    package: Package, tmp_path: Path
+) -> None:
+    result, said = package.run(CALL_AT_ONCE)
     assert result == 12
     require_one_line(said)
     (folder,) = (tmp_path / "home/.cache/voxdepth").iterdir()
@@ -157,13 +159,6 @@ def test_without_a_folder_to_write_to_every_process_compiles(package: Package, t
         result, said = package.run(HOME=tmp_path / "file/home", XDG_CACHE_HOME=tmp_path / "file/cache")
         assert result == 12
         require_one_line(said)
-
-
-def test_the_first_call_compiles_for_the_declared_types(package: Package) -> None:
-    result, said = package.run(CALL_AT_ONCE)
-    assert result == 12
-    require_one_line(said)
-    assert package.run() == (12, "")
 
 
 @pytest.mark.slow

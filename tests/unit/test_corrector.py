@@ -1,4 +1,4 @@
-"""What both correctors that use earlier frames do."""
+"""What the correctors that use earlier frames do."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -29,8 +29,11 @@ CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline
 DEPTH_M = 4.0
 Create = Callable[[], StreamCorrector]
 PAPER = VoxDepthConfig(window_frames=4, fusion_lag_frames=0)
-both = pytest.mark.parametrize(
-    "create", [lambda: TemporalCorrector(CAMERA), lambda: VoxDepth(CAMERA, PAPER)], ids=["default", "paper"]
+HALF = TemporalConfig(decimation=2)
+each = pytest.mark.parametrize(
+    "create",
+    [lambda: TemporalCorrector(CAMERA), lambda: TemporalCorrector(CAMERA, HALF), lambda: VoxDepth(CAMERA, PAPER)],
+    ids=["default", "half", "paper"],
 )
 
 
@@ -78,7 +81,7 @@ def test_the_papers_corrector_uses_the_papers_method_and_parameters() -> None:
     assert results[0].diagnostics.registration.status is RegistrationStatus.NOT_TRIED
 
 
-@both
+@each
 def test_a_surface_is_kept_its_noise_is_not_raised_and_holes_are_filled(create: Create) -> None:
     corrector, frames = create(), walk(8)
     results = [corrector.process(frame) for frame in frames]
@@ -90,7 +93,7 @@ def test_a_surface_is_kept_its_noise_is_not_raised_and_holes_are_filled(create: 
     assert (last.depth_m > 0).mean() > seen.mean()
 
 
-@both
+@each
 def test_every_pixel_says_where_it_is_from_and_how_sure_it_is(create: Create) -> None:
     corrector = create()
     for frame in walk(8):
@@ -101,7 +104,7 @@ def test_every_pixel_says_where_it_is_from_and_how_sure_it_is(create: Create) ->
         assert set(np.unique(result.source)) <= {int(source) for source in Source}
 
 
-@both
+@each
 def test_the_halves_together_are_the_whole(create: Create) -> None:
     whole, halves = create(), create()
     frames = walk(8)
@@ -110,7 +113,7 @@ def test_the_halves_together_are_the_whole(create: Create) -> None:
     require_equal(backwards[::-1], [whole.process(frame) for frame in frames])
 
 
-@both
+@each
 def test_reset_forgets_the_stream(create: Create) -> None:
     corrector = create()
     first = [corrector.process(frame) for frame in walk(8)]
@@ -118,7 +121,7 @@ def test_reset_forgets_the_stream(create: Create) -> None:
     require_equal([corrector.process(frame) for frame in walk(8)], first)
 
 
-@both
+@each
 def test_time_must_increase_and_sizes_must_stay(create: Create) -> None:
     corrector, (first, second) = create(), walk(2)
     corrector.process(second)
@@ -131,7 +134,7 @@ def test_time_must_increase_and_sizes_must_stay(create: Create) -> None:
         corrector.process("frame")  # type: ignore[arg-type]
 
 
-@both
+@each
 def test_a_closed_corrector_takes_no_more_frames(create: Create) -> None:
     corrector, (first, second) = create(), walk(2)
     corrector.process(first)
@@ -142,7 +145,7 @@ def test_a_closed_corrector_takes_no_more_frames(create: Create) -> None:
         corrector.reset()
 
 
-@both
+@each
 def test_the_input_is_neither_modified_nor_kept(create: Create) -> None:
     kept, overwritten = create(), create()
     results = []
@@ -183,7 +186,7 @@ def test_bad_configurations_of_the_default_method_are_refused(bad: dict[str, obj
         TemporalConfig(**bad)  # type: ignore[arg-type]
 
 
-@both
+@each
 @pytest.mark.parametrize("end", ["reset", "close"])
 def test_a_reset_and_an_end_wait_for_the_frame_that_another_thread_has_in_work(create: Create, end: str) -> None:
     corrector, frames, begun, ended = create(), walk(2), Event(), []

@@ -1,6 +1,6 @@
 """Depth cameras for the images of any renderer."""
 
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -113,14 +113,18 @@ def test_what_does_not_fit_is_refused_with_what_to_do() -> None:
         DepthCamera(SMALL.model_copy(update={"depth": "truth"}), seed=0)
 
 
-def test_the_example_writes_the_depth_of_two_files(tmp_path: Path) -> None:
+def test_the_example_writes_the_depth_of_two_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A plane in front of cameras 0.1 m apart with f = 160 px has a disparity of 8 px at 2 m."""
     left = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (120, 320), dtype=np.uint8), (3, 3), 0)
     cv2.imwrite(str(tmp_path / "left.png"), left)
     cv2.imwrite(str(tmp_path / "right.png"), np.roll(left, -8, axis=1))
     example = Path(__file__).parents[2] / "examples/depth_of_a_pair.py"
     options = ["left.png", "right.png", "--hfov", "90", "--baseline", "0.1", "--out", "depth.png"]
-    done = subprocess.run([sys.executable, example, *options], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert "of the pixels have a depth: depth.png" in done.stdout
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(example), *options])
+    runpy.run_path(str(example), run_name="__main__")
+    assert "of the pixels have a depth: depth.png" in capsys.readouterr().out
     depth_mm = cv2.imread(str(tmp_path / "depth.png"), cv2.IMREAD_UNCHANGED)
     assert np.median(depth_mm[depth_mm > 0]) == pytest.approx(2000, rel=0.01)

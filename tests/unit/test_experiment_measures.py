@@ -22,6 +22,7 @@ from scenarios.experiments.default import (
     quantity_tables,
 )
 from tests.evaluation_clips import info_of, key_of
+from voxdepth.tools.table import Table
 
 NEAR, ALL = "0-20 m", "all"
 
@@ -50,13 +51,9 @@ def comparison_of(cells: dict[str, dict[str, dict[str, Any]]], size: tuple[int, 
     return Comparison(evaluation_of(cells, size))
 
 
-def judged(comparison: Comparison, what: str, requirement: str = "") -> tuple[Any, str]:
+def judged(criteria: Table, what: str, requirement: str = "") -> tuple[Any, str]:
     """Value and outcome of the criterion that begins with these words."""
-    (row,) = (
-        row
-        for row in criteria_table(comparison).rows
-        if str(row[0]).startswith(what) and str(row[2]).startswith(requirement)
-    )
+    (row,) = (row for row in criteria.rows if str(row[0]).startswith(what) and str(row[2]).startswith(requirement))
     return row[3], str(row[4])
 
 
@@ -111,13 +108,14 @@ def test_errors_in_holes_are_compared_with_baselines_alone() -> None:
     table = next(iter(quantity_tables(comparison)))
     assert table.rows[0] == ["sim-LN", "global-smoother", 1.2, 1.6, 1.6, 0.2, 0.1, 4.0, 2000]
     assert table.column("best baseline") == ["global-smoother", "raw"]
+    criteria = criteria_table(comparison)
     # -40 % and +10 % over the best but the smoother; -25 % and -45 % over the smoother.
     what = "MAE in holes against the"
-    assert judged(comparison, f"{what} best baseline but") == (pytest.approx(-15), "missed by 20")
-    assert judged(comparison, f"{what} global smoother") == (pytest.approx(-35), "held")
+    assert judged(criteria, f"{what} best baseline but") == (pytest.approx(-15), "missed by 20")
+    assert judged(criteria, f"{what} global smoother") == (pytest.approx(-35), "held")
     # Of all baselines the smoother is the best in sim-LN, and raw where the camera hovers.
-    assert judged(comparison, f"{what} best baseline, moving") == (pytest.approx(-25), "held")
-    assert judged(comparison, f"{what} best baseline, hover") == (pytest.approx(10), "missed by 5")
+    assert judged(criteria, f"{what} best baseline, moving") == (pytest.approx(-25), "held")
+    assert judged(criteria, f"{what} best baseline, hover") == (pytest.approx(10), "missed by 5")
 
 
 def test_the_best_baseline_may_have_to_fill() -> None:
@@ -175,6 +173,7 @@ def test_every_criterion_reads_the_quantity_that_it_names() -> None:
     fills = {"off__holes__near__completed": 0.4, "coverage__all__near__filled": 1.0}
     methods = {"raw": raw, "temporal": own, "voxdepth": paper, "flow": fills}
     comparison = comparison_of({"sim-LN": methods, "sim-hover": {"temporal": {"phantoms__all__all__as_given": 1.0}}})
+    criteria = criteria_table(comparison)
     for what, requirement, value, outcome in (
         ("Holes more than 10 % off", "", -25, "missed by 5"),
         ("RMSE of measured", "each", 5, "missed by 5"),
@@ -190,7 +189,7 @@ def test_every_criterion_reads_the_quantity_that_it_names() -> None:
         ("Median time of a frame of 640x360", "", 7.5, "missed by 2"),
         ("Median time of a frame of 1024x1024", "", None, NOT_MEASURED),
     ):
-        found, said = judged(comparison, what, requirement)
+        found, said = judged(criteria, what, requirement)
         assert (found, said) == (None if value is None else pytest.approx(value), outcome), what
     assert len(CRITERIA) == 26
     assert len(list(quantity_tables(comparison))) == len(QUANTITIES)
@@ -209,7 +208,8 @@ def test_confidence_is_pooled_by_pixels_and_falls_where_less_are_correct() -> No
     rows = dict(zip(table.column("confidence"), table.rows, strict=True))
     assert rows["0.1-0.2"][1:5] == [pytest.approx(30), 4000, None, 0]
     assert rows["0.6-0.7"][1:5] == [pytest.approx(90), 2000, pytest.approx(30), 2000]
+    criteria = criteria_table(comparison)
     what = "Largest fall of the share of correct pixels where confidence rises,"
-    assert judged(comparison, f"{what} all") == (pytest.approx(-60), "held")
-    assert judged(comparison, f"{what} holes") == (pytest.approx(50), "missed by 50")
-    assert judged(comparison, f"{what} memory") == (None, NOT_MEASURED)
+    assert judged(criteria, f"{what} all") == (pytest.approx(-60), "held")
+    assert judged(criteria, f"{what} holes") == (pytest.approx(50), "missed by 50")
+    assert judged(criteria, f"{what} memory") == (None, NOT_MEASURED)

@@ -78,6 +78,7 @@ def test_a_run_that_is_asked_to_end_while_it_writes_has_all_its_files(
         write(path, content)
 
     monkeypatch.setattr(runner, "write", write_and_ask)
+    monkeypatch.setattr(runner, "draw_flight", lambda path, *_: path.touch())
     folder = runner.fly_and_write(load_run("city", 0, QUICK), tmp_path, record=True).folder
     assert folder is not None
     files = {path.name for path in folder.iterdir()}

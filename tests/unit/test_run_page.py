@@ -63,8 +63,9 @@ def test_a_run_leaves_a_page_that_needs_nothing_else(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("window", "passed", "ends"), [(4, True, 1), (1, False, 2)])
 def test_a_flight_counts_epochs_and_warns_if_frames_mostly_pass_through(
-    tmp_path: Path, window: int, passed: bool, ends: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, window: int, passed: bool, ends: int
 ) -> None:
+    monkeypatch.setattr(runner, "draw_flight", lambda path, *_: path.touch())
     corrector = {"name": "voxdepth", "config": {"window_frames": window, "fusion_lag_frames": 0, "max_epoch_frames": 2}}
     changes = QUICK | images_of(96, 54) | {"corrector": corrector, "mission.cruise_speed_m_s": 1e-6}
     run = load_run("city", 3, changes)

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from rich.console import Console
 
 from scenarios.errors import ScenarioError
 from scenarios.results.figure import Picture
+from scenarios.study import analysis
 from scenarios.study.analysis import (
     MEASURES,
     MeanDifference,
@@ -23,7 +25,15 @@ from scenarios.study.analysis import (
 from scenarios.study.design import expand
 from scenarios.study.report import Findings, export, render, run_table, write_report
 from scenarios.study.run import Progress, display_on, duration
-from scenarios.study.statistics import DoseResponse, Estimate, Interval, clopper_pearson, mcnemar, wilson
+from scenarios.study.statistics import (
+    DoseResponse,
+    Estimate,
+    Interval,
+    clopper_pearson,
+    dose_response,
+    mcnemar,
+    wilson,
+)
 from scenarios.study.store import Failure, StudyData
 from scenarios.study.tables import mean_difference_table, work_table
 from swarm.types import Outcome
@@ -107,7 +117,8 @@ def noise_study(seeds: int = 6) -> StudyData:
     return contents_of(study(noisy("raw", *thetas), seeds=seeds), outcomes)
 
 
-def test_the_dose_response_is_fitted_to_the_seeds_that_are_complete() -> None:
+def test_the_dose_response_is_fitted_to_the_seeds_that_are_complete(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(analysis, "dose_response", partial(dose_response, resamples=50))
     (scenario, name, fit), *_ = dose_responses(noise_study())
     assert (scenario, name) == ("city", "raw")
     assert isinstance(fit, DoseResponse)
@@ -167,31 +178,36 @@ def test_the_page_loads_nothing_and_says_what_there_is() -> None:
     assert "Dose response" not in text
 
 
-def test_the_tables_are_the_same_in_markdown_and_stand_beside_the_page(tmp_path: Path) -> None:
-    contents = two_arms("xxol ", "ooooo", **DECLARED)
-    write_report(contents, tmp_path)
-    text = (tmp_path / "report.md").read_text()
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of a report, drawn once."""
+    folder = tmp_path_factory.mktemp("report")
+    write_report(two_arms("xxol ", "ooooo", **DECLARED), folder)
+    return folder
+
+
+def test_the_tables_are_the_same_in_markdown_and_stand_beside_the_page(report: Path) -> None:
+    text = (report / "report.md").read_text()
     row = next(line for line in text.splitlines() if line.startswith("| city | a | 4 of 5 |"))
     assert row.split(" | ")[2:5] == ["4 of 5", "2", "0.500"]
     assert "| b - a | declared | 4 | 0 | 2 | -0.500 |" in text
     assert "Dose response" not in text
-    page = (tmp_path / "report.html").read_text()
+    page = (report / "report.html").read_text()
     for line in text.splitlines():
         if line.startswith("| city"):
             assert all(cell in page for cell in line.strip("| ").split(" | "))
-    figures = sorted((tmp_path / "figures").iterdir())
+    figures = sorted((report / "figures").iterdir())
     stems = ("city-endpoints-by-arm", "city-how-runs-ended")
     assert [path.name for path in figures] == [f"{stem}.png" for stem in stems]
     assert all(cv2.imread(str(path)) is not None for path in figures)
 
 
-def test_the_same_results_give_the_same_files(tmp_path: Path) -> None:
-    for name in ("first", "second"):
-        write_report(two_arms("xxol ", "ooooo", **DECLARED), tmp_path / name)
-    files = sorted(path.relative_to(tmp_path / "first") for path in (tmp_path / "first/figures").iterdir())
+def test_the_same_results_give_the_same_files(report: Path, tmp_path: Path) -> None:
+    write_report(two_arms("xxol ", "ooooo", **DECLARED), tmp_path)
+    files = sorted(path.relative_to(report) for path in (report / "figures").iterdir())
     assert len(files) == 2
     for name in [*files, Path("report.md")]:
-        assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "second" / name).read_bytes(), name
+        assert (report / name).read_bytes() == (tmp_path / name).read_bytes(), name
 
 
 def drawn(contents: StudyData, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:

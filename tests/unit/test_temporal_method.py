@@ -239,25 +239,9 @@ class TestArrays:
             for array in (given.gray, given.depth_m, result.depth_m, result.source, result.confidence):
                 array[...] = 77
 
-    @DECIMATIONS
-    def test_the_halves_may_run_apart(self, decimation: int) -> None:
-        corrector = method(decimation=decimation)
-        aligned = [corrector.align(frame) for frame in NOISY]
-        late = [corrector.combine(one) for one in reversed(aligned)][::-1]
-        expected = run(method(decimation=decimation), NOISY)
-        assert [_bytes(one) for one in late] == [_bytes(one) for one in expected]
-
     def test_it_is_what_a_corrector_does_by_default(self) -> None:
         corrector = TemporalCorrector(CAMERA)
         assert [_bytes(corrector.process(frame)) for frame in NOISY] == [_bytes(one) for one in run(method(), NOISY)]
-
-    @DECIMATIONS
-    def test_after_a_reset_it_is_as_new(self, decimation: int) -> None:
-        corrector = method(decimation=decimation)
-        run(corrector, NOISY)
-        corrector.reset()
-        again = run(corrector, NOISY)
-        assert [_bytes(one) for one in again] == [_bytes(one) for one in run(method(decimation=decimation), NOISY)]
 
     def test_what_it_says_of_the_first_and_the_next_frame(self) -> None:
         first, second = run(method(), NOISY[:2])
