@@ -233,14 +233,14 @@ class Frame:
     def from_metres(
         cls, *, stamp_s: float, gray: GrayImage, depth_m: npt.NDArray[Any], T_world_cam: FloatArray | None = None
     ) -> "Frame":
-        """Create a frame from depth in metres as in ROS (REP 118): NaN and infinite values are holes.
+        """Create a frame from depth in metres as floats, as in ROS (REP 118): NaN and infinite values are holes.
 
         Depth that is nowhere nearer than `FAR_M` gets a warning, because it may be in millimetres.
 
         Raises:
             FrameError: The depth is not of floating point, a finite one is negative, or the shapes differ.
         """
-        if _kind(depth_m) not in ("float32", "float64"):
+        if _kind(depth_m) not in ("float16", "float32", "float64"):
             raise FrameError(f"expected metres as an array of floats, got {_kind(depth_m)}; see Frame.from_millimetres")
         with np.errstate(over="ignore"):  # What is too large for 32 bits becomes infinite.
             rounded_m = depth_m.astype(np.float32)
@@ -314,7 +314,7 @@ def _is_plain(given: object) -> bool:
 def _kind(given: object) -> str:
     if np.ma.isMaskedArray(given):
         return "masked array"
-    return str(given.dtype) if isinstance(given, np.ndarray) else type(given).__name__
+    return given.dtype.name if isinstance(given, np.ndarray) else type(given).__name__
 
 
 def _is_finite(number: float) -> bool:

@@ -6,6 +6,7 @@ for frame in open_dataset(Path("rgbd_dataset_freiburg1_desk")):
     corrected = corrector.process(frame)
 """
 
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -19,6 +20,9 @@ __all__ = ["DATASET_FORMATS", "Dataset", "open_dataset"]
 
 DATASET_FORMATS = ("tum", "midair", "realsense", "recording", "bag")
 """All formats, in the order in which they are tried."""
+
+WITHIN_S = 0.02
+"""Largest difference of the times of two images of one frame, unless it is stated."""
 
 
 class Dataset(Protocol):
@@ -54,6 +58,7 @@ def open_dataset(
     intrinsics: Intrinsics | None = None,
     depth_topic: str | None = None,
     gray_topic: str | None = None,
+    within_s: float = WITHIN_S,
 ) -> Dataset:
     """Open a dataset: a folder, or the file of a bag.
 
@@ -64,9 +69,11 @@ def open_dataset(
             the fields of `Intrinsics`, and that over the intrinsics of the format.
         depth_topic: Topic of the depth in a bag; needed where several are there.
         gray_topic: Topic of the gray or colour image in a bag; needed where several of the same camera are there.
+        within_s: Largest difference of the times of a depth and a gray image of one frame [s], where they are paired by
+            time. Depth images without a gray one are left out with a warning.
 
     Raises:
-        ConfigError: There is no such format, or topics are named for another format than a bag.
+        ConfigError: There is no such format, topics are named for another format than a bag, or `within_s` is negative.
         DatasetError: The folder is missing or of no known format, or a list or calibration in it is damaged.
         ModuleNotFoundError: It is a bag, and the package `rosbags` is not installed.
     """
@@ -79,6 +86,8 @@ def open_dataset(
 
     if format != "auto" and format not in DATASET_FORMATS:
         raise ConfigError(f"there is no dataset format {format!r}; choose one of: auto, {', '.join(DATASET_FORMATS)}")
+    if not 0 <= within_s < inf:
+        raise ConfigError(f"within_s must be a number of seconds of at least 0, got {within_s}")
     path = Path(path)
     require_dataset(path, SUFFIXES)
     classes = (TumDataset, MidAirDataset, RealSenseDataset, RecordingDataset, BagDataset)
@@ -87,11 +96,11 @@ def open_dataset(
         lacking = {name: reader.lacking(path) for name, reader in readers.items()}
         fitting = [name for name, lack in lacking.items() if not lack]
         if fitting == [BagDataset.format] or (BagDataset.format in fitting and (depth_topic or gray_topic)):
-            return BagDataset(path, intrinsics, depth_topic=depth_topic, gray_topic=gray_topic)
+            return BagDataset(path, intrinsics, depth_topic=depth_topic, gray_topic=gray_topic, within_s=within_s)
         if depth_topic or gray_topic:
             raise ConfigError(f"only bags have topics: {path} is none")
         if fitting:
-            return readers[fitting[0]](path, intrinsics)
+            return readers[fitting[0]](path, intrinsics, within_s=within_s)
     except OSError as error:
         raise DatasetError(f"cannot look into {path} ({error}); check its permissions") from error
     needs = "; ".join(f"{name} lacks {lack}" for name, lack in lacking.items())

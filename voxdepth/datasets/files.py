@@ -5,7 +5,6 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, asdict, fields
 from math import isfinite
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from types import MappingProxyType
 from typing import Any
 
 from ..errors import DatasetError, FrameError
@@ -111,11 +110,6 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
 def stated(intrinsics: Intrinsics) -> dict[str, int | float]:
     """The fields that are not None, by name."""
     return {name: value for name, value in asdict(intrinsics).items() if value is not None}
-
-
-def parse_calibration(text: str, path: Path, known: Mapping[str, object] = MappingProxyType({})) -> Intrinsics:
-    """The intrinsics in the text of a `calibration.toml`, which may leave out fields that are known otherwise."""
-    return intrinsics_from({**known, **_parse_fields(text, path)}, path)
 
 
 def _parse_fields(text: str, path: Path) -> dict[str, object]:

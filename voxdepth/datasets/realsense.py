@@ -25,9 +25,10 @@ import numpy as np
 
 from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
+from . import WITHIN_S
 from .files import CALIBRATION, as_number, intrinsics_from, list_folder, list_images, read_text
 from .images import image_shape, read_depth_16, read_depth_raw
-from .pairs import WITHIN_S, Pair, PairedImages, associate, matched, require_increasing
+from .pairs import Pair, PairedImages, associate, matched, require_increasing
 
 DEPTH = "depth"
 GRAYS = ("color", "rgb", "infra1", "ir")
@@ -47,11 +48,11 @@ class RealSenseDataset(PairedImages):
 
     format = "realsense"
 
-    def __init__(self, folder: Path, intrinsics: Intrinsics | None = None) -> None:
+    def __init__(self, folder: Path, intrinsics: Intrinsics | None = None, *, within_s: float = WITHIN_S) -> None:
         self._metadata_path, self._metadata = _read_metadata(folder)
         scale = self._positive("depth_scale", UNITS_PER_M)
         self._units_per_m = 1 / scale if scale < 1 else scale
-        super().__init__(folder, intrinsics)
+        super().__init__(folder, intrinsics, within_s=within_s)
         pair = self._pairs[0]
         if pair.depth.suffix != ".raw" and (depth := image_shape(pair.depth)) != (gray := image_shape(pair.gray)):
             raise DatasetError(
@@ -73,8 +74,8 @@ class RealSenseDataset(PairedImages):
     def _find_pairs(self, folder: Path) -> list[Pair]:
         gray = _gray_folder(folder)
         if gray is None:
-            return _converted_pairs(folder)
-        return _paired(folder / DEPTH, gray, self._positive("fps", RATE_HZ))
+            return _converted_pairs(folder, self._within_s)
+        return _paired(folder / DEPTH, gray, self._positive("fps", RATE_HZ), self._within_s)
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
         """The camera of `intrinsic_matrix`, `width` and `height` in the metadata."""
@@ -112,14 +113,14 @@ def _gray_folder(folder: Path) -> Path | None:
     return next((folder / name for name in GRAYS if (folder / name).is_dir()), None)
 
 
-def _paired(depth_folder: Path, gray_folder: Path, rate_hz: float) -> list[Pair]:
+def _paired(depth_folder: Path, gray_folder: Path, rate_hz: float, within_s: float) -> list[Pair]:
     """Files of one number, or else of nearest time."""
     depth, gray = _by_number(depth_folder, (".png",)), _by_number(gray_folder, (".png", ".jpg", ".jpeg"))
     stamps_s = _stamps(depth_folder, depth, rate_hz)
     keys = [(key, key) for key in depth if key in gray]
     if len(keys) < max(len(depth), len(gray)) and all(map(_is_time, [*depth, *gray])):
         gray_s = _stamps(gray_folder, gray, rate_hz)
-        matches = associate(list(stamps_s.values()), list(gray_s.values()), within_s=WITHIN_S)
+        matches = associate(list(stamps_s.values()), list(gray_s.values()), within_s=within_s)
         keys = [(list(depth)[i], list(gray)[j]) for i, j in matches]
     elif keys and (alone := [depth.get(number) or gray[number] for number in depth.keys() ^ gray.keys()]):
         raise DatasetError(
@@ -177,7 +178,7 @@ def _read_metadata(folder: Path) -> tuple[Path, Mapping[str, Any]]:
     return path, metadata
 
 
-def _converted_pairs(folder: Path) -> list[Pair]:
+def _converted_pairs(folder: Path, within_s: float) -> list[Pair]:
     """Depth and infrared images of nearest time that the converter wrote."""
     depth, infrared = _stream(folder, _DEPTH), _stream(folder, _INFRARED)
     if not depth:
@@ -187,7 +188,8 @@ def _converted_pairs(folder: Path) -> list[Pair]:
             f"expected *_Infrared*_*.png in {folder}, got none; run rs-convert with -p. Colour is not aligned with the "
             "depth: to use it, align when exporting, and store the images in folders depth and color"
         )
-    frames = matched(depth, infrared, f"depth in the file names of {folder}", "infrared in them")
+    sources = f"depth in the file names of {folder}", "infrared in them"
+    frames = matched(depth, infrared, *sources, within_s=within_s)
     return [Pair(stamp_s=stamp_s, gray=gray, depth=raw) for stamp_s, raw, gray in frames]
 
 

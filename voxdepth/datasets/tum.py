@@ -45,7 +45,7 @@ class TumDataset(PairedImages):
         return f"{' and '.join(missing)} (or {ASSOCIATIONS})" if missing else ""
 
     def _find_pairs(self, folder: Path) -> list[Pair]:
-        return _listed_pairs(folder) if (folder / ASSOCIATIONS).exists() else _matched_pairs(folder)
+        return _listed_pairs(folder) if (folder / ASSOCIATIONS).exists() else _matched_pairs(folder, self._within_s)
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
         height_px, width_px = shape = image_shape(first.depth)
@@ -64,10 +64,10 @@ class TumDataset(PairedImages):
         return read_depth_16(pair.depth, self.intrinsics.shape).astype(np.float32) / np.float32(UNITS_PER_M)
 
 
-def _matched_pairs(folder: Path) -> list[Pair]:
+def _matched_pairs(folder: Path, within_s: float) -> list[Pair]:
     paths = folder / DEPTH_LIST, folder / COLOUR_LIST
     depth, colour = ([_entry(words, path, source) for words, source in _lines(path, 2)] for path in paths)
-    frames = matched(depth, colour, *map(str, paths))
+    frames = matched(depth, colour, *map(str, paths), within_s=within_s)
     return [Pair(stamp_s=stamp_s, gray=gray, depth=depth) for stamp_s, depth, gray in frames]
 
 

@@ -28,6 +28,11 @@ GrayTopic = Annotated[
     str | None,
     typer.Option(metavar="TOPIC", help="Topic of the gray image in a bag. Default: the only one of the same camera."),
 ]
+Within = Annotated[
+    float,
+    typer.Option(min=0, metavar="MS", help="Largest difference of the times of a depth and a gray image of one frame."),
+]
+"""For sequences whose images are paired by time."""
 
 
 def parsed_size(text: str | None) -> tuple[int, int] | None:
