@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from voxdepth.tools.options import INTERRUPTED
+from voxdepth.tools.options import INTERRUPTED, use_one_thread
 
-from ..quiet import import_noisy_libraries, use_one_thread
+from ..quiet import import_noisy_libraries
 from .options import Workers
 
 if TYPE_CHECKING:

@@ -12,12 +12,13 @@ from swarm.perception import frame_of
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import create_corrector
 from voxdepth.temporal.config import TemporalConfig
+from voxdepth.tools.evaluation.methods import Method
+from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.tools.table import Table
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
-from ..evaluation.methods import Method
-from ..evaluation.suite import Evaluation, Plan, Shipped, evaluate
+from ..evaluation import Shipped
 from ..sequences import SeededSequence, load_sequence
 
 WIDTHS_PX = range(64, 2049)

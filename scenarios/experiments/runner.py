@@ -11,7 +11,7 @@ from voxdepth.tools.provenance import Provenance
 from voxdepth.tools.table import Table, Value
 
 from ..errors import ScenarioError
-from ..results.provenance import SIMULATION
+from ..provenance import SIMULATION
 from .ablation import ABLATION
 from .artefacts import ARTEFACTS
 from .collisions import COLLISIONS

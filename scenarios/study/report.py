@@ -9,13 +9,14 @@ from typing import Any
 import pandas as pd
 from pandas.api.types import infer_dtype
 
+from voxdepth.tools.figure import Picture
 from voxdepth.tools.files import write
+from voxdepth.tools.frame_files import write_frame
+from voxdepth.tools.page import render_page
 from voxdepth.tools.viewer import RECORDING
 
 from ..errors import ScenarioError
-from ..results.figure import Picture
-from ..results.frame_files import write_frame
-from ..results.page import render_page
+from ..files import DATA
 from .analysis import (
     MEASURES,
     REACHED,
@@ -112,7 +113,7 @@ def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
     seeds = data.study.seeds.first_seeds()
     runs = data.runs
     return render_page(
-        "study.html.j2",
+        DATA / "templates" / "study.html.j2",
         study=data.study,
         scenarios=list(dict.fromkeys(spec.scenario for spec in data.specs)),
         seeds=f"{seeds[0]} to {seeds[-1]}",

@@ -12,10 +12,10 @@ from torch import nn
 
 from voxdepth.errors import ConfigError
 from voxdepth.networks import Network, load, read_card
+from voxdepth.tools.figure import label_axes, panels
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import versions
 
-from ..results.figure import label_axes, panels
 from . import TrainedName, convex, corrector
 from .clips import (
     CLIPS_PER_WORLD,

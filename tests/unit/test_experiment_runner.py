@@ -23,9 +23,9 @@ from scenarios.experiments.runner import (
     write_index,
 )
 from scenarios.experiments.switches import _switches_claim
-from scenarios.results.figure import label_axes, panels
 from scenarios.study.design import expand, load_study
 from voxdepth.tools.errors import ToolError
+from voxdepth.tools.figure import label_axes, panels
 from voxdepth.tools.table import Column, Table
 
 COLUMNS = (Column("method"), Column("time", "ms"), Column("n"))

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from scenarios.results.frame_files import write_frame
+from voxdepth.tools.frame_files import write_frame
 from voxdepth.tools.table import Column, Table
 
 

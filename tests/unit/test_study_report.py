@@ -11,7 +11,6 @@ import pytest
 from rich.console import Console
 
 from scenarios.errors import ScenarioError
-from scenarios.results.figure import Picture
 from scenarios.study.analysis import (
     MEASURES,
     MeanDifference,
@@ -28,6 +27,7 @@ from scenarios.study.store import Failure, StudyData
 from scenarios.study.tables import mean_difference_table, work_table
 from swarm.types import Outcome
 from tests.studies import arm, contents_of, noisy, record, study
+from voxdepth.tools.figure import Picture
 
 HIT, MISS, LOST = Outcome.COLLISION, Outcome.SUCCESS, Outcome.LOST
 DECLARED = {"declared": {"arm": "b", "against": "a", "endpoint": "collision"}}

@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import (
+from ...geometry import fill_from_nearest
+from ...metrics import (
     Changes,
     Flicker,
     Phantoms,
@@ -19,10 +19,9 @@ from voxdepth.metrics import (
     near_share,
     survival,
 )
-from voxdepth.metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
-from voxdepth.tools.output import to_millimetres
-from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
-
+from ...metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
+from ...types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
+from ..output import to_millimetres
 from .groups import ALL, BINS, NEAR, NONE, RANGES, Groups, split
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector, measured
 from .sources import EvaluationFrame

@@ -7,8 +7,7 @@ from typing import Literal
 
 import pandas as pd
 
-from voxdepth.tools.table import MISSING
-
+from ..table import MISSING
 from .groups import ALL, BINS, TRUE_GROUPS
 from .intervals import CLOSE, ERROR_CHANGE, LEAD
 from .kinds import HELD_OUT

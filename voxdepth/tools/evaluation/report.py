@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from voxdepth import registry
-from voxdepth.tools.files import write
-from voxdepth.tools.provenance import CORRECTION, Provenance
-from voxdepth.tools.table import MISSING, Column, Table, Value
-
-from ..results.frame_files import write_frame
-from ..results.page import render_page
+from ... import registry
+from ..files import write
+from ..frame_files import write_frame
+from ..page import TEMPLATES, render_page
+from ..provenance import CORRECTION, Provenance
+from ..table import MISSING, Column, Table, Value
 from .figures import all_figures, calibrated_methods, count_text, error_maps, range_text
 from .groups import ALL, NEAR
 from .measurements import FILLED, Selector
@@ -48,7 +47,7 @@ def write_report(out: Path, evaluation: Evaluation) -> None:
 def rendered(evaluation: Evaluation) -> str:
     """Return the text of the page."""
     return render_page(
-        "report.html.j2",
+        TEMPLATES / "report.html.j2",
         failures=_failure_rows(evaluation),
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
         calibration=[calibration_table(evaluation, method) for method in calibrated_methods(evaluation)],
