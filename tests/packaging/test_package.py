@@ -75,8 +75,16 @@ def test_without_the_testbed_its_commands_say_how_to_get_it(command: str) -> Non
 SIMULATOR = ("pybullet", "open3d", "gymnasium", "pettingzoo", "warp")
 WITHOUT = """
 import sys
-for name in {absent!r}:
-    sys.modules[name] = None  # An import of it fails.
+
+class Hiding:
+    def __init__(self, finder):
+        self.finder = finder
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+    def find_spec(self, name, *rest):
+        return None if name.split(".")[0] in {absent!r} else self.finder.find_spec(name, *rest)
+
+sys.meta_path[:] = map(Hiding, sys.meta_path)
 sys.argv = ["voxdepth", *{command!r}]
 from voxdepth.tools.cli import main
 main()
