@@ -11,7 +11,7 @@ import pytest
 
 from scenarios.errors import ScenarioError
 from scenarios.experiments.collisions import small_study
-from scenarios.experiments.experiment import Claim, Experiment, ExperimentContext, Findings
+from scenarios.experiments.experiment import Claim, Experiment, ExperimentContext, Findings, verdict
 from scenarios.experiments.runner import (
     EXPERIMENTS,
     PAPER_EXPERIMENTS,
@@ -147,6 +147,13 @@ def test_names() -> None:
 def test_the_agreement_with_a_claim_is_one_word() -> None:
     words = [Claim(paper="", found="", holds=holds).verdict for holds in (True, False, None)]
     assert words == ["agrees", "differs", "open"]
+
+
+def test_the_verdict_counts_the_claims_that_agree() -> None:
+    claims = [Claim(paper="", found="", holds=holds) for holds in (True, True, False, None)]
+    assert verdict(claims) == "Of 4 claims of the paper, 2 agree, 1 differs, 1 is open."
+    assert verdict(claims[2:3]) == "Of 1 claim of the paper, 1 differs."
+    assert "no claim" in verdict([])
 
 
 def test_a_claim_about_numbers_of_a_table_can_be_stored() -> None:

@@ -105,7 +105,7 @@ def print_results(console: "Console", evaluation: Evaluation) -> None:
         title = f"{info.name}: {info.frames} frames of {info.size}, {pixels:,} pixels within 20 m"
         console.print(f"{title}, scored by {info.reference_name}", soft_wrap=True, markup=False)
         for quantities in TERMINAL_TABLES:
-            fitting = [fitted(q, values[q.title].query("sequence == @info.name")) for q in quantities]
+            fitting = [fitted(q, _of_sequence(values[q.title], info.name)) for q in quantities]
             shown = pd.DataFrame({q.title: _texts(evaluation, q)[0][info.name] for q in fitting})
             if quantities is TERMINAL_COLUMNS or not shown.isin([MISSING, FAILED]).all(axis=None):
                 columns = [Column("method"), *(Column(q.title, q.unit) for q in fitting)]
@@ -120,6 +120,10 @@ def print_results(console: "Console", evaluation: Evaluation) -> None:
     for result in evaluation.failures:
         failed = f"{result.key.sequence}, {result.key.method} failed: {result.error}"
         console.print(failed, soft_wrap=True, markup=False, style="red")
+
+
+def _of_sequence(values: pd.DataFrame, name: str) -> pd.DataFrame:
+    return values[values.index.get_level_values("sequence") == name]
 
 
 def _failure_rows(evaluation: Evaluation) -> list[tuple[str, str, str]]:
