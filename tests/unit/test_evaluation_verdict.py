@@ -42,7 +42,7 @@ def test_the_best_is_told_with_its_lead_over_the_best_baseline_as_in_the_tables(
 @pytest.mark.parametrize(
     ("shares", "words"),
     [
-        ({"raw": 0.5, "median": 0.5, "temporal": 0.5}, "0 points [0, 0] more than the best other baseline, median, @."),
+        ({"raw": 0.5, "median": 0.5, "temporal": 0.5}, "0 points [0, 0] more than the best other baseline, raw, @."),
         (
             {"median": 0.8, "lmeds": 0.7, "temporal": 0.6},
             "10 points [10, 10] more than the best other baseline, lmeds.",

@@ -25,7 +25,8 @@ def verdict(evaluation: Evaluation) -> str:
     if len(names) == 1:
         (name,) = names
         pixels = "the holes" if hidden[name] == "holes" else f"the held-out {hidden[name].replace('-', ' ')}"
-        return f"Of {pixels} of {name}, {_won(shares[name], leads, name, best[name])}."
+        of = name.removesuffix(f"-{hidden[name]}")
+        return f"Of {pixels} of {of}, {_won(shares[name], leads, name, best[name])}."
     method, wins = Counter(best.values()).most_common(1)[0]
     won = leads.reindex([(name, method) for name in names if best[name] == method]).dropna(subset=[0])
     pixels = "the holes" if hidden[names[0]] == "holes" else "the held-out pixels"
