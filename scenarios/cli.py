@@ -10,7 +10,7 @@ from sim.errors import SimError
 from swarm.errors import SwarmError
 from voxdepth.tools.extensions import Extension
 
-from .commands import experiment, general, sensor, study, swarm, train
+from .commands import experiment, general, sensor, study, swarm
 from .quiet import import_noisy_libraries
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.freespace, swarm.picture)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
-    ("Corrector", (experiment.experiment, sensor.regress, train.train)),
+    ("Corrector", (experiment.experiment, sensor.regress)),
     ("General", (general.list_,)),
 )
 

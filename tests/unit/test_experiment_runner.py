@@ -64,7 +64,7 @@ def test_table_figure_and_report_are_written(tmp_path: Path) -> None:
         assert list(csv.reader(file)) == [["method", "time [ms]", "n"], ["one", "1.23456", "3"], ["two", "", "0"]]
     assert (folder / "figure.png").read_bytes().startswith(PNG)
     assert (folder / "table.md").read_text() == (
-        "`voxdepth experiment stub`\n\n**Times**\n\n"
+        "Of 1 claim of the paper, 1 differs.\n\n`voxdepth experiment stub`\n\n**Times**\n\n"
         "| method | time [ms] | n |\n| --- | ---: | ---: |\n| one | 1.23 | 3 |\n| two | - | 0 |\n"
     )
     stored = json.loads((folder / "result.json").read_text())

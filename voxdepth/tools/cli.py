@@ -41,9 +41,9 @@ class Commands(TyperGroup):
         """Find a command, see `click.Group`."""
         if not extensions() and self.get_command(ctx, args[0]) is None:
             raise ToolError(
-                f"the library alone has no command {args[0]!r}, see voxdepth --help; commands that simulate or "
-                "train belong to the testbed: on Linux with Python 3.11, run make setup in a clone of the "
-                "project's repository, then source .venv/bin/activate"
+                f"the library alone has no command {args[0]!r}, see voxdepth --help; commands that simulate "
+                "belong to the testbed: on Linux with Python 3.11, run make setup in a clone of the project's "
+                "repository, then source .venv/bin/activate"
             )
         return super().resolve_command(ctx, args)
 
