@@ -10,39 +10,37 @@ from sim.errors import SimError
 from swarm.errors import SwarmError
 from voxdepth.tools.extensions import Extension
 
-from .commands import evaluate, general, sensor, study, swarm
-from .quiet import import_noisy_libraries, use_one_thread
+from .commands import experiment, general, sensor, study, swarm
+from .quiet import import_noisy_libraries
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from voxdepth.tools.doctor import Finding
+    from voxdepth.tools.evaluation.suite import Requested
 
 PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.freespace, swarm.picture)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
-    ("Corrector", (evaluate.evaluate, evaluate.experiment, sensor.regress)),
+    ("Corrector", (experiment.experiment, sensor.regress)),
     ("General", (general.list_,)),
 )
-ON_ONE_THREAD = (evaluate.evaluate, evaluate.experiment)
 
 
 def add_commands(app: typer.Typer) -> None:
     """Add all commands to the command line."""
     for panel, commands in PANELS:
         for command in commands:
-            prepared = _prepared(command, one_thread=command in ON_ONE_THREAD)
-            app.command(name=command.__name__.rstrip("_"), rich_help_panel=panel)(prepared)
+            app.command(name=command.__name__.rstrip("_"), rich_help_panel=panel)(_prepared(command))
     app.add_typer(study.app, rich_help_panel="Swarm")
 
 
-def _prepared(command: Callable[..., Any], *, one_thread: bool) -> Callable[..., Any]:
-    """Return a command that first keeps the libraries silent that it will import, perhaps on one thread."""
+def _prepared(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that first keeps the libraries silent that it will import."""
 
     @wraps(command)
     def run(*args: Any, **options: Any) -> Any:
-        if one_thread:
-            use_one_thread()
         import_noisy_libraries()
         return command(*args, **options)
 
@@ -56,4 +54,26 @@ def checks() -> "Sequence[Finding]":
     return examine()
 
 
-EXTENSION = Extension(add_commands=add_commands, errors=(SimError, SwarmError), checks=checks)
+def sequences(names: "Sequence[str]", seed: int | None) -> "Sequence[Requested]":
+    """Find shipped sequences and groups of them by name; they are recorded when they are opened."""
+    import_noisy_libraries()
+    from .evaluation import Shipped
+    from .sequences import load_sequence, names_of
+
+    return [Shipped(load_sequence(name, seed, {})) for name in names_of(names)]
+
+
+def recorded(folder: "Path") -> "Requested | None":
+    """Find a recording of the simulator with the truth."""
+    from .evaluation import Folder, is_simulated
+
+    return Folder(folder) if is_simulated(folder) else None
+
+
+EXTENSION = Extension(
+    add_commands=add_commands,
+    errors=(SimError, SwarmError),
+    checks=checks,
+    sequences=sequences,
+    recorded=recorded,
+)

@@ -1,32 +1,27 @@
 """Checks of the testbed on this machine, with a remedy for each problem."""
 
-import platform
 from collections.abc import Callable
+from importlib.util import find_spec
 
 import numpy as np
 
-from voxdepth.tools.doctor import Finding, distributions, own_packages
+from voxdepth.tools.doctor import Finding, own_packages
 from voxdepth.types import Intrinsics
+
+from .quiet import import_noisy_libraries
 
 INSTALL = "pip install -c constraints.txt -e '.[all]' in the checkout"
 
 
 def examine() -> list[Finding]:
-    """Check the testbed, in the order of the report."""
-    return [_python(), *distributions("sim", "gym"), *_renderers(), *own_packages("sim", "swarm", "scenarios")]
-
-
-def _python() -> Finding:
-    ok = platform.python_version_tuple()[:2] == ("3", "11")
-    remedy = "" if ok else "use Python 3.11: PyBullet has no wheels for later versions"
-    return Finding(what="Python of the simulator", state=platform.python_version(), ok=ok, remedy=remedy)
+    """Check the testbed, in the order of the report. Without PyBullet, which an extra adds, nothing is drawn."""
+    return [*(_renderers() if find_spec("pybullet") else []), *own_packages("sim", "swarm", "scenarios")]
 
 
 def _renderers() -> list[Finding]:
-    try:
-        from sim.render import RENDERER_NAMES
-    except ImportError as error:
-        return [Finding(what="renderers", state=f"missing: {error}", ok=False, remedy=INSTALL)]
+    import_noisy_libraries()
+    from sim.render import RENDERER_NAMES
+
     needed = [name for name in RENDERER_NAMES if name != "egl"]
     return [*(_attempt(f"renderer {name}", lambda name=name: _render(name)) for name in needed), _egl()]  # type: ignore[misc]
 
@@ -57,7 +52,7 @@ def _egl() -> Finding:
     try:
         egl_plugin()
     except RenderError as error:
-        return Finding(what="renderer egl", state="not on this machine", ok=True, remedy=f"optional: {error}")
+        return Finding(what="renderer egl", state="not on this machine", ok=False, remedy=str(error), optional=True)
     return Finding(what="renderer egl", state="works", ok=True)
 
 

@@ -1,9 +1,6 @@
-"""Files: configurations in TOML, shipped ones by name and others by path; locked folders."""
+"""Configurations in TOML, shipped ones by name and others by path."""
 
-import fcntl
-import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
@@ -16,8 +13,6 @@ from voxdepth.tools.files import read_toml
 from .errors import ScenarioError
 
 DATA = Path(__file__).parent / "data"
-LOCK = "write.lock"
-"""File on which `locked` holds its lock; it stays empty."""
 
 SINGULAR = {"scenarios": "scenario", "sequences": "sequence", "studies": "study"}
 """Name of a single file of each kind."""
@@ -118,31 +113,3 @@ def _set(data: dict[str, Any], key: str, value: Any) -> None:
         if not isinstance(data, dict):
             raise ScenarioError(f"{table} must be a table of keys, got {shorten(data)}")
     data[last] = deepcopy(value)  # A later key may change it, which must not affect the caller's value.
-
-
-@contextmanager
-def locked(folder: Path, busy: str) -> Iterator[None]:
-    """Make a folder and hold its write lock, which the system releases when the process ends in any way.
-
-    The lock is on a file of its own that is open for writing, as network file systems require. A lock that another
-    process holds is a `ScenarioError` with the message `busy`; an unwritable folder is one, too.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise ScenarioError(f"cannot write to {folder}: {error.strerror}; choose a writable folder") from error
-    try:
-        _flock(handle, folder, busy)
-        yield
-    finally:
-        os.close(handle)
-
-
-def _flock(handle: int, folder: Path, busy: str) -> None:
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise ScenarioError(busy) from error
-    except OSError as error:
-        raise ScenarioError(f"cannot lock {folder}: {error.strerror}; choose a folder on another disk") from error

@@ -102,13 +102,6 @@ def narrowed(image: Image, width_px: int) -> Image:
     return smaller
 
 
-def picked(data: npt.NDArray[Any], width_px: int) -> npt.NDArray[Any]:
-    """Reduce depth or labels to a width by picking single pixels, since their means would be meaningless."""
-    size = (width_px, round(data.shape[0] * width_px / data.shape[1]))
-    kind = np.uint8 if data.dtype == np.bool_ else data.dtype
-    return cv2.resize(data.astype(kind), size, interpolation=cv2.INTER_NEAREST).astype(data.dtype)
-
-
 def require_picture(path: Path) -> None:
     """Raise a `ScenarioError` if a path names neither a JPEG nor a PNG file."""
     if path.suffix.lower() not in (".jpg", ".jpeg", ".png"):

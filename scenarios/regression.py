@@ -1,7 +1,5 @@
 """Regression test of a depth corrector: errors under each noise term alone, at three levels, against golden values."""
 
-import pkgutil
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
@@ -12,13 +10,13 @@ import numpy as np
 from sim.testing import FRAMES, LEVELS, TERMS, Level, Term, noisy_sequence
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.corrector_spec import CorrectorFactory
 from voxdepth.metrics import DepthErrors, Flicker, depth_errors
 from voxdepth.model import Model
 from voxdepth.soundness import first_fault
 from voxdepth.tools.files import write
 from voxdepth.tools.table import Column, Table
-from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
+from voxdepth.types import CorrectedDepth, DepthCorrector, Frame
 
 from .errors import ScenarioError
 
@@ -36,7 +34,6 @@ EXACT_LIMITS_M = {"occlusion/low": 0.01, "flicker/low": 0.03, "blank/low": 0.03}
 
 Cases = dict[str, dict[str, float | None]]
 """Values by case, as in `scale/low`, and by metric; None where no pixel had a depth."""
-CorrectorFactory = Callable[[Intrinsics], DepthCorrector]
 CASES: dict[str, tuple[Term, Level]] = {f"{term}/{level}": (term, level) for term, level in product(TERMS, LEVELS)}
 """Noise term and level by case."""
 
@@ -69,25 +66,6 @@ class Difference(NamedTuple):
     def worse(self) -> bool:
         """Whether the metric became worse."""
         return self.measured is None or (self.golden is not None and self.measured > self.golden)
-
-
-def find_corrector(name: str) -> CorrectorFactory:
-    """Return the factory of a registered corrector, perhaps with a setting, or of your own as `package.module:factory`.
-
-    A name, setting, module or factory that does not exist is a `ConfigError` or a `ScenarioError`.
-    """
-    if ":" not in name.partition("[")[0]:
-        return CorrectorSpec.of(name).create
-    if (here := str(Path.cwd())) not in sys.path:  # An installed command has its own folder there instead.
-        sys.path.insert(0, here)
-    try:
-        factory: CorrectorFactory = pkgutil.resolve_name(name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ScenarioError(
-            f"cannot find the corrector {name!r}: {error}; expected package.module:factory, where factory(intrinsics) "
-            "returns a DepthCorrector"
-        ) from error
-    return factory
 
 
 def measure(make: CorrectorFactory, progress: Callable[[str], None], *, frames: int = FRAMES) -> Cases:

@@ -5,17 +5,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from swarm.types import MetricValue
+from voxdepth.tools.figure import Picture
 from voxdepth.tools.files import write
+from voxdepth.tools.page import render_page
 from voxdepth.tools.provenance import source_commit
 from voxdepth.tools.table import Column, Table
 from voxdepth.tools.viewer import RECORDING
 
 from .config import Run
+from .files import DATA
 from .flight import Finished
+from .provenance import simulation_versions
 from .report import summary_tables
-from .results.figure import Picture
-from .results.page import render_page
-from .results.provenance import simulation_versions
 
 UNITS = {"m_s": "m/s", "m": "m", "s": "s", "share": "share", "rad": "rad"}
 """Units by the ends of the names of metrics, longer ends first."""
@@ -36,7 +37,7 @@ def write_page(path: Path, run: Run, finished: Finished, *, picture: Path) -> No
         drone_table(finished.result.drones),
     ]
     page = render_page(
-        "run.html.j2",
+        DATA / "templates" / "run.html.j2",
         run=run,
         outcome=finished.result.outcome,
         time_s=float(finished.result.metrics["sim_time_s"] or 0),

@@ -14,7 +14,7 @@ from sim.scenes import AnyScene, RoomSpec
 from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture, InvalidReason
 from sim.world import World
-from voxdepth.colors import colored
+from voxdepth.colors import colored, picked
 from voxdepth.tools.output import is_correction
 from voxdepth.tools.table import Column, Table
 from voxdepth.types import FloatArray
@@ -28,7 +28,6 @@ from .images import (
     depth_scale,
     gray_bgr,
     narrowed,
-    picked,
     require_picture,
     save_picture,
     titled,

@@ -1,6 +1,5 @@
 """Reference sequences: a scene, a flight through it and a camera, recorded with the true depth."""
 
-import tomllib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -20,7 +19,7 @@ from sim.errors import SensorError
 from sim.flights import AnyFlight, Flight
 from sim.free_space import is_inside
 from sim.quality import DepthQuality
-from sim.recording import Recording, RecordingWriter
+from sim.recording import RecordingWriter
 from sim.render import RendererName, create_renderer
 from sim.scenes import AnyScene
 from sim.sensor import SUBFRAMES, RigConfig, StereoSensor
@@ -28,12 +27,12 @@ from sim.types import BodyPose, Capture, RenderedPair
 from sim.world import World
 from voxdepth.model import Model
 from voxdepth.tools.files import to_toml
-from voxdepth.tools.provenance import versions
+from voxdepth.tools.provenance import code_digest, versions
 from voxdepth.types import FloatArray
 
 from .errors import ScenarioError
 from .files import Name, load
-from .results.provenance import SENSOR_SOURCES, SIMULATION, code_digest
+from .provenance import SENSOR_SOURCES, SIMULATION
 
 FRAMES_IN_PROGRESS = 3
 """Rendered frames that may wait for measurement and writing."""
@@ -99,19 +98,6 @@ def load_sequence(name_or_path: str, seed: int | None, changes: dict[str, Any]) 
     """Return a sequence with its seed and the versions that are installed now; see `files.load`."""
     loaded = load(SeededSequence, "sequences", name_or_path, seed, changes)
     return loaded.model_copy(update={"versions": versions(SIMULATION) | {"code": code_digest(SENSOR_SOURCES)}})
-
-
-def moving_ids(recording: Recording) -> range:
-    """Return the segmentation ids of the moving spheres of a recording by its configuration, which begin at 0.
-
-    The range is empty for a recording that was not made from a sequence.
-    """
-    try:
-        sequence = tomllib.loads(recording.config_text).get("sequence")
-    except tomllib.TOMLDecodeError:
-        return range(0)
-    movers = sequence.get("movers") if isinstance(sequence, dict) else None
-    return range(len(movers) if isinstance(movers, list) else 0)
 
 
 def captures(seeded: SeededSequence, frames: int, *, start: int = 0) -> Iterator[Capture]:

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.evaluation.groups import RANGES, TRUE_GROUPS
-from scenarios.evaluation.methods import Method
-from scenarios.evaluation.result_cache import Key, SequenceInfo
-from scenarios.evaluation.sources import EvaluationFrame
 from sim import frames
 from sim.recording import RecordingWriter
 from sim.types import Capture
 from voxdepth.baselines.single_frame import Raw
+from voxdepth.tools.evaluation.groups import RANGES, TRUE_GROUPS
+from voxdepth.tools.evaluation.methods import Method
+from voxdepth.tools.evaluation.result_cache import Key, SequenceInfo
+from voxdepth.tools.evaluation.sources import EvaluationFrame
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics, MaskImage
 
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.5)

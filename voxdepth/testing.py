@@ -30,6 +30,7 @@ def assert_depth_close(
     Raises:
         AssertionError: A limit is passed, with all figures; or the shapes differ, or no pixel counts.
     """
+    __tracebackhide__ = True  # pytest shows the line of the test.
     if depth_m.shape != expected_m.shape:
         raise AssertionError(f"depth has shape {depth_m.shape}, expected {expected_m.shape}")
     truth_m = np.where((expected_m > 0) & np.isfinite(expected_m), expected_m, np.float32(np.inf))

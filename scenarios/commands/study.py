@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from voxdepth.tools.options import INTERRUPTED
+from voxdepth.tools.options import INTERRUPTED, use_one_thread
 
-from ..quiet import import_noisy_libraries, use_one_thread
+from ..quiet import import_noisy_libraries
 from .options import Workers
 
 if TYPE_CHECKING:
@@ -212,10 +212,13 @@ def power(
 def _print_status(data: "StudyData") -> None:
     from rich.console import Console
 
+    from ..study.analysis import compare_arms
     from ..study.run import Progress
+    from ..study.tables import verdict
 
     typer.echo(f"study {data.study.name}: {data.study.description}")
-    Console().print(Progress(data).table().rich())
+    typer.echo(verdict(compare_arms(data, data.study.endpoint), data.study.endpoint))
+    Progress(data).table().print(Console())
     for failure in list(data.failures.values())[:5]:
         typer.echo(f"{failure.kind} in run {data.runs[failure.key].short_key}: {failure.last_line}")
     if data.failures:

@@ -7,12 +7,12 @@ import pandas as pd
 
 from voxdepth.registry import DEFAULT
 from voxdepth.temporal.config import TemporalConfig
+from voxdepth.tools.evaluation.measurements import Selector
+from voxdepth.tools.evaluation.methods import Method, find_method
+from voxdepth.tools.evaluation.scoring import GHOSTS, SURVIVAL
+from voxdepth.tools.figure import panels, plotted
 from voxdepth.tools.table import Column, Table, Value
 
-from ..evaluation.measurements import Selector
-from ..evaluation.methods import Method, find_method
-from ..evaluation.scoring import GHOSTS, SURVIVAL
-from ..results.figure import panels, plotted
 from .default import FLICKER, HOLES, LATENCY, MEDIAN, OFF, PSNR_NEAR, RMSE, SEEN, Comparison
 from .experiment import Experiment, ExperimentContext, Findings, configured_method
 

@@ -9,12 +9,12 @@ import numpy.typing as npt
 import pandas as pd
 
 from voxdepth.datasets import open_dataset
+from voxdepth.tools.evaluation.sources import SAME_GRAY
+from voxdepth.tools.figure import panels, plotted
 from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
 
 from ..errors import ScenarioError
-from ..evaluation.sources import SAME_GRAY
-from ..results.figure import panels, plotted
 from ..sequences import GROUPS
 from .experiment import Experiment, ExperimentContext, Findings
 

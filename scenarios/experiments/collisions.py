@@ -4,7 +4,8 @@ import os
 
 import pandas as pd
 
-from ..results.figure import panels, plotted
+from voxdepth.tools.figure import panels, plotted
+
 from ..study.analysis import dose_responses, summarise_arms
 from ..study.design import Study, load_study
 from ..study.executors import Processes

@@ -8,11 +8,11 @@ import pandas as pd
 from voxdepth import VoxDepth
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.epochs import Phase
+from voxdepth.tools.figure import panels, plotted
 from voxdepth.tools.table import Column, Table
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
-from ..results.figure import panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .paper_results import COMPONENTS_MS
 

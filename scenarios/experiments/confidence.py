@@ -15,11 +15,11 @@ from swarm.perception import frame_of
 from voxdepth.calibration import Fills
 from voxdepth.metrics import is_correct
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
+from voxdepth.tools.figure import label_axes, panels
 from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Source
 
 from ..errors import ScenarioError
-from ..results.figure import label_axes, panels
 from ..sequences import GROUPS
 from .experiment import Experiment, ExperimentContext, Findings
 

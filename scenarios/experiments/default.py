@@ -7,13 +7,10 @@ from itertools import pairwise
 import pandas as pd
 
 from voxdepth.registry import DEFAULT, PAPER, title
-from voxdepth.tools.table import Column, Table, Value
-from voxdepth.types import Source
-
-from ..evaluation.groups import ALL
-from ..evaluation.measurements import COMPLETED, FILLED, Selector, of_frames
-from ..evaluation.methods import DEFAULT_FILLED, METHOD_NAMES, ORACLE, find_methods, is_baseline
-from ..evaluation.scoring import (
+from voxdepth.tools.evaluation.groups import ALL
+from voxdepth.tools.evaluation.measurements import COMPLETED, FILLED, Selector, of_frames
+from voxdepth.tools.evaluation.methods import DEFAULT_FILLED, METHOD_NAMES, ORACLE, find_methods, is_baseline
+from voxdepth.tools.evaluation.scoring import (
     CALIBRATION_RANGE,
     CONFIDENCES,
     GHOSTS,
@@ -25,8 +22,11 @@ from ..evaluation.scoring import (
     SURVIVAL,
     in_bin,
 )
-from ..evaluation.suite import Evaluation
-from ..results.figure import panels, plotted
+from voxdepth.tools.evaluation.suite import Evaluation
+from voxdepth.tools.figure import panels, plotted
+from voxdepth.tools.table import Column, Table, Value
+from voxdepth.types import Source
+
 from ..sequences import GROUPS
 from .experiment import Experiment, ExperimentContext, Findings
 

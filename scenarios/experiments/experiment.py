@@ -1,5 +1,6 @@
 """An experiment: a question, the frames that it is asked of, and a function that answers it."""
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,12 +13,13 @@ from swarm.perception import frame_of
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import create_corrector
 from voxdepth.temporal.config import TemporalConfig
+from voxdepth.tools.evaluation.methods import Method
+from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.tools.table import Table
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
-from ..evaluation.methods import Method
-from ..evaluation.suite import Evaluation, Plan, Shipped, evaluate
+from ..evaluation import Shipped
 from ..sequences import SeededSequence, load_sequence
 
 WIDTHS_PX = range(64, 2049)
@@ -41,6 +43,16 @@ class Claim:
     def verdict(self) -> str:
         """The agreement in one word."""
         return {True: "agrees", False: "differs", None: "open"}[self.holds]
+
+
+def verdict(claims: Sequence[Claim]) -> str:
+    """Say in one sentence how many of the paper's claims agree with what was found."""
+    if not claims:
+        return "There is no claim of the paper about this."
+    words = {"agrees": ("agrees", "agree"), "differs": ("differs", "differ"), "open": ("is open", "are open")}
+    counts = Counter(claim.verdict for claim in claims)
+    found = ", ".join(f"{n} {words[word][n > 1]}" for word, n in counts.items())
+    return f"Of {len(claims)} claim{'s' * (len(claims) > 1)} of the paper, {found}."
 
 
 def listed(values: pd.Series, number: str, unit: str) -> str:

@@ -12,10 +12,10 @@ from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.networks import has_runtime
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import AUTHORS, create_corrector
+from voxdepth.tools.figure import panels, plotted
 from voxdepth.tools.table import Column, Table
 from voxdepth.types import Intrinsics
 
-from ..results.figure import panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings, listed
 from .paper_results import FRAMES_PER_S, SWARM
 

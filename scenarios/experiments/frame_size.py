@@ -5,11 +5,11 @@ import pandas as pd
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.registry import PAPER
+from voxdepth.tools.evaluation.groups import ALL
+from voxdepth.tools.evaluation.measurements import Selector
+from voxdepth.tools.figure import panels, plotted
 from voxdepth.tools.table import Column, Table
 
-from ..evaluation.groups import ALL
-from ..evaluation.measurements import Selector
-from ..results.figure import panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, configured_method, listed
 from .image_motion import BASELINE, SCORES, by_registration, score_pairs
 

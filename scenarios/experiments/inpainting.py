@@ -18,10 +18,10 @@ from voxdepth.paper.inpainting import Inpainting, InpaintingName
 from voxdepth.paper.method import MOTION_MODELS
 from voxdepth.paper.odometry import PhotometricOdometry
 from voxdepth.paper.steps import create_steps
+from voxdepth.tools.figure import panels, plotted
 from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import FloatImage
 
-from ..results.figure import panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed
 from .paper_results import INPAINTING_RESULTS
 

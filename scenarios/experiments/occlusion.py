@@ -13,10 +13,10 @@ from sim.types import Capture
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import TOO_FAR, psnr_db
 from voxdepth.metrics.paper import PEAK16_M
+from voxdepth.tools.figure import MARKERS, label_axes, panels, plotted
 from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import FloatImage, MaskImage
 
-from ..results.figure import MARKERS, label_axes, panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings, listed
 from .paper_results import SEQUENCES
 

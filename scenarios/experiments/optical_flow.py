@@ -4,9 +4,9 @@ import pandas as pd
 
 from voxdepth.baselines.optical_flow import Dis, Farneback, HornSchunck
 from voxdepth.paper.registration import RegistrationConfig
+from voxdepth.tools.figure import panels, plotted
 from voxdepth.tools.table import Column, Table
 
-from ..results.figure import panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed, most_hold
 from .image_motion import BASELINE, SCORES, Estimator, by_flow, by_registration, score_pairs
 from .paper_results import FLOW_S

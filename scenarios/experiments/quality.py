@@ -11,13 +11,13 @@ from matplotlib.axes import Axes
 from voxdepth import VoxDepth
 from voxdepth.paper.epochs import EpochEnd, Phase
 from voxdepth.registry import AUTHORS, PAPER, config_of, installed_names
+from voxdepth.tools.evaluation.groups import ALL
+from voxdepth.tools.evaluation.measurements import AS_GIVEN, Selector
+from voxdepth.tools.evaluation.methods import find_methods
+from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
+from voxdepth.tools.figure import Draw, panels, plotted
 from voxdepth.tools.table import Column, Table, Value
 
-from ..evaluation.groups import ALL
-from ..evaluation.measurements import AS_GIVEN, Selector
-from ..evaluation.methods import find_methods
-from ..evaluation.scoring import SETTLED_FRAMES
-from ..results.figure import Draw, panels, plotted
 from . import paper_results as paper
 from .experiment import Claim, Experiment, ExperimentContext, Findings, alike, listed, most_hold
 from .paper_results import REAL, percentages_table, saturated

@@ -11,14 +11,14 @@ from voxdepth.tools.provenance import Provenance
 from voxdepth.tools.table import Table, Value
 
 from ..errors import ScenarioError
-from ..results.provenance import SIMULATION
+from ..provenance import SIMULATION
 from .ablation import ABLATION
 from .artefacts import ARTEFACTS
 from .collisions import COLLISIONS
 from .components import COMPONENTS
 from .confidence import CONFIDENCE
 from .default import DEFAULT_METHOD
-from .experiment import Claim, Experiment, ExperimentContext, Findings
+from .experiment import Claim, Experiment, ExperimentContext, Findings, verdict
 from .frame_rate import FRAME_RATE
 from .frame_size import FRAME_SIZE
 from .inpainting import INPAINTING
@@ -71,6 +71,11 @@ class ExperimentReport:
     provenance: Provenance
     findings: Findings
 
+    @property
+    def verdict(self) -> str:
+        """Whether the paper's claims hold here, in one sentence."""
+        return verdict(self.findings.claims)
+
     def write(self) -> None:
         """Write the tables with their notes, the figure and `result.json` into the folder of the experiment.
 
@@ -83,7 +88,7 @@ class ExperimentReport:
         parts += [f"{note}\n" for note in findings.notes]
         for table in findings.tables:
             write(folder / f"{table.name}.csv", table.csv())
-        write(folder / MARKDOWN, "\n".join([f"`{self.command}`\n", *parts]).encode())
+        write(folder / MARKDOWN, "\n".join([f"{self.verdict}\n\n`{self.command}`\n", *parts]).encode())
         write(folder / FIGURE, findings.figure)
         for name, content in findings.files.items():
             write(folder / name, content)
@@ -116,7 +121,7 @@ class ExperimentReport:
         for claim in reversed(findings.claims):
             remarks = [f"paper: {claim.paper}", f"here:  {claim.found} ({claim.verdict})", *remarks]
         question = f"[bold]{self.experiment.name}[/bold]: {escape(self.experiment.question)}"
-        console.print(question, escape(frames), sep="\n", soft_wrap=True, highlight=False)
+        console.print(question, self.verdict, escape(frames), sep="\n", soft_wrap=True, highlight=False)
         for table in findings.tables:
             table.print(console)
         console.print(*map(escape, remarks), "", sep="\n", soft_wrap=True, highlight=False)
@@ -129,6 +134,7 @@ def write_index(out: Path) -> Table:
         ToolError: The page cannot be written.
     """
     rows: list[Sequence[Value]] = []
+    all_claims: list[Claim] = []
     links: list[str] = []
     for name in EXPERIMENTS:
         file = out / name / RESULT
@@ -136,9 +142,11 @@ def write_index(out: Path) -> Table:
             result = json.loads(file.read_text())
             links.append(f"- [{name}]({name}/{MARKDOWN}), [figure]({name}/{FIGURE}): {result['question']}")
             claims = [Claim(**claim) for claim in result["claims"]]
+            all_claims += claims
             rows += [(name, claim.paper, claim.found, claim.verdict) for claim in claims]
     table = Table.of("The paper's claims", ("experiment", "paper", "here", "verdict"), rows)
-    write(out / INDEX, "\n".join([f"# {table.title}\n", table.markdown(), *links, ""]).encode())
+    head = f"# {table.title}\n\n{verdict(all_claims)}\n"
+    write(out / INDEX, "\n".join([head, table.markdown(), *links, ""]).encode())
     return table
 
 

@@ -15,11 +15,11 @@ from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.inpainting import Inpainting
 from voxdepth.paper.steps import HostSteps
 from voxdepth.registry import create_corrector
+from voxdepth.tools.figure import panels
 from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import FloatImage
 
 from ..errors import ScenarioError
-from ..results.figure import panels
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold
 from .quality import METHODS
 

@@ -11,9 +11,9 @@ from voxdepth.baselines.optical_flow import Dis
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.epochs import EpochEnd
 from voxdepth.paper.registration import RegistrationConfig
+from voxdepth.tools.figure import panels, plotted
 from voxdepth.tools.table import Column, Table, Value
 
-from ..results.figure import panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings, most_hold
 from .image_motion import SCORES, by_registration, pair_starts, score_pairs, true_displacement_px
 from .paper_results import MOVEMENT, SEQUENCES, SWITCHES, SWITCHES_FRAMES

@@ -11,9 +11,9 @@ from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import psnr_db
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.paper.config import VoxDepthConfig
+from voxdepth.tools.figure import panels, plotted
 from voxdepth.tools.table import Column, Table, Value
 
-from ..results.figure import panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold
 from .occlusion import squared_error_m2
 

@@ -19,9 +19,11 @@ from multiprocessing.process import BaseProcess
 from queue import SimpleQueue
 from typing import Any, Protocol
 
+from voxdepth.tools.options import use_one_thread
+
 from ..errors import ScenarioError
-from ..quiet import import_noisy_libraries, use_one_thread
-from ..results.provenance import simulation_versions
+from ..provenance import simulation_versions
+from ..quiet import import_noisy_libraries
 from .design import RunSpec
 from .one_run import FlyOne, attempt, run_one
 from .store import Completion, Failure

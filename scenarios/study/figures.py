@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from voxdepth.tools.figure import Draw, Picture, legend_label, line_color, panel_figure
 from voxdepth.types import FloatArray
 
 from ..batch import OUTCOMES
-from ..results.figure import Draw, Picture, legend_label, line_color, panel_figure
 from .analysis import REACHED, ArmSummary, Comparison, headline
 from .design import EndpointName
 from .statistics import DoseResponse, Estimate, stratified, wilson

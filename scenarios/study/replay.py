@@ -8,7 +8,7 @@ from pathlib import Path
 from swarm.types import Outcome
 
 from ..errors import ScenarioError
-from ..results.provenance import simulation_versions
+from ..provenance import simulation_versions
 from ..runner import fly_and_write
 from .design import RunSpec
 from .store import RunRecord, StudyData

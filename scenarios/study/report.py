@@ -9,13 +9,14 @@ from typing import Any
 import pandas as pd
 from pandas.api.types import infer_dtype
 
+from voxdepth.tools.figure import Picture
 from voxdepth.tools.files import write
+from voxdepth.tools.frame_files import write_frame
+from voxdepth.tools.page import render_page
 from voxdepth.tools.viewer import RECORDING
 
 from ..errors import ScenarioError
-from ..results.figure import Picture
-from ..results.frame_files import write_frame
-from ..results.page import render_page
+from ..files import DATA
 from .analysis import (
     MEASURES,
     REACHED,
@@ -39,6 +40,7 @@ from .tables import (
     grid_table,
     mean_difference_table,
     mean_table,
+    verdict,
     work_table,
 )
 
@@ -55,6 +57,8 @@ class Findings:
         primary = data.study.endpoint
         others = [one for one in ENDPOINTS if one != primary and any(arm.count(REACHED[one]) for arm in self._arms)]
         self._comparisons = {endpoint: compare_arms(data, endpoint) for endpoint in (primary, *others)}
+        self.verdict = verdict(self._comparisons[primary], primary)
+        """The result by the primary endpoint in one sentence."""
         self.tables = {
             "grid": grid_table(data.study, arms),
             "ends": end_table(arms),
@@ -101,7 +105,7 @@ def write_report(data: StudyData, out: Path) -> Path:
 def summary(findings: Findings) -> str:
     """Return the tables of the report as Markdown."""
     data = findings.data
-    head = f"Study {data.study.name}, {len(data.records)} of {len(data.runs)} runs\n"
+    head = f"Study {data.study.name}, {len(data.records)} of {len(data.runs)} runs\n\n{findings.verdict}\n"
     tables = [table for table in findings.tables.values() if len(table)]
     return "\n".join([head, *(f"**{table.title}**\n\n{table.markdown()}" for table in tables)])
 
@@ -112,7 +116,7 @@ def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
     seeds = data.study.seeds.first_seeds()
     runs = data.runs
     return render_page(
-        "study.html.j2",
+        DATA / "templates" / "study.html.j2",
         study=data.study,
         scenarios=list(dict.fromkeys(spec.scenario for spec in data.specs)),
         seeds=f"{seeds[0]} to {seeds[-1]}",
@@ -120,7 +124,7 @@ def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
         done=len(data.records),
         failures=[(f.kind, runs[key].short_key, f.last_line) for key, f in data.failures.items()],
         tables=[table for table in findings.tables.values() if len(table)],
-        compared=len(findings.tables[f"{data.study.endpoint}_comparisons"]) > 0,
+        verdict=findings.verdict,
         figures=pictures,
         examples=[
             {

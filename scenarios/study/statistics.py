@@ -11,6 +11,7 @@ Sources:
     [6] McCullagh, Nelder, Generalized Linear Models (1989), Section 4.3: the complementary log-log link.
     [7] Zou, Donner, Stat. Med. 27 (2008) 1693, doi:10.1002/sim.3095: sums of estimates from their intervals.
     [8] Rao, Wu, J. Am. Stat. Assoc. 83 (1988) 231, doi:10.1080/01621459.1988.10478591: the bootstrap of small strata.
+    [9] Miettinen, Biometrics 24 (1968) 339, doi:10.2307/2528039: the number of pairs that a test needs.
 """
 
 import math
@@ -115,6 +116,18 @@ def mcnemar_power(pairs: int, first_only: float, second_only: float) -> float:
     share = first_only / (first_only + second_only)
     rejected = np.where(p < 1 - LEVEL, binom.pmf(firsts, discordant, share), 0.0).sum(axis=1)
     return float(rejected @ binom.pmf(np.arange(pairs + 1), pairs, first_only + second_only))
+
+
+def pairs_needed(discordant: float, effect: float, power: float = 0.8) -> int:
+    """Return about how many pairs McNemar's test needs to find a difference of two shares, after Miettinen [9].
+
+    `discordant` is the share of pairs of which one alone reaches the endpoint, at least the effect; both are above 0.
+    """
+    from scipy.stats import norm
+
+    alpha, beta = float(norm.ppf((1 + LEVEL) / 2)), float(norm.ppf(power))
+    discordant = max(discordant, effect)
+    return math.ceil((alpha * math.sqrt(discordant) + beta * math.sqrt(discordant - effect**2)) ** 2 / effect**2)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

@@ -15,13 +15,14 @@ from sim.types import Contact
 from swarm.types import Outcome
 from voxdepth.model import first_problem
 from voxdepth.tools.files import to_toml
+from voxdepth.tools.locks import locked
 from voxdepth.tools.provenance import machine
 
 from ..config import Run
 from ..errors import ScenarioError
-from ..files import Loaded, locked
+from ..files import Loaded
 from ..flight import Finished
-from ..results.provenance import simulation_versions
+from ..provenance import simulation_versions
 from .design import RunSpec, Study, digest
 
 FILE = "study.sqlite"

@@ -11,7 +11,17 @@ from ..batch import OUTCOMES
 from ..report import percent
 from .analysis import ENDS, MEASURES, REACHED, ArmSummary, Comparison, MeanDifference, headline
 from .design import EndpointName, Study
-from .statistics import B_BOUNDS, DoseResponse, Estimate, Interval, clopper_pearson, stratified, wilson
+from .statistics import (
+    B_BOUNDS,
+    LEVEL,
+    DoseResponse,
+    Estimate,
+    Interval,
+    clopper_pearson,
+    pairs_needed,
+    stratified,
+    wilson,
+)
 
 ENDPOINT_TITLES: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "collisions"}
 OTHER_OUTCOMES = tuple(outcome for outcome in OUTCOMES if outcome is not Outcome.COLLISION)
@@ -19,6 +29,9 @@ CONTACT_KINDS = ("building", "drone", "ground")
 """Kinds of contacts that every table of arms lists."""
 RARE_KINDS = ("mover",)
 """Kinds that are listed where there was one."""
+
+EFFECT = 0.1
+"""Difference of shares that a verdict says the needed pairs of, which have a power of 80 %."""
 
 END_NOTE = (
     "Shares of runs with Wilson 95 % intervals. The ends compete: every run has one. Arrived: all that the mission "
@@ -65,6 +78,24 @@ WORK_NOTE = (
     "Means over runs of what the correctors report: the share of the frames in each of their states, and how often "
     "something happened."
 )
+
+
+def verdict(comparisons: Sequence[Comparison], endpoint: EndpointName) -> str:
+    """Say what the first comparison found, or how many pairs would find a difference of `EFFECT`."""
+    if not comparisons:
+        return "Nothing to compare: that takes two arms with results."
+    found, what = comparisons[0], ENDPOINT_TITLES[endpoint]
+    pairs, p = found.pairs, found.p if found.p_holm is None else found.p_holm
+    low, high = (100 * end for end in found.difference)
+    points = f"{100 * pairs.difference:+.0f} points [{low:.0f}, {high:.0f}]"
+    if p < 1 - LEVEL:
+        return f"{found.first} against {found.second}: {what} {points}, by {pairs.n} pairs, p = {_p_text(p)}."
+    # Without a discordant pair their share is not 0 yet.
+    needed = pairs_needed((pairs.first_only + pairs.second_only + 1) / (pairs.n + 2), EFFECT)
+    return (
+        f"{pairs.n} pairs show no difference between {found.first} and {found.second} ({what}: {points}); to detect "
+        f"{100 * EFFECT:.0f} points you need about {needed} pairs."
+    )
 
 
 def end_table(arms: Iterable[ArmSummary]) -> Table:

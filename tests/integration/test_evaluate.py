@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.commands.evaluate import _planned
-from scenarios.evaluation import suite
-from scenarios.evaluation.kinds import HELD_OUT
-from scenarios.evaluation.methods import ORACLE
 from scenarios.files import shipped_names
 from scenarios.sequences import GROUPS
 from tests.evaluation_clips import write_recording
 from tests.integration.test_cli import voxdepth
 from voxdepth.datasets import open_dataset
 from voxdepth.tools.cli import create_app
+from voxdepth.tools.evaluate import _planned
+from voxdepth.tools.evaluation import suite
+from voxdepth.tools.evaluation.kinds import HELD_OUT
+from voxdepth.tools.evaluation.methods import ORACLE
 
 
 def evaluate(*arguments: str | Path) -> Result:

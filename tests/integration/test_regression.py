@@ -14,7 +14,6 @@ from scenarios.regression import (
     beyond_limits,
     compare,
     corrected,
-    find_corrector,
     golden_path,
     measure,
     read_golden,
@@ -25,6 +24,8 @@ from sim import testing
 from tests.integration.test_cli import voxdepth
 from voxdepth import VoxDepth, VoxDepthConfig
 from voxdepth.baselines.single_frame import Raw
+from voxdepth.corrector_spec import find_corrector
+from voxdepth.errors import ConfigError
 from voxdepth.tools.errors import ToolError
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
 
@@ -133,7 +134,7 @@ def test_missing_and_foreign_golden_figures_say_what_to_do(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("name", ["no.such:thing", "tests.helpers:nothing"])
 def test_correctors_that_are_not_there_are_named(name: str) -> None:
-    with pytest.raises(ScenarioError, match=name):
+    with pytest.raises(ConfigError, match=name):
         find_corrector(name)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
+from scenarios.evaluation import moving_ids
 from scenarios.files import shipped_names
 from scenarios.images import INVALID_REASON_COLORS_BGR
 from scenarios.sequences import (
@@ -15,7 +16,6 @@ from scenarios.sequences import (
     SeededSequence,
     captures,
     load_sequence,
-    moving_ids,
     names_of,
     record,
     simulation,

@@ -1,5 +1,7 @@
 """The package as it is installed."""
 
+import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -7,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.evaluation_clips import write_recording
 from voxdepth.registry import installed_names
 from voxdepth.types import Source
 
@@ -57,7 +60,7 @@ def test_the_library_works_without_the_simulator_and_imports_no_runtime_of_netwo
 
 
 def test_without_the_testbed_its_commands_say_how_to_get_it() -> None:
-    commands = ("evaluate", "run", "study")
+    commands = ("experiment", "run", "study")
     code = (
         "import sys\nsys.modules['scenarios'] = None\nfrom voxdepth.tools.cli import main\n"
         f"for command in {commands}:\n    sys.argv = ['voxdepth', command, 'city']\n"
@@ -67,6 +70,52 @@ def test_without_the_testbed_its_commands_say_how_to_get_it() -> None:
     for command, line in zip(commands, done.stderr.splitlines(), strict=True):
         assert f"the library alone has no command '{command}'" in line
         assert "run make setup in a clone of the project's repository" in line
+
+
+SIMULATOR = ("pybullet", "open3d", "gymnasium", "pettingzoo", "warp")
+WITHOUT = """
+import sys
+
+class Hiding:
+    def __init__(self, finder):
+        self.finder = finder
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+    def find_spec(self, name, *rest):
+        return None if name.split(".")[0] in {absent!r} else self.finder.find_spec(name, *rest)
+
+sys.meta_path[:] = map(Hiding, sys.meta_path)
+sys.argv = ["voxdepth", *{command!r}]
+from voxdepth.tools.cli import main
+main()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("absent", [SIMULATOR, (*SIMULATOR, "sim", "swarm", "scenarios")], ids=["checkout", "wheel"])
+def test_commands_of_the_library_work_where_nothing_of_the_simulator_is_installed(
+    absent: tuple[str, ...], tmp_path: Path
+) -> None:
+    def done(*command: str) -> subprocess.CompletedProcess[str]:
+        code = WITHOUT.format(absent=absent, command=command)
+        return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path)
+
+    shutil.rmtree(write_recording(tmp_path / "walk") / "depth_true")
+    for command, words in (
+        (("evaluate", "--data", "walk", "--methods", "raw,median", "--frames", "3"), "8 results"),
+        (("correct", "walk", "--out", "corrected"), "report.json are in corrected"),
+        (("bench", "walk", "--quick"), "machine:"),
+        (("doctor",), "without"),
+    ):
+        found = done(*command)
+        assert found.returncode == 0, (command, found.stdout, found.stderr)
+        assert words in found.stdout
+    page = (tmp_path / "evaluation" / "report.html").read_text()
+    assert "data:image/png" in page and "walk-holes" in page
+    for command, words in ((("view", "x.rrd"), "no recording at"), (("evaluate", "sim-LN"), "testbed|pybullet")):
+        found = done(*command)
+        assert found.returncode == 2, found.stderr
+        assert re.search(words, found.stderr) and len(found.stderr.splitlines()) == 1, found.stderr
 
 
 WITHOUT_WARP = """

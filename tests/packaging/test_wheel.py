@@ -82,7 +82,7 @@ def test_the_library_is_complete_without_the_testbed(environment: Path) -> None:
             [environment / "voxdepth", *command], capture_output=True, text=True, check=False, cwd=environment
         )
         assert done.returncode == 0, (command, done.stdout, done.stderr)
-    for command, words in ((("evaluate", "sim-LN"), "belong to the testbed"), (("view", "x.rrd"), "no recording at")):
+    for command, words in ((("evaluate", "sim-LN"), "voxdepth[evaluate]"), (("view", "x.rrd"), "no recording at")):
         done = subprocess.run(
             [environment / "voxdepth", *command], capture_output=True, text=True, check=False, cwd=environment
         )

@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.evaluation import figures
-from scenarios.evaluation.groups import TRUE_GROUPS
-from scenarios.evaluation.measurements import Measurement
-from scenarios.evaluation.methods import Method
-from scenarios.evaluation.quantities import QUANTITIES
-from scenarios.evaluation.report import calibration_table, method_table
-from scenarios.evaluation.result_cache import Result
-from scenarios.evaluation.running import MethodError, run
-from scenarios.evaluation.scoring import CONFIDENCES, CalibrationScore
-from scenarios.evaluation.suite import Evaluation
-from scenarios.results import figure
 from tests.evaluation_clips import CAMERA, evaluation_frames, info_of, key_of
 from voxdepth.baselines.single_frame import Raw
+from voxdepth.tools import figure
+from voxdepth.tools.evaluation import figures
+from voxdepth.tools.evaluation.groups import TRUE_GROUPS
+from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.methods import Method
+from voxdepth.tools.evaluation.quantities import QUANTITIES
+from voxdepth.tools.evaluation.report import calibration_table, method_table
+from voxdepth.tools.evaluation.result_cache import Result
+from voxdepth.tools.evaluation.running import MethodError, run
+from voxdepth.tools.evaluation.scoring import CONFIDENCES, CalibrationScore
+from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
 
 TELE = Intrinsics(fx_px=1000, fy_px=1000, cx_px=320, cy_px=180, width_px=640, height_px=360, baseline_m=0.1)

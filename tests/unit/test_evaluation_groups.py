@@ -8,11 +8,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.evaluation.groups import BINS, HOLE_GROUPS, NONE, RANGES, TRUE_GROUPS, Groups, held_out_groups, split
-from scenarios.evaluation.measurements import Measurement
-from scenarios.evaluation.scoring import METRICS, Score
 from tests.evaluation_clips import CAMERA, evaluation_frames
 from voxdepth.metrics import Sums, by_range
+from voxdepth.tools.evaluation.groups import (
+    BINS,
+    HOLE_GROUPS,
+    NONE,
+    RANGES,
+    TRUE_GROUPS,
+    Groups,
+    held_out_groups,
+    split,
+)
+from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.scoring import METRICS, Score
 
 PATCH_GROUPS = held_out_groups("patches")
 

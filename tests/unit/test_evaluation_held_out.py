@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from scenarios.evaluation.references import Patches, Shadows, shadows, steps
 from tests.evaluation_clips import CAMERA, POST_M, WALL_M, truth_of
+from voxdepth.tools.evaluation.references import Patches, Shadows, shadows, steps
 
 
 def test_a_shadow_lies_to_the_right_of_a_post_and_is_as_wide_as_the_step_in_disparity() -> None:

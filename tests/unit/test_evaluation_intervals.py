@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from scenarios.evaluation.intervals import close_intervals, drawn_means, error_intervals
-from scenarios.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.intervals import close_intervals, drawn_means, error_intervals
+from voxdepth.tools.evaluation.measurements import Measurement
 
 
 def found(counts: dict[str, list[tuple[int, int]]]) -> dict[tuple[str, str], Measurement]:

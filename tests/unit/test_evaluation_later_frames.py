@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.evaluation.later_frames import (
+from voxdepth.tools.evaluation.later_frames import (
     LaterFrames,
     Moved,
     agreed,

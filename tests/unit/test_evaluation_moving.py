@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from scenarios.evaluation.groups import TRUE_GROUPS
-from scenarios.evaluation.measurements import Measurement
-from scenarios.evaluation.quantities import QUANTITIES
-from scenarios.evaluation.report import method_table, print_results
-from scenarios.evaluation.result_cache import Result
-from scenarios.evaluation.scoring import MovingScore, Score
-from scenarios.evaluation.sources import GHOST_FRAMES, Departures, EvaluationFrame, FrameCache, SimulatedSource
-from scenarios.evaluation.suite import Evaluation
+from scenarios.evaluation import GHOST_FRAMES, Departures, SimulatedSource
 from sim.recording import Recording, RecordingWriter
 from tests.evaluation_clips import (
     CAMERA,
@@ -28,6 +21,14 @@ from tests.evaluation_clips import (
     truth_of,
     write_recording,
 )
+from voxdepth.tools.evaluation.groups import TRUE_GROUPS
+from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.quantities import QUANTITIES
+from voxdepth.tools.evaluation.report import method_table, print_results
+from voxdepth.tools.evaluation.result_cache import Result
+from voxdepth.tools.evaluation.scoring import MovingScore, Score
+from voxdepth.tools.evaluation.sources import EvaluationFrame, FrameCache
+from voxdepth.tools.evaluation.suite import Evaluation
 
 MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n"
 """The post has the segmentation id 1: it is the second of two movers. The first one, id 0, is the wall's."""

@@ -14,18 +14,18 @@ from markupsafe import escape
 from matplotlib.colors import to_hex
 from rich.console import Console
 
-from scenarios.evaluation.figures import all_figures, count_text, error_map, error_maps, pareto_front
-from scenarios.evaluation.groups import RANGES
-from scenarios.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, Selector, of_frames
-from scenarios.evaluation.methods import ORACLE
-from scenarios.evaluation.quantities import QUANTITIES, is_measured
-from scenarios.evaluation.report import method_table, print_results, rendered
-from scenarios.evaluation.result_cache import Result, SequenceInfo, encoded_thumbnail
-from scenarios.evaluation.suite import Evaluation
-from scenarios.results import figure
-from scenarios.results.frame_files import write_frame
 from tests.evaluation_clips import info_of, key_of
 from voxdepth.registry import title
+from voxdepth.tools import figure
+from voxdepth.tools.evaluation.figures import all_figures, count_text, error_map, error_maps, pareto_front
+from voxdepth.tools.evaluation.groups import RANGES
+from voxdepth.tools.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, Selector, of_frames
+from voxdepth.tools.evaluation.methods import ORACLE
+from voxdepth.tools.evaluation.quantities import QUANTITIES, is_measured
+from voxdepth.tools.evaluation.report import method_table, print_results, rendered
+from voxdepth.tools.evaluation.result_cache import Result, SequenceInfo, encoded_thumbnail
+from voxdepth.tools.evaluation.suite import Evaluation
+from voxdepth.tools.frame_files import write_frame
 from voxdepth.tools.table import Table
 
 NASTY = "<script>alert('x')</script>"

@@ -9,10 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.errors import ScenarioError
-from scenarios.evaluation.groups import TRUE_GROUPS
-from scenarios.evaluation.measurements import Measurement
-from scenarios.evaluation.methods import (
+from tests.evaluation_clips import CAMERA, WALL_M, N, evaluation_frames, method, truth_of
+from voxdepth import registry
+from voxdepth.baselines.single_frame import Raw
+from voxdepth.errors import ConfigError
+from voxdepth.geometry import fill_from_nearest
+from voxdepth.registry import ENTRY_POINTS
+from voxdepth.tools.errors import ToolError
+from voxdepth.tools.evaluation.groups import TRUE_GROUPS
+from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.methods import (
     METHOD_NAMES,
     ORACLE,
     WARM_UP_FRAMES,
@@ -21,15 +27,9 @@ from scenarios.evaluation.methods import (
     find_methods,
     is_baseline,
 )
-from scenarios.evaluation.result_cache import Scores, decoded_thumbnail, encoded_thumbnail
-from scenarios.evaluation.running import MethodError, run
-from scenarios.evaluation.scoring import METRICS, Score
-from tests.evaluation_clips import CAMERA, WALL_M, N, evaluation_frames, method, truth_of
-from voxdepth import registry
-from voxdepth.baselines.single_frame import Raw
-from voxdepth.errors import ConfigError
-from voxdepth.geometry import fill_from_nearest
-from voxdepth.registry import ENTRY_POINTS
+from voxdepth.tools.evaluation.result_cache import Scores, decoded_thumbnail, encoded_thumbnail
+from voxdepth.tools.evaluation.running import MethodError, run
+from voxdepth.tools.evaluation.scoring import METRICS, Score
 from voxdepth.types import CorrectedDepth, Frame
 
 
@@ -105,7 +105,7 @@ def test_flicker_of_measured_pixels_leaves_out_what_was_a_hole_in_either_frame()
 
 
 def test_sequences_scored_by_measured_depth_count_the_change_of_depth() -> None:
-    from scenarios.evaluation.groups import held_out_groups
+    from voxdepth.tools.evaluation.groups import held_out_groups
 
     frame = evaluation_frames(1)[0]
     groups = held_out_groups("patches")
@@ -288,7 +288,7 @@ def test_methods_are_found_by_name_and_refused_by_name() -> None:
     assert find_method("voxdepth.baselines.single_frame:Raw").name == "voxdepth.baselines.single_frame:Raw"
     with pytest.raises(ConfigError, match="there is no corrector 'magic'"):
         find_methods(["raw", "magic"])
-    with pytest.raises(ScenarioError, match="names 'raw' twice"):
+    with pytest.raises(ToolError, match="names 'raw' twice"):
         find_methods(["raw", "median", "raw"])
 
 

@@ -14,20 +14,21 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.errors import ScenarioError
-from scenarios.evaluation import suite
-from scenarios.evaluation.kinds import HELD_OUT
-from scenarios.evaluation.measurements import Selector
-from scenarios.evaluation.methods import Method, find_methods
-from scenarios.evaluation.result_cache import Result, ResultCache
-from scenarios.evaluation.sources import DatasetSource, FrameCache, SimulatedSource
-from scenarios.evaluation.suite import Evaluation, Plan, Shipped, evaluate, requested_of
-from scenarios.files import locked
+from scenarios.evaluation import Shipped, SimulatedSource
 from scenarios.sequences import load_sequence
 from sim.recording import Recording
 from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of, truth_of, write_recording
 from voxdepth.datasets import open_dataset
 from voxdepth.tools.errors import ToolError
+from voxdepth.tools.evaluate import requested_of
+from voxdepth.tools.evaluation import suite
+from voxdepth.tools.evaluation.kinds import HELD_OUT
+from voxdepth.tools.evaluation.measurements import Selector
+from voxdepth.tools.evaluation.methods import Method, find_methods
+from voxdepth.tools.evaluation.result_cache import Result, ResultCache
+from voxdepth.tools.evaluation.sources import DatasetSource, FrameCache
+from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
+from voxdepth.tools.locks import locked
 
 GOOD = method("good")
 BAD = method("bad", lambda depth_m: depth_m[:-1])
@@ -39,7 +40,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(out: Path, *folders: Path, methods: tuple[Method, ...] = (GOOD, BAD), frames: int = 4) -> Evaluation:
-    sequences = [requested for folder in folders for requested in requested_of(folder)]
+    sequences = [requested for folder in folders for requested in requested_of(folder, open_dataset)]
     plan = Plan(sequences=sequences, methods=methods, frames=frames, out=out)
     return evaluate(plan, lambda what, done: None)
 
@@ -81,7 +82,7 @@ def test_a_repetition_elsewhere_gives_the_same_quality_bit_for_bit(recording: Pa
 
 
 def test_two_evaluations_do_not_write_to_one_folder(recording: Path, tmp_path: Path) -> None:
-    with locked(tmp_path, "busy"), pytest.raises(ScenarioError, match="another evaluation writes to"):
+    with locked(tmp_path, "busy"), pytest.raises(ToolError, match="another evaluation writes to"):
         run(tmp_path, recording)
 
 
@@ -227,7 +228,7 @@ def test_a_sequence_that_cannot_be_opened_fails_in_its_own_results_alone(recordi
 
 
 def test_two_sequences_of_one_name_are_refused(recording: Path, tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match="two sequences are called 'post'"):
+    with pytest.raises(ToolError, match="two sequences are called 'post'"):
         run(tmp_path, recording, recording)
 
 
@@ -322,7 +323,7 @@ def test_every_frame_may_have_a_true_depth_of_its_name(tmp_path: Path) -> None:
     for index in (0, 2):
         truth_mm = (1000 * truth_of(index)).astype(np.uint16)
         cv2.imwrite(str(folder / "depth_true" / f"{index:06d}.png"), truth_mm)
-    holes = requested_of(folder)[-1]
+    holes = requested_of(folder, open_dataset)[-1]
     assert holes.name == "real-holes"
     frames = list(holes.open(tmp_path, 3, lambda what: None).frames(3))
     for index, expected_m in ((0, truth_of(0)), (1, 0 * truth_of(1)), (2, truth_of(2))):
@@ -334,7 +335,9 @@ def test_another_true_depth_is_another_sequence(tmp_path: Path) -> None:
     digests = []
     for depth_mm in (4000, 5000):
         cv2.imwrite(str(folder / "depth_true_mm.png"), np.full(CAMERA.shape, depth_mm, np.uint16))
-        digests.append([one.open(tmp_path, 1, lambda what: None).digest(1) for one in requested_of(folder)])
+        digests.append(
+            [one.open(tmp_path, 1, lambda what: None).digest(1) for one in requested_of(folder, open_dataset)]
+        )
     assert [one == other for one, other in zip(*digests, strict=True)] == [True, True, True, False]
 
 
@@ -359,7 +362,7 @@ def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded = Counted([])
-    monkeypatch.setattr(suite, "record", recorded)
+    monkeypatch.setattr("scenarios.sequences.record", recorded)
     shipped = Shipped(load_sequence("sim-LN", 3, {}))
     told: list[str] = []
     source = shipped.open(tmp_path, 4, told.append)

@@ -6,9 +6,6 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from scenarios.evaluation.measurements import Measurement
-from scenarios.evaluation.result_cache import Result
-from scenarios.evaluation.suite import Evaluation
 from scenarios.experiments.default import (
     CRITERIA,
     HOLES,
@@ -22,6 +19,9 @@ from scenarios.experiments.default import (
     quantity_tables,
 )
 from tests.evaluation_clips import info_of, key_of
+from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.result_cache import Result
+from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.tools.table import Table
 
 NEAR, ALL = "0-20 m", "all"

@@ -11,7 +11,7 @@ import pytest
 
 from scenarios.errors import ScenarioError
 from scenarios.experiments.collisions import small_study
-from scenarios.experiments.experiment import Claim, Experiment, ExperimentContext, Findings
+from scenarios.experiments.experiment import Claim, Experiment, ExperimentContext, Findings, verdict
 from scenarios.experiments.runner import (
     EXPERIMENTS,
     PAPER_EXPERIMENTS,
@@ -23,9 +23,9 @@ from scenarios.experiments.runner import (
     write_index,
 )
 from scenarios.experiments.switches import _switches_claim
-from scenarios.results.figure import label_axes, panels
 from scenarios.study.design import expand, load_study
 from voxdepth.tools.errors import ToolError
+from voxdepth.tools.figure import label_axes, panels
 from voxdepth.tools.table import Column, Table
 
 COLUMNS = (Column("method"), Column("time", "ms"), Column("n"))
@@ -64,7 +64,7 @@ def test_table_figure_and_report_are_written(tmp_path: Path) -> None:
         assert list(csv.reader(file)) == [["method", "time [ms]", "n"], ["one", "1.23456", "3"], ["two", "", "0"]]
     assert (folder / "figure.png").read_bytes().startswith(PNG)
     assert (folder / "table.md").read_text() == (
-        "`voxdepth experiment stub`\n\n**Times**\n\n"
+        "Of 1 claim of the paper, 1 differs.\n\n`voxdepth experiment stub`\n\n**Times**\n\n"
         "| method | time [ms] | n |\n| --- | ---: | ---: |\n| one | 1.23 | 3 |\n| two | - | 0 |\n"
         "\n4 frames\n"
     )
@@ -148,6 +148,13 @@ def test_names() -> None:
 def test_the_agreement_with_a_claim_is_one_word() -> None:
     words = [Claim(paper="", found="", holds=holds).verdict for holds in (True, False, None)]
     assert words == ["agrees", "differs", "open"]
+
+
+def test_the_verdict_counts_the_claims_that_agree() -> None:
+    claims = [Claim(paper="", found="", holds=holds) for holds in (True, True, False, None)]
+    assert verdict(claims) == "Of 4 claims of the paper, 2 agree, 1 differs, 1 is open."
+    assert verdict(claims[2:3]) == "Of 1 claim of the paper, 1 differs."
+    assert "no claim" in verdict([])
 
 
 def test_a_claim_about_numbers_of_a_table_can_be_stored() -> None:

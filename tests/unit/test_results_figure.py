@@ -6,7 +6,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from scenarios.results.figure import PANEL_IN, log_scale, panel_figure
+from voxdepth.tools.figure import PANEL_IN, log_scale, panel_figure
 
 
 @pytest.mark.parametrize("high", [1.1, 1.6, 4.0, 40.0, 999.0, 3e4, 3e8])

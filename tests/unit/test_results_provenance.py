@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.results import provenance
+from scenarios import provenance
 from voxdepth.tools import provenance as tools
 
 
@@ -32,7 +32,7 @@ def test_a_machine_that_does_not_name_its_processor_has_its_architecture(tmp_pat
     assert tools.processor_name() == "Fast One"
 
 
-FLYING = (("flying", provenance.ALL_SOURCES),)
+FLYING = (("flying", tools.ALL_SOURCES),)
 
 
 def write_package(root: Path, name: str, **modules: str) -> None:
@@ -47,8 +47,8 @@ def digest_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 
     def digest(folder: str, **modules: str) -> str:
         write_package(tmp_path / folder, "flying", **modules)
-        monkeypatch.setattr(provenance, "files", lambda package: tmp_path / folder / package)
-        return provenance.code_digest.__wrapped__(FLYING)
+        monkeypatch.setattr(tools, "files", lambda package: tmp_path / folder / package)
+        return tools.code_digest.__wrapped__(FLYING)
 
     return digest
 
@@ -68,17 +68,17 @@ def test_the_tools_of_the_library_do_not_count(
     write_package(tmp_path / "with_tools" / "flying", "tools", draw="colour = 1\n")
     (tmp_path / "with_tools" / "flying" / "__init__.py").write_text("")
     (tmp_path / "with_tools" / "flying" / "fly.py").write_text("speed = 1\n")
-    monkeypatch.setattr(provenance, "files", lambda package: tmp_path / "with_tools" / package)
-    assert provenance.code_digest.__wrapped__(FLYING) == one
+    monkeypatch.setattr(tools, "files", lambda package: tmp_path / "with_tools" / package)
+    assert tools.code_digest.__wrapped__(FLYING) == one
 
 
 def test_versions_name_the_code_and_nothing_that_changes_no_flight() -> None:
     assert set(provenance.simulation_versions()) == {"python", "code", *provenance.SIMULATION}
     code = provenance.simulation_versions()["code"]
-    assert len(code) == provenance.DIGEST_DIGITS
+    assert len(code) == tools.DIGEST_DIGITS
     assert set(code) <= set("0123456789abcdef")
 
 
 def test_every_pattern_finds_its_files() -> None:
-    for package, pattern in (*provenance.EVALUATION_SOURCES, *provenance.SENSOR_SOURCES):
+    for package, pattern in (*tools.EVALUATION_SOURCES, *provenance.SENSOR_SOURCES):
         assert list(Path(str(files(package))).glob(pattern)), f"{package} has no {pattern}"

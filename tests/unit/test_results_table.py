@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from scenarios.results.frame_files import write_frame
+from voxdepth.tools.frame_files import write_frame
 from voxdepth.tools.table import Column, Table
 
 
@@ -38,6 +38,21 @@ def test_a_printed_table_is_never_squeezed() -> None:
     text = io.StringIO()
     table().print(Console(file=text, width=12))
     assert "0.123" in text.getvalue() and "raw|x" in text.getvalue()
+
+
+@pytest.mark.parametrize("width", [32, 46, 80, 150])
+def test_a_table_wider_than_the_terminal_is_printed_in_parts_with_the_first_column(width: int) -> None:
+    text = io.StringIO()
+    numbers = [(name, *(k + 0.25 for k in range(12))) for name in ("raw", "temporal[fill=all]")]
+    columns = ("method", *(Column(f"quantity {k}", "mm") for k in range(12)))
+    Table.of("errors", columns, numbers).print(Console(file=text, width=width))
+    lines = text.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    parts = sum("method" in line for line in lines)
+    assert parts == sum("temporal[fill=all]" in line for line in lines)
+    assert (parts == 1) == (width == 150)
+    assert all(text.getvalue().split().count(f"{k}.25") == 2 for k in range(12))
+    assert text.getvalue().count("errors") == 1
 
 
 def test_a_printed_heading_is_broken_only_where_it_is_wider_than_its_column() -> None:

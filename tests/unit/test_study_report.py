@@ -12,7 +12,6 @@ import pytest
 from rich.console import Console
 
 from scenarios.errors import ScenarioError
-from scenarios.results.figure import Picture
 from scenarios.study import analysis
 from scenarios.study.analysis import (
     MEASURES,
@@ -35,9 +34,10 @@ from scenarios.study.statistics import (
     wilson,
 )
 from scenarios.study.store import Failure, StudyData
-from scenarios.study.tables import mean_difference_table, work_table
+from scenarios.study.tables import mean_difference_table, verdict, work_table
 from swarm.types import Outcome
 from tests.studies import arm, contents_of, noisy, record, study
+from voxdepth.tools.figure import Picture
 
 HIT, MISS, LOST = Outcome.COLLISION, Outcome.SUCCESS, Outcome.LOST
 DECLARED = {"declared": {"arm": "b", "against": "a", "endpoint": "collision"}}
@@ -78,6 +78,22 @@ def test_the_declared_comparison_stands_first_and_alone() -> None:
     assert [(other.first, other.second) for other in others] == [("a", "c"), ("b", "c")]
     assert [other.p_holm for other in others] == pytest.approx([min(1, 2 * mcnemar(7, 0)), mcnemar(2, 0)])
     assert declared.p_holm is None
+
+
+@pytest.mark.parametrize(("a", "b"), [("oooo", "oooo"), ("xoox", "oxoo"), ("xxxx", "xxxo")])
+def test_few_pairs_show_no_difference_and_the_verdict_says_how_many_might(a: str, b: str) -> None:
+    said = verdict(compare_arms(two_arms(a, b), "collision"), "collision")
+    found = re.search(r"4 pairs show no difference .*; to detect 10 points you need about (\d+) pairs\.", said)
+    assert found and 70 < int(found[1]) < 1000, said
+
+
+def test_the_verdict_tells_the_difference_that_many_pairs_show_as_the_table_does() -> None:
+    (first, *_) = found = compare_arms(two_arms("o" * 12, "x" * 12), "collision")
+    said = verdict(found, "collision")
+    assert said.startswith(
+        f"{first.first} against {first.second}: collisions {100 * first.pairs.difference:+.0f} points"
+    )
+    assert "12 pairs, p = 0.0" in said
 
 
 def test_without_a_declared_comparison_all_are_adjusted() -> None:

@@ -17,6 +17,7 @@ from scenarios.study.statistics import (
     mcnemar,
     mcnemar_power,
     newcombe,
+    pairs_needed,
     pairs_of,
     percentiles,
     wilson,
@@ -52,6 +53,13 @@ def test_mcnemar_is_a_sum_of_binomials() -> None:
     assert mcnemar(10, 2) == pytest.approx(2 * tail)
     assert mcnemar(0, 0) == 1
     assert mcnemar(5, 5) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("discordant", "effect"), [(0.2, 0.1), (0.5, 0.1), (0.3, 0.2)])
+def test_the_pairs_that_are_needed_have_a_power_of_about_80_percent(discordant: float, effect: float) -> None:
+    pairs = pairs_needed(discordant, effect)
+    assert mcnemar_power(pairs, (discordant + effect) / 2, (discordant - effect) / 2) == pytest.approx(0.8, abs=0.06)
+    assert pairs_needed(0.01, effect) == pairs_needed(effect, effect), "an effect needs as many discordant pairs"
 
 
 def test_the_power_of_mcnemars_test_is_the_share_of_drawn_studies_in_which_it_finds_an_effect() -> None:

@@ -254,6 +254,7 @@ class TestArrays:
         assert first.diagnostics.T_frame_keyframe is None
         assert second.diagnostics.status is TrackingStatus.OK
         assert second.diagnostics.n_inliers > 40
+        assert 0 < second.diagnostics.facts()["residual_px"] < 1
         assert second.diagnostics.T_frame_keyframe is not None
         np.testing.assert_allclose(second.diagnostics.T_frame_keyframe, np.linalg.inv(walk(2)[1]), atol=0.005)
         assert not second.diagnostics.memory_reset

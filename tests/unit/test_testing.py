@@ -1,5 +1,7 @@
 """The helpers that users put into their own tests."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -86,6 +88,13 @@ def test_depth_that_is_close_passes() -> None:
 def test_depth_that_is_not_close_fails_with_all_figures(depth: np.ndarray, limits: dict, message: str) -> None:
     with pytest.raises(AssertionError, match=message):
         assert_depth_close(depth.astype(np.float32), DEPTH, **limits)
+
+
+def test_a_failure_is_shown_at_the_line_of_the_test() -> None:
+    with pytest.raises(AssertionError) as failed:
+        assert_depth_close(np.zeros((2, 2), np.float32), np.ones((2, 2), np.float32), hole_share=0.5)
+    shown = [entry for entry in failed.traceback if not entry.ishidden(failed)]
+    assert [Path(entry.path).name for entry in shown] == [Path(__file__).name]
 
 
 def test_comparing_nothing_is_a_failure() -> None:

@@ -1,5 +1,6 @@
 """Metrics of depth against the true depth, over explicit masks. The true depth never reaches a corrector."""
 
+from .depth_quality import fill_rate, is_plane, plane_fit_rms, z_accuracy
 from .flicker import Changes, Flicker
 from .flying import flying_share
 from .moving import Share, ghost_share, survival
@@ -21,12 +22,16 @@ __all__ = [
     "Sums",
     "by_range",
     "depth_errors",
+    "fill_rate",
     "flying_share",
     "ghost_share",
     "is_correct",
+    "is_plane",
     "m_rmse_u16_wrap",
     "near_share",
+    "plane_fit_rms",
     "psnr_db",
     "psnr_minmax8",
     "survival",
+    "z_accuracy",
 ]

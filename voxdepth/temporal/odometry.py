@@ -99,6 +99,9 @@ class TrackingResult:
     """Corners that were tracked, or features that were matched; if tracking failed, corners that were searched for."""
     n_inliers: int = 0
     """Corners or features that support the motion."""
+    residual_px: float | None = None
+    """Median reprojection error of the corners or features in the tracking image; None if there is no motion of them.
+    """
 
     @property
     def memory_reset(self) -> bool:
@@ -112,6 +115,7 @@ class TrackingResult:
             "n_tracks": self.n_tracks,
             "n_inliers": self.n_inliers,
             "memory_reset": int(self.memory_reset),
+            **({} if self.residual_px is None else {"residual_px": self.residual_px}),
         }
 
 
@@ -196,7 +200,7 @@ class VisualOdometry:
         fit = self._motion(keyframe, frame, image, prior)
         if fit is not None:
             found = replace(lost, status=TrackingStatus.OK, n_tracks=fit.n_points, n_inliers=fit.n_inliers)
-            return replace(found, T_frame_keyframe=fit.T_target_source)
+            return replace(found, T_frame_keyframe=fit.T_target_source, residual_px=fit.median_residual_px)
         if prior is not None:
             return replace(lost, status=TrackingStatus.OK, T_frame_keyframe=prior)
         return lost if self._has_features(image) else replace(lost, status=TrackingStatus.NO_FEATURES)

@@ -5,14 +5,12 @@ The testbed of this project is one: its commands are there in a checkout, and no
 """
 
 import os
-import re
 import signal
 import sys
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib.metadata import requires, version
+from importlib.metadata import version
 from io import TextIOWrapper
 from typing import Annotated, Any
 
@@ -21,13 +19,14 @@ from typer.core import TyperGroup
 
 from ..errors import VoxDepthError
 from ..interrupts import ENDING
-from . import commands
+from . import commands, evaluate
 from .errors import ToolError
 from .extensions import extensions
 from .options import INTERRUPTED
+from .requirements import bringing
 
 PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
-    ("Corrector", (commands.correct, commands.config, commands.bench)),
+    ("Corrector", (commands.correct, evaluate.evaluate, commands.config, commands.bench)),
     ("General", (commands.view, commands.doctor)),
 )
 """Commands of the library by the heading of `--help`."""
@@ -43,9 +42,9 @@ class Commands(TyperGroup):
         """Find a command, see `click.Group`."""
         if not extensions() and self.get_command(ctx, args[0]) is None:
             raise ToolError(
-                f"the library alone has no command {args[0]!r}, see voxdepth --help; commands that simulate, evaluate "
-                "or train belong to the testbed: on Linux with Python 3.11, run make setup in a clone of the "
-                "project's repository, then source .venv/bin/activate"
+                f"the library alone has no command {args[0]!r}, see voxdepth --help; commands that simulate "
+                "belong to the testbed: on Linux with Python 3.11, run make setup in a clone of the project's "
+                "repository, then source .venv/bin/activate"
             )
         return super().resolve_command(ctx, args)
 
@@ -144,12 +143,6 @@ def _fail(message: str) -> None:
 
 
 def _missing(error: ModuleNotFoundError) -> str | None:
-    """Say which extra brings a package, the smallest one of several; None if none does."""
-    module = str(error.name).split(".")[0]
-    pairs = [re.match(r"([\w.-]+).*; extra == ['\"](\w+)['\"]", text) for text in requires("voxdepth") or ()]
-    extras = Counter(found[2] for found in pairs if found)
-    bringing = [found for found in pairs if found and found[1].lower().split("-")[0] == module]
-    if not bringing:
-        return None
-    least = min(bringing, key=lambda found: extras[found[2]])
-    return f"this needs the package {least[1]}: pip install 'voxdepth[{least[2]}]'"
+    """Say which extra brings a package; None if none does."""
+    found = bringing(str(error.name).split(".")[0])
+    return None if found is None else f"this needs the package {found.name}: {found.remedy}"

@@ -310,8 +310,9 @@ def view(
 
 
 def doctor() -> None:
-    """Check the installation on this machine and suggest a remedy for each problem."""
+    """Check the installation on this machine, suggest a remedy for each problem, and list what extras would add."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     from .doctor import examine
@@ -320,8 +321,8 @@ def doctor() -> None:
     findings = [*examine(), *(finding for extension in extensions() for finding in extension.checks())]
     table = Table("", "found", "what to do")
     for finding in findings:
-        mark = "[green]ok[/green]" if finding.ok else "[red]no[/red]"
-        table.add_row(f"{mark} {finding.what}", finding.state, finding.remedy)
+        mark = "[green]ok[/green]" if finding.ok else "-" if finding.optional else "[red]no[/red]"
+        table.add_row(f"{mark} {finding.what}", escape(finding.state), escape(finding.remedy))
     Console().print(table)
-    if not all(finding.ok for finding in findings):
+    if not all(finding.ok or finding.optional for finding in findings):
         raise typer.Exit(1)

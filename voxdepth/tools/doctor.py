@@ -1,15 +1,26 @@
 """Checks of the installation on this machine, with a remedy for each problem."""
 
 import platform
-import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
+from importlib.metadata import PackageNotFoundError, packages_distributions
 
 from ..devices import cuda_devices, has_warp
+from .provenance import NOT_INSTALLED, versions
+from .requirements import Requirement, requirements
 
-REQUIREMENT = re.compile(r"""([\w.-]+)[^;]*(?:; extra == ["'](\w+)["'])?$""")
-"""Name of a required distribution, and the extra that requires it."""
+EXTRAS = {
+    "evaluate": "voxdepth evaluate",
+    "rerun": "recordings and voxdepth view",
+    "ros": "bags",
+    "learned": "the corrector learned",
+    "cuda": "the paper's method on a GPU",
+    "sim": "the testbed",
+    "gym": "learning with the testbed",
+    "cluster": "voxdepth study --cluster",
+}
+"""What each extra adds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,35 +33,46 @@ class Finding:
     ok: bool
     remedy: str = ""
     """How to solve the problem; empty if there is none."""
+    optional: bool = False
+    """Whether everything else works without it."""
 
 
 def examine() -> list[Finding]:
     """Check the library, in the order of the report."""
     return [
         Finding(what="Python", state=platform.python_version(), ok=True),
-        *distributions(None),
+        *_distributions(),
         *own_packages("voxdepth"),
         _opencv_wheels(),
         _cuda(),
     ]
 
 
-def distributions(*extras: str | None) -> list[Finding]:
-    """Check that what the extras of the library require is installed; None stands for the library itself."""
+def _distributions() -> list[Finding]:
+    """Check that what the library requires is installed, and say of each extra what it would add if it is not."""
     try:
-        texts = requires("voxdepth") or []
+        required = requirements()
     except PackageNotFoundError:
-        return [_distribution("voxdepth", None)]
-    required = [match.groups() for text in texts if (match := REQUIREMENT.match(text))]
-    return [_distribution(name, extra) for name, extra in required if extra in extras and name != "voxdepth"]
+        return [Finding(what="voxdepth", state=NOT_INSTALLED, ok=False, remedy="pip install voxdepth")]
+    of_extras = {extra: [each for each in required if each.extra == extra] for extra in EXTRAS}
+    return [
+        *(_finding(each.name, [each]) for each in required if each.extra is None),
+        *(_finding(f"extra {extra}", parts, adds=EXTRAS[extra]) for extra, parts in of_extras.items() if parts),
+    ]
 
 
-def _distribution(name: str, extra: str | None) -> Finding:
-    try:
-        return Finding(what=name, state=version(name), ok=True)
-    except PackageNotFoundError:
-        wanted = "voxdepth" if extra is None else f"voxdepth[{extra}]"
-        return Finding(what=name, state="missing", ok=False, remedy=f"pip install '{wanted}'")
+def _finding(what: str, required: Sequence[Requirement], adds: str = "") -> Finding:
+    """Check that distributions are installed, which may be optional for what they would add."""
+    found = versions([each.name for each in required])
+    remedies = {each.name: each.remedy for each in required if found[each.name] == NOT_INSTALLED}
+    state = ", ".join(f"{name} {version}" for name, version in found.items()) if adds else found[what]
+    return Finding(
+        what=what,
+        state=f"without {', '.join(remedies)}" if remedies else state,
+        ok=not remedies,
+        remedy="; ".join(dict.fromkeys(f"{f'for {adds}: ' * bool(adds)}{remedy}" for remedy in remedies.values())),
+        optional=bool(adds),
+    )
 
 
 def own_packages(*packages: str) -> list[Finding]:

@@ -4,12 +4,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 if TYPE_CHECKING:
     from .doctor import Finding
+    from .evaluation.suite import Requested
 
 EXTENSIONS = "voxdepth.extensions"
 
@@ -23,6 +25,10 @@ class Extension:
     """Errors that are printed in one line, beside those of the library."""
     checks: Callable[[], "Sequence[Finding]"] = tuple
     """What `voxdepth doctor` checks beside the library."""
+    sequences: Callable[[Sequence[str], int | None], "Sequence[Requested]"] = lambda names, seed: ()
+    """Finds sequences to evaluate by name, perhaps with a seed; one that does not exist is one of its errors."""
+    recorded: Callable[[Path], "Requested | None"] = lambda folder: None
+    """Finds a recording to evaluate that it knows more of than its images; None if it knows nothing."""
 
 
 @cache

@@ -1,5 +1,6 @@
 """What several commands share: options, the parsing of their texts, what they need, and the progress bar."""
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -49,6 +50,15 @@ def require_installed(package: str) -> None:
     """Raise a `ModuleNotFoundError` at once where an extra is missing, of which the command line names the remedy."""
     if find_spec(package) is None:
         raise ModuleNotFoundError(f"No module named {package!r}", name=package)
+
+
+def use_one_thread() -> None:
+    """Keep numerical libraries on one thread, here if they are not imported yet, and in processes that start later.
+
+    A variable that the user set stays. OpenCV and the renderer have settings of their own.
+    """
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
 
 
 @contextmanager

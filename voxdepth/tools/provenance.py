@@ -1,11 +1,13 @@
 """What a result was made with: versions of packages, the machine, and the commit of the source."""
 
+import hashlib
 import os
 import platform
 import subprocess
 from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Self
 
@@ -15,6 +17,20 @@ from ..model import Model
 CORRECTION = ("voxdepth", "numpy", "opencv-python-headless", "warp-lang")
 """Packages whose versions may change a corrected depth."""
 
+ALL_SOURCES = "**/*.py"
+LIBRARY_SOURCES = (("voxdepth", ALL_SOURCES), ("voxdepth", "confidence.toml"), ("voxdepth", "networks/*.onnx"))
+"""Packages and the patterns of those of their files that determine a corrected depth."""
+EVALUATION_SOURCES = (
+    *LIBRARY_SOURCES,
+    ("voxdepth", "tools/evaluation/*.py"),
+    ("voxdepth", "datasets/*.py"),
+    ("voxdepth", "tools/output.py"),
+)
+"""Those that determine the result of an evaluation of a recording."""
+UNUSED = ("tools", "datasets")
+"""Folders of these packages that no correction uses. A pattern that begins with one of them counts."""
+DIGEST_DIGITS = 12
+NOT_INSTALLED = "not installed"
 CPU_INFO = Path("/proc/cpuinfo")
 
 
@@ -65,8 +81,22 @@ def versions(packages: Sequence[str] = CORRECTION) -> dict[str, str]:
         try:
             found[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "not installed"
+            found[name] = NOT_INSTALLED
     return found
+
+
+@cache
+def code_digest(sources: tuple[tuple[str, str], ...]) -> str:
+    """Return the first digits of the SHA-256 of sources, wherever they are installed."""
+    content = hashlib.sha256()
+    for package, pattern in sources:
+        with as_file(files(package)) as folder:
+            for path in sorted(folder.glob(pattern)):
+                if path.relative_to(folder).parts[0] in UNUSED and not pattern.startswith(UNUSED):
+                    continue
+                content.update(f"{package}/{path.relative_to(folder).as_posix()}\0".encode())
+                content.update(path.read_bytes() + b"\0")
+    return content.hexdigest()[:DIGEST_DIGITS]
 
 
 def machine() -> str:

@@ -19,7 +19,7 @@ MISSING = "-"
 FORMULA = ("=", "+", "-", "@", "\t")
 """How a text begins that a spreadsheet takes for a formula."""
 TERMINAL_WIDTH = 400
-"""Characters in a line of a printed table: squeezing it into a terminal would cut its numbers."""
+"""Characters in a line of a printed table that are never reached: squeezing it would cut its numbers."""
 
 
 def is_missing(value: Value) -> bool:
@@ -164,11 +164,23 @@ class Table:
         return {"name": self.name, "title": self.title, "columns": self.headings, "rows": self.rows}
 
     def print(self, console: "Console") -> None:
-        """Print the table at its full width."""
+        """Print the table, in parts with the first column each where it is wider than the terminal."""
         from rich.console import Console
 
         wide = Console(file=console.file, force_terminal=console.is_terminal, width=TERMINAL_WIDTH)
-        wide.print(self.rich(), highlight=False)
+        parts = [[0]]
+        for place in range(1, len(self.columns)):
+            joined = self._part([*parts[-1], place])
+            if parts[-1] != [0] and wide.measure(joined.rich()).maximum > console.width:
+                parts.append([0])
+            parts[-1].append(place)
+        for places in parts:
+            wide.print(self._part(places, title=self.title * (places is parts[0])).rich(), highlight=False)
+
+    def _part(self, places: Sequence[int], title: str = "") -> "Table":
+        """The columns at some places."""
+        columns = [self.columns[place] for place in places]
+        return Table.of(title, columns, [[row[place] for place in places] for row in self.rows])
 
     def rich(self) -> "RichTable":
         """Return the table for a terminal: headings broken between words, numbers aligned to the right."""

@@ -12,11 +12,11 @@ import cv2
 import tomli_w
 import typer
 
-from scenarios.results.provenance import SENSOR_SOURCES, SIMULATION, code_digest
+from scenarios.provenance import SENSOR_SOURCES, SIMULATION
 from voxdepth.errors import ConfigError
 from voxdepth.networks import FORMAT, load, read_card
 from voxdepth.tools.files import write
-from voxdepth.tools.provenance import versions
+from voxdepth.tools.provenance import code_digest, versions
 
 from . import NAME, WEIGHTS
 from .clips import samples

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from voxdepth import registry
-from voxdepth.tools.files import write
-from voxdepth.tools.provenance import CORRECTION, Provenance
-from voxdepth.tools.table import MISSING, Column, Table, Value
-
-from ..results.frame_files import write_frame
-from ..results.page import render_page
+from ... import registry
+from ..files import write
+from ..frame_files import write_frame
+from ..page import TEMPLATES, render_page
+from ..provenance import CORRECTION, Provenance
+from ..table import MISSING, Column, Table, Value
 from .figures import all_figures, calibrated_methods, count_text, error_maps, range_text
 from .groups import ALL, NEAR
 from .measurements import FILLED, Selector
@@ -21,21 +20,24 @@ from .methods import ORACLE
 from .quantities import (
     HOLE_COLUMNS,
     MOVING_COLUMNS,
+    QUALITY_COLUMNS,
     QUANTITIES,
     TERMINAL_COLUMNS,
     Quantity,
+    fitted,
     is_measured,
     select,
 )
 from .result_cache import SequenceInfo
 from .scoring import CALIBRATION_RANGE, CONFIDENCES, SOURCES, in_bin
 from .suite import Evaluation
+from .verdict import verdict
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 FAILED = "failed"
-TERMINAL_TABLES = (TERMINAL_COLUMNS, HOLE_COLUMNS, MOVING_COLUMNS)
+TERMINAL_TABLES = (TERMINAL_COLUMNS, HOLE_COLUMNS, QUALITY_COLUMNS, MOVING_COLUMNS)
 """Columns of the tables that the terminal shows of a sequence; all but the first are left out if they are empty."""
 
 
@@ -48,7 +50,8 @@ def write_report(out: Path, evaluation: Evaluation) -> None:
 def rendered(evaluation: Evaluation) -> str:
     """Return the text of the page."""
     return render_page(
-        "report.html.j2",
+        TEMPLATES / "report.html.j2",
+        verdict=verdict(evaluation),
         failures=_failure_rows(evaluation),
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
         calibration=[calibration_table(evaluation, method) for method in calibrated_methods(evaluation)],
@@ -64,6 +67,7 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
 
     Methods that failed everywhere are left out, and sequences without a number if another has one.
     """
+    quantity = fitted(quantity, select(evaluation, quantity)[0])
     texts, classes, counts = _texts(evaluation, quantity)
     methods = [name for name in texts.index if not (texts.loc[name] == FAILED).all()]
     measured = [name for name in texts if not texts[name].isin([MISSING, FAILED]).all()] or list(texts)
@@ -93,16 +97,18 @@ def calibration_table(evaluation: Evaluation, method: str) -> Table:
 
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:
-    """Print a table for each sequence, and say which methods failed."""
-    texts = {q.heading: _texts(evaluation, q)[0] for q in chain(*TERMINAL_TABLES)}
+    """Print the verdict and tables for each sequence, and say which methods failed."""
+    console.print(verdict(evaluation), "", sep="\n", soft_wrap=True, markup=False, highlight=False)
+    values = {q.title: select(evaluation, q)[0] for q in chain(*TERMINAL_TABLES)}
     for info in evaluation.sequences.values():
         pixels = info.pixels[ALL].get(NEAR, 0)
         title = f"{info.name}: {info.frames} frames of {info.size}, {pixels:,} pixels within 20 m"
         console.print(f"{title}, scored by {info.reference_name}", soft_wrap=True, markup=False)
         for quantities in TERMINAL_TABLES:
-            shown = pd.DataFrame({q.heading: texts[q.heading][info.name] for q in quantities})
+            fitting = [fitted(q, _of_sequence(values[q.title], info.name)) for q in quantities]
+            shown = pd.DataFrame({q.title: _texts(evaluation, q)[0][info.name] for q in fitting})
             if quantities is TERMINAL_COLUMNS or not shown.isin([MISSING, FAILED]).all(axis=None):
-                columns = [Column("method"), *(Column(q.title, q.unit) for q in quantities)]
+                columns = [Column("method"), *(Column(q.title, q.unit) for q in fitting)]
                 Table.of("", columns, list(shown.itertuples(name=None))).print(console)
     console.print(
         "surfaces within 20 m; errors of all, and in holes, are after completion by the nearest valid, and far/near "
@@ -114,6 +120,10 @@ def print_results(console: "Console", evaluation: Evaluation) -> None:
     for result in evaluation.failures:
         failed = f"{result.key.sequence}, {result.key.method} failed: {result.error}"
         console.print(failed, soft_wrap=True, markup=False, style="red")
+
+
+def _of_sequence(values: pd.DataFrame, name: str) -> pd.DataFrame:
+    return values[values.index.get_level_values("sequence") == name]
 
 
 def _failure_rows(evaluation: Evaluation) -> list[tuple[str, str, str]]:

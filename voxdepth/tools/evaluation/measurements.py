@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 from pydantic import ConfigDict
 
-from voxdepth.model import Model
-
+from ...model import Model
 from .groups import NEAR
 
 FILLED, COMPLETED, AS_GIVEN = "filled", "completed", "as given"

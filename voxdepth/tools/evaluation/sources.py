@@ -1,36 +1,27 @@
 """Where the frames of an evaluation come from, each with its reference."""
 
 import zlib
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from sim.recording import Recording
-from sim.types import Capture
-from swarm.perception import frame_of
-from voxdepth.datasets import Dataset
-from voxdepth.metrics import SeenBefore
-from voxdepth.tools.files import as_tool_error
-from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, MaskImage
-
-from ..sequences import moving_ids
-from .groups import TRUE_GROUPS
+from ...datasets import Dataset
+from ...types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, MaskImage
+from ..files import as_tool_error
+from .groups import Groups
 from .kinds import Kind
-from .references import TRUE_DEPTHS, mirrored
+from .references import mirrored
 
-SAME_SURFACE = 0.02
-"""Largest relative change of the true depth of a static pixel from the frame before."""
 SAME_GRAY = 3
 """Largest change of the smoothed gray value of a static pixel, where the truth is unknown."""
-GHOST_FRAMES = 5
-"""Ghosts are counted this many frames after a moving object left a pixel, so once per departure."""
+Code = Sequence[tuple[str, str]]
+"""Packages and patterns of their files, see `code_digest`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +40,7 @@ class EvaluationFrame:
     moving: MaskImage | None = None
     """Pixels of moving objects, shape (H, W); None if there are none or they are unknown."""
     departed_m: FloatImage | None = None
-    """Depth of the moving object that left a pixel `GHOST_FRAMES` frames ago [m], shape (H, W); 0 elsewhere."""
+    """Depth of the moving object that left a pixel some frames ago [m], shape (H, W); 0 elsewhere."""
 
 
 class FrameCache:
@@ -100,61 +91,32 @@ Frames = FrameCache | list[EvaluationFrame]
 """Frames that can be read repeatedly."""
 
 
-class SimulatedSource:
-    """A recording with the truth, and the seed that it was rendered with, if that is known."""
+class FrameSource(Protocol):
+    """A sequence that methods can be compared on."""
 
-    groups = TRUE_GROUPS
-
-    def __init__(self, name: str, recording: Recording, seed: int | None) -> None:
-        self.name, self.seed, self.intrinsics = name, seed, recording.intrinsics
-        self._recording, self._moving_ids = recording, moving_ids(recording)
+    name: str
+    seed: int | None
+    """Seed of a rendered sequence; None for a measured one."""
+    groups: Groups
+    intrinsics: Intrinsics
+    code: Code
+    """What the frames depend on, beside the recording and the library."""
 
     def __len__(self) -> int:
-        return len(self._recording)
+        """Return the number of whole frames."""
 
     def digest(self, frames: int) -> str:
-        """Return a SHA-256 of all files of the first frames."""
-        return self._recording.digest(frames)
+        """Return a SHA-256 of all that the first frames are made of."""
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
-        """Read the first frames; a file that is missing or damaged is a `RecordingError`.
-
-        Holes are split by what was measured before, and moving objects are marked.
-        """
-        seen_before, departures = SeenBefore(self.intrinsics), Departures()
-        before: Capture | None = None
-        for index in range(frames):
-            capture = self._recording[index]
-            truth_m, occluded = capture.depth_true_m, capture.occluded
-            known = np.isfinite(truth_m)
-            hole = (capture.depth_raw_m == 0) & known
-            seen, never = seen_before.split(hole, truth_m, capture.T_world_cam, capture.depth_raw_m)
-            kind = occluded + np.uint8(2) * seen + np.uint8(4) * never
-            before = capture if before is None else before
-            with np.errstate(invalid="ignore"):
-                close = np.abs(truth_m - before.depth_true_m) <= np.float32(SAME_SURFACE) * truth_m
-            static: MaskImage = close & known & (capture.segment_id == before.segment_id) & (index > 0)
-            moving: MaskImage | None = None
-            departed_m: FloatImage | None = None
-            if self._moving_ids:
-                moving = np.isin(capture.segment_id, self._moving_ids)
-                static, departed_m = static & ~moving, departures.add(moving, truth_m)
-            yield EvaluationFrame(
-                frame=frame_of(capture),
-                T_world_cam=capture.T_world_cam,
-                reference_m=truth_m,
-                labels=TRUE_GROUPS.label(truth_m, kind.astype(np.uint8)),
-                static=static,
-                moving=moving,
-                departed_m=departed_m,
-            )
-            before = capture
+        """Read the first frames with their references."""
 
 
 class DatasetSource:
     """A recording of any format without true poses. One kind of its pixels is judged, see `kinds`."""
 
     seed: int | None = None
+    code: Code = ()
 
     def __init__(self, name: str, dataset: Dataset, kind: Kind) -> None:
         self.name, self.groups, self._dataset, self._kind = name, kind.groups, dataset, kind
@@ -190,34 +152,3 @@ class DatasetSource:
                 static=(change <= SAME_GRAY) & (index > 0),
             )
             gray_before = smooth
-
-
-FrameSource = SimulatedSource | DatasetSource
-"""A sequence that methods can be compared on."""
-
-
-def is_simulated(folder: Path) -> bool:
-    """Whether a folder holds a recording of the simulator with the truth."""
-    return (folder / TRUE_DEPTHS).is_dir() and not any((folder / TRUE_DEPTHS).glob("*.png"))
-
-
-class Departures:
-    """Follows the frames of a sequence and finds the pixels that moving objects have left."""
-
-    def __init__(self) -> None:
-        self._past_m: deque[FloatImage] = deque(maxlen=GHOST_FRAMES)
-
-    def add(self, moving: MaskImage, truth_m: FloatImage) -> FloatImage:
-        """Add the pixels of moving objects and the true depth [m] of the next frame, shape (H, W).
-
-        Returns:
-            True depth of the moving object that was last at a pixel `GHOST_FRAMES` frames ago [m], shape (H, W),
-            float32; 0 where none was, or where one has been since.
-        """
-        moving_m = np.where(moving, truth_m, np.float32(0)).astype(np.float32)
-        departed_m = np.zeros_like(moving_m)
-        if len(self._past_m) == GHOST_FRAMES:
-            first_m, *later_m = self._past_m
-            departed_m = np.where(np.any([*later_m, moving_m], axis=0), np.float32(0), first_m)
-        self._past_m.append(moving_m)
-        return departed_m

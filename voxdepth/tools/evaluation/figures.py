@@ -8,11 +8,10 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from voxdepth import registry
-from voxdepth.colors import colored, far_end_m
-from voxdepth.types import FloatImage
-
-from ..results.figure import MARKERS, Draw, Picture, label_axes, legend_label, line_color, log_scale, panels
+from ... import registry
+from ...colors import colored, far_end_m
+from ...types import FloatImage
+from ..figure import MARKERS, Draw, Picture, label_axes, legend_label, line_color, log_scale, panels
 from .groups import BINS, NEAR
 from .measurements import FILLED, Selector, of_frames
 from .methods import ORACLE

@@ -6,23 +6,26 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import (
+from ...geometry import fill_from_nearest
+from ...metrics import (
     Changes,
     Flicker,
     Phantoms,
     Share,
     Sums,
+    fill_rate,
     flying_share,
     ghost_share,
     is_correct,
+    is_plane,
     near_share,
+    plane_fit_rms,
     survival,
+    z_accuracy,
 )
-from voxdepth.metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
-from voxdepth.tools.output import to_millimetres
-from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
-
+from ...metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
+from ...types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
+from ..output import to_millimetres
 from .groups import ALL, BINS, NEAR, NONE, RANGES, Groups, split
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector, measured
 from .sources import EvaluationFrame
@@ -50,6 +53,11 @@ SKY_NEAR = Selector("near", "sky", ALL, AS_GIVEN)
 SKY_RANGE_M = 20.0
 PHANTOMS = Selector("phantoms", "all", ALL, AS_GIVEN)
 """Number of phantom obstacles."""
+FILL_RATE, Z_ACCURACY, PLANE_FIT_RMS = (
+    Selector(metric, "center", ALL, FILLED) for metric in ("fill_rate", "z_accuracy", "plane_fit_rms")
+)
+"""The metrics of `voxdepth.metrics.depth_quality`: of all frames, of those with a true depth, and of those in which the
+sensor sees a plane. The last two are medians over these frames."""
 FARTHEST_M = 40.0
 CALIBRATION_RANGE = f"0-{FARTHEST_M:g} m"
 """Range of errors by confidence and by source: a stereo camera measures nothing beyond it."""
@@ -95,6 +103,7 @@ class Score:
         self._measured_before: MaskImage | None = None
         self._flying = Share()
         self._moving, self._calibration = MovingScore(), CalibrationScore(intrinsics, groups.hidden)
+        self._quality = QualityScore(intrinsics, groups)
         self._sky_near, self._phantoms, self._frames = Share(), Phantoms(), 0
         self._in_16_bits = Sums()
         self._settled_in_16_bits, self._settled_occluded = Sums(), Sums()
@@ -124,6 +133,7 @@ class Score:
         self._add_sums(frame, depth_m, completed_m)
         self._add_flicker(frame, depth_m)
         self._moving.add(frame, depth_m)
+        self._quality.add(frame, depth_m)
         self._add_false_obstacles(frame, depth_m)
         self._flying += flying_share(depth_m, frame.reference_m)
         hidden = np.isin(frame.labels, self._groups.members(self._groups.hidden, ALL))
@@ -144,6 +154,7 @@ class Score:
             *(m for mask, name in product(self._groups.masks, RANGES) for m in self._measured_errors(mask, name)),
             *self._measured_flicker(),
             *self._moving.measurements(),
+            *self._quality.measurements(),
             *self._measured_false_obstacles(),
             *self._calibration.measurements(),
             *self._measured_paper(),
@@ -258,6 +269,30 @@ class MovingScore:
         """Return all shares; those of no pixel are left out."""
         shares = self._shares.items()
         return [measured(selector, share.value, "share", share.of) for selector, share in shares if share.of]
+
+
+class QualityScore:
+    """What the Depth Quality Tool of librealsense shows, see `voxdepth.metrics.depth_quality`."""
+
+    def __init__(self, intrinsics: Intrinsics, groups: Groups) -> None:
+        self._intrinsics, self._is_true, self._filled = intrinsics, groups.is_true, Share()
+        self._values: dict[Selector, list[float | None]] = {Z_ACCURACY: [], PLANE_FIT_RMS: []}
+
+    def add(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
+        """Add a frame with its corrected depth [m], shape (H, W)."""
+        self._filled += fill_rate(depth_m)
+        if self._is_true:
+            self._values[Z_ACCURACY].append(z_accuracy(depth_m, frame.reference_m))
+        if is_plane(frame.frame.depth_m, self._intrinsics):
+            self._values[PLANE_FIT_RMS].append(plane_fit_rms(depth_m, self._intrinsics))
+
+    def measurements(self) -> Iterator[Measurement]:
+        """Yield what is defined in any frame."""
+        if self._filled.of:
+            yield measured(FILL_RATE, self._filled.value, "share", self._filled.of)
+        for selector, values in self._values.items():
+            if known := [value for value in values if value is not None]:
+                yield measured(selector, float(np.median(known)), "share", len(known))
 
 
 class CalibrationScore:

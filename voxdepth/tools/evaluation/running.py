@@ -9,9 +9,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from voxdepth.soundness import first_fault
-from voxdepth.types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
-
+from ...soundness import first_fault
+from ...types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
 from .groups import Groups
 from .measurements import Measurement, measured, of_frames
 from .methods import Method
@@ -39,7 +38,7 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
 
     Raises:
         MethodError: The method raised an exception or gave no valid depth; the message names the frame.
-        ScenarioError: A frame cannot be read.
+        ToolError: A frame cannot be read.
     """
     cv2.setNumThreads(1)
     with _instance(method, intrinsics) as corrector:  # The warm-up loads, compiles and caches what is needed.

@@ -1,86 +1,50 @@
 """All methods on all sequences, one at a time; finished results are reused, and a failure stops nothing else."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from sim.errors import RecordingError, SimError
-from sim.recording import Recording
-from voxdepth.datasets import open_dataset
-from voxdepth.errors import VoxDepthError
-from voxdepth.tools.errors import ToolError
-from voxdepth.tools.files import as_tool_error, to_toml
-from voxdepth.tools.provenance import CORRECTION, processor_name, versions
-
-from ..errors import ScenarioError
-from ..files import locked
-from ..results.provenance import EVALUATION_SOURCES, code_digest
-from ..sequences import SeededSequence, record
+from ...datasets import open_dataset
+from ...errors import VoxDepthError
+from ..errors import ToolError
+from ..files import as_tool_error
+from ..locks import locked
+from ..provenance import CORRECTION, EVALUATION_SOURCES, code_digest, processor_name, versions
 from .groups import RANGES
 from .intervals import close_intervals, error_intervals
-from .kinds import Kind, Opened, kinds_of
+from .kinds import Kind, Opened
 from .measurements import Measurements
 from .methods import Method
 from .result_cache import Key, Result, ResultCache, SequenceInfo, encoded_thumbnail
 from .running import MethodError, run
-from .sources import DatasetSource, FrameCache, Frames, FrameSource, SimulatedSource, is_simulated
+from .sources import Code, DatasetSource, FrameCache, Frames, FrameSource
 
-RECORDINGS = "recordings"
-"""Folder of the shipped sequences, below that of the results."""
 FRAME_CACHE = ".voxdepth-frames-"
 """Prefix of the temporary folders of frames, of which a killed run leaves one behind."""
 
 
-@dataclass(frozen=True)
-class Shipped:
-    """A rendered sequence, which is recorded once below the folder of the results."""
+class Requested(Protocol):
+    """A sequence to compare methods on. No two in a plan may have the same name."""
 
-    planned: SeededSequence
+    has_poses: bool
+    """Whether the true poses are known, which the oracle needs."""
 
     @property
     def name(self) -> str:
         """Name of the sequence."""
-        return self.planned.sequence.name
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
-        """Open its recording, see `recording`."""
-        return SimulatedSource(self.name, self.recording(out, frames, tell), self.planned.seed)
+        """Open its first frames, which may first be made below the folder of the results; `tell` hears of it.
 
-    def recording(self, out: Path, frames: int, tell: Callable[[str], None]) -> Recording:
-        """Return its recording, which is made if there is none of the same configuration with enough frames."""
-        configuration = to_toml(self.planned)
-        folder = out / RECORDINGS / f"{self.name}-{sha256(configuration.encode()).hexdigest()[:12]}"
-        with suppress(RecordingError):
-            recording = Recording.open(folder)
-            if recording.config_text == configuration and len(recording) >= frames:
-                return recording
-        rmtree(folder, ignore_errors=True)
-        record(self.planned, folder, frames, lambda done: tell(f"recording {self.name}, frame {done} of {frames}"))
-        return Recording.open(folder)
-
-
-@dataclass(frozen=True)
-class Folder:
-    """An existing recording of the simulator with the truth."""
-
-    path: Path
-
-    @property
-    def name(self) -> str:
-        """Name of the folder."""
-        return _name_of(self.path)
-
-    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
-        """Open the recording in the folder."""
-        return SimulatedSource(self.name, Recording.open(self.path), None)
+        Here and when frames are read, a `VoxDepthError` says why that fails.
+        """
 
 
 @dataclass(frozen=True)
@@ -90,33 +54,24 @@ class Judged:
     path: Path
     kind: Kind
     opened: Opened = open_dataset
+    has_poses = False
 
     @property
     def name(self) -> str:
         """Name of the folder and of the kind."""
-        return f"{_name_of(self.path)}-{self.kind.name}"
+        return f"{name_of(self.path)}-{self.kind.name}"
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
         """Open the recording in the folder."""
         return DatasetSource(self.name, self.opened(self.path), self.kind)
 
 
-def requested_of(folder: Path, opened: Opened = open_dataset) -> list["Requested"]:
-    """Return what can be compared in a folder: a recording with the truth, or each kind of pixels of a real one."""
-    if is_simulated(folder):
-        return [Folder(folder)]
-    return [Judged(folder, kind, opened) for kind in kinds_of(folder, opened)]
-
-
-def _name_of(folder: Path) -> str:
+def name_of(folder: Path) -> str:
+    """Return the name of the folder of a sequence; a root has none, which is a `ToolError`."""
     name = folder.resolve().name
     if not name:
-        raise ScenarioError(f"--data must name the folder of a sequence, got {folder}")
+        raise ToolError(f"--data must name the folder of a sequence, got {folder}")
     return name
-
-
-Requested = Shipped | Folder | Judged
-"""A sequence to compare methods on. No two in a plan may have the same name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +139,7 @@ def evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
     `progress` receives the present activity and the number of finished results.
 
     Raises:
-        ScenarioError: Two sequences have the same name, or the name of one is not UTF-8.
+        ToolError: Two sequences have the same name, or the name of one is not UTF-8.
         ToolError: A result cannot be written.
     """
     _require_distinct([requested.name for requested in plan.sequences])
@@ -208,7 +163,7 @@ def _evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
         with _frame_cache(plan.out) as frames:
             try:
                 source, info, keys, cached = _prepared(plan, requested, cache, frames, tell)
-            except (SimError, VoxDepthError) as error:
+            except VoxDepthError as error:
                 reason = " ".join(str(error).split())
                 results += [Result(key=key, error=reason) for key in _keys(plan, requested.name)]
                 tell(f"{requested.name}, not opened")
@@ -233,10 +188,10 @@ def _prepared(
     tell(f"opening {name}")
     source = requested.open(plan.out, plan.frames, tell)
     if len(source) == 0:
-        raise ScenarioError(f"{name!r} holds no whole frame: expected at least one; record it again")
+        raise ToolError(f"{name!r} holds no whole frame: expected at least one; record it again")
     total = min(plan.frames, len(source))
     digest = source.digest(total)
-    keys = _keys(plan, name, frames=total, seed=source.seed, digest=digest)
+    keys = _keys(plan, name, frames=total, seed=source.seed, digest=digest, code=source.code)
     own = [key for key, method in zip(keys, plan.methods, strict=True) if not method.is_foreign]
     results = {key.method: result for key in own if (result := cache.load(key)) is not None}
     info = cache.load_info(digest, total) if len(results) == len(keys) else None
@@ -247,10 +202,13 @@ def _prepared(
     return source, info, keys, results
 
 
-def _keys(plan: Plan, sequence: str, frames: int = 0, seed: int | None = None, digest: str = "") -> list[Key]:
+def _keys(
+    plan: Plan, sequence: str, frames: int = 0, seed: int | None = None, digest: str = "", code: Code = ()
+) -> list[Key]:
     """Return the key of each method; without a number of frames those of a sequence that cannot be opened."""
     given: dict[str, Any] = {"sequence": sequence, "frames": frames, "seed": seed, "digest": digest}
-    given["versions"] = versions(CORRECTION) | {"processor": processor_name(), "code": code_digest(EVALUATION_SOURCES)}
+    sources = code_digest((*EVALUATION_SOURCES, *code))
+    given["versions"] = versions(CORRECTION) | {"processor": processor_name(), "code": sources}
     return [Key(method=method.name, config=method.config, **given) for method in plan.methods]
 
 
@@ -293,9 +251,9 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
 def _require_distinct(names: Sequence[str]) -> None:
     for name in names:
         if name.encode(errors="replace").decode() != name:
-            raise ScenarioError(f"expected the name of a folder in UTF-8, got {name!a}: rename the folder")
+            raise ToolError(f"expected the name of a folder in UTF-8, got {name!a}: rename the folder")
         if names.count(name) > 1:
-            raise ScenarioError(f"two sequences are called {name!r}, whose results would mix: rename a folder")
+            raise ToolError(f"two sequences are called {name!r}, whose results would mix: rename a folder")
 
 
 @contextmanager

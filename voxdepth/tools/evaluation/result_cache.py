@@ -9,12 +9,11 @@ import numpy as np
 import pydantic
 from pydantic import ConfigDict
 
-from voxdepth.model import Model
-from voxdepth.tools.files import as_tool_error, write
-from voxdepth.tools.output import encode, to_millimetres
-from voxdepth.types import FloatImage
-
-from ..images import picked
+from ...colors import picked
+from ...model import Model
+from ...types import FloatImage
+from ..files import as_tool_error, write
+from ..output import encode, to_millimetres
 from .measurements import Measurement
 from .scoring import METRICS
 

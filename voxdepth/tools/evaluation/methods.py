@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from voxdepth.corrector_spec import parse_corrector
-from voxdepth.registry import (
+from ...corrector_spec import CorrectorFactory, find_corrector, parse_corrector
+from ...registry import (
     AUTHORS,
     CORRECTOR_NAMES,
     DEFAULT,
@@ -15,10 +15,8 @@ from voxdepth.registry import (
     installed_names,
     resolve_config,
 )
-from voxdepth.types import DepthCorrector, Intrinsics
-
-from ..errors import ScenarioError
-from ..regression import CorrectorFactory, find_corrector
+from ...types import DepthCorrector, Intrinsics
+from ..errors import ToolError
 
 ORACLE = "true-pose"
 """Splats the last frames by their TRUE poses: an upper bound of what memory can achieve, and not a corrector."""
@@ -52,15 +50,15 @@ def is_baseline(name: str) -> bool:
 
 
 def find_methods(names: Sequence[str]) -> list[Method]:
-    """Find methods by name, see `find_method`; a name that is given twice is a `ScenarioError`."""
+    """Find methods by name, see `find_method`; a name that is given twice is a `ToolError`."""
     for name in names:
         if names.count(name) > 1:
-            raise ScenarioError(f"--methods names {name!r} twice: once is enough")
+            raise ToolError(f"--methods names {name!r} twice: once is enough")
     return [find_method(name) for name in names]
 
 
 def find_method(name: str) -> Method:
-    """Find a method; a name or a setting that does not exist is a `ConfigError` or a `ScenarioError`.
+    """Find a method; a name or a setting that does not exist is a `ConfigError` or a `ToolError`.
 
     It is the name of a corrector, perhaps with one setting of its configuration as in
     `temporal[fill=all]`, or your own corrector as `package.module:factory`.
@@ -81,6 +79,6 @@ def find_method(name: str) -> Method:
 
 
 def _oracle(intrinsics: Intrinsics) -> DepthCorrector:
-    from voxdepth.baselines.pose_splat import PoseSplat
+    from ...baselines.pose_splat import PoseSplat
 
     return PoseSplat(intrinsics)

@@ -10,9 +10,9 @@ from typing import NamedTuple, Protocol
 import cv2
 import numpy as np
 
-from voxdepth.datasets import Dataset
-from voxdepth.datasets.images import read_depth_16
-from voxdepth.types import ASSUMED_BASELINE_M, FloatImage, Intrinsics, MaskImage
+from ...datasets import Dataset
+from ...datasets.images import read_depth_16
+from ...types import ASSUMED_BASELINE_M, FloatImage, Intrinsics, MaskImage
 
 TRUE_DEPTH, TRUE_DEPTHS = "depth_true_mm.png", "depth_true"
 """The true depth of the first frame, and the folder of that of all frames."""

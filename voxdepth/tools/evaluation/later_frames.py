@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.datasets import Dataset
-from voxdepth.geometry import back_project, transform
-from voxdepth.types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
-
+from ...datasets import Dataset
+from ...geometry import back_project, transform
+from ...types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
 from .references import Referenced, steps
 
 LATER_FRAMES = 6

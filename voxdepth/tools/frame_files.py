@@ -6,8 +6,8 @@ from pathlib import Path
 import pandas as pd
 from pandas.api.types import is_numeric_dtype
 
-from voxdepth.tools.files import write
-from voxdepth.tools.table import csv_entry
+from .files import write
+from .table import csv_entry
 
 
 def write_frame(stem: Path, frame: pd.DataFrame) -> list[Path]:

@@ -1,14 +1,13 @@
 """What each table of the report and of the terminal shows: which measurements, in which unit, and how they rank."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan
 from typing import Literal
 
 import pandas as pd
 
-from voxdepth.tools.table import MISSING
-
+from ..table import MISSING
 from .groups import ALL, BINS, TRUE_GROUPS
 from .intervals import CLOSE, ERROR_CHANGE, LEAD
 from .kinds import HELD_OUT
@@ -16,20 +15,25 @@ from .measurements import AS_GIVEN, FILLED, Selector, of_frames
 from .scoring import (
     BELIEVED,
     CALIBRATION_RANGE,
+    FILL_RATE,
     FLYING,
     GHOSTS,
     PHANTOMS,
+    PLANE_FIT_RMS,
     SKY_NEAR,
     SOURCES,
     STATIC,
     STATIC_FILLED,
     SURVIVAL,
+    Z_ACCURACY,
 )
 from .suite import Evaluation
 
 HIDDEN = "hidden"
 """Stands for the mask of the pixels that methods are given no depth of: holes, or pixels that were held out."""
 HIDDEN_MASKS = (TRUE_GROUPS.hidden, *(kind.name for kind in HELD_OUT))
+MILLIMETRES_BELOW_M = 0.1
+"""Lengths with a smaller median are shown in millimetres, as at a desk, and others in metres, as in a street."""
 UNITS = {
     "%": (100, 1),
     "mm": (1000, 1),
@@ -53,8 +57,8 @@ class Quantity:
     note: str = ""
     best: Literal["low", "high", ""] = ""
     """Whether the lowest or the highest first number is marked; empty for none."""
-    places: int | None = None
-    """Decimal places; None for those of the unit."""
+    digits: int = 0
+    """Decimal places beyond those of the unit."""
     layout: Literal["list", "against raw", "interval"] = "list"
     """How the numbers are shown: all of them; the second one, which is that of raw depth, and the difference of the
     first one; or the first one with an interval from the second to the third."""
@@ -76,7 +80,13 @@ class Quantity:
 
     def _number(self, value: float) -> str:
         factor, places = UNITS[self.unit]
-        return MISSING if isnan(value) else f"{factor * value:.{places if self.places is None else self.places}f}"
+        return MISSING if isnan(value) else f"{factor * value:.{places + self.digits}f}"
+
+
+def fitted(quantity: Quantity, values: pd.DataFrame) -> Quantity:
+    """Return a quantity with the unit that fits the first ones of these values."""
+    is_small = quantity.unit == "m" and values[0].median() < MILLIMETRES_BELOW_M
+    return replace(quantity, unit="mm") if is_small else quantity
 
 
 def select(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -115,12 +125,18 @@ FLICKER = [Selector("flicker", STATIC, on=FILLED)]
 QUANTITIES = (
     Quantity("Coverage: pixels with depth, surfaces within 20 m", "%", COVERAGE,
              "Errors of methods that fill less than 90 % say little beside those of others."),
+    Quantity("Fill rate: pixels with depth in the central 40 % of the width and of the height", "%", [FILL_RATE]),
+    Quantity("Z accuracy: signed median error there, of the true distance", "%", [Z_ACCURACY],
+             "Above 0 is too far. Only sequences with the truth have it.", digits=1),
+    Quantity("Plane-fit RMS error there, of the distance", "%", [PLANE_FIT_RMS],
+             "Only of frames in which the sensor sees a plane there, such as a wall; n is their number.", best="low",
+             digits=1),
     Quantity("MAE of the pixels that a method fills, surfaces within 20 m", "m", MAE_FILLED,
              "Not comparable where coverages differ: a method that leaves the hard pixels out errs less."),
     Quantity("MAE of all pixels within 20 m, after completion by the nearest valid", "m", [Selector("mae")],
              best="low"),
     Quantity("RMSE of all pixels within 20 m, after completion", "m", [Selector("rmse")], best="low"),
-    Quantity("Median error of all pixels within 20 m, after completion", "mm", [Selector("median")], best="low"),
+    Quantity("Median error of all pixels within 20 m, after completion", "m", [Selector("median")], best="low"),
     Quantity("RMSE of inverse depth, all surfaces, after completion", "1/m", [Selector("inverse_rmse", range=ALL)],
              best="low"),
     Quantity("MAE in the sensor's holes (held-out pixels where there is no truth), within 20 m, after completion", "m",
@@ -135,7 +151,7 @@ QUANTITIES = (
     Quantity("That share less that of the best other baseline, within 20 m, with a 95 % interval", "%", LEAD_HIDDEN,
              "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth, temporal "
              "and true-pose; the best is compared with the second best, so this ranks nobody.", layout="interval"),
-    Quantity("Median / mean absolute error of measured pixels within 20 m", "mm", MEASURED, best="low"),
+    Quantity("Median / mean absolute error of measured pixels within 20 m", "m", MEASURED, best="low"),
     Quantity("Change of the mean error of measured pixels from raw's, within 20 m, with a 95 % interval", "%",
              MEASURED_CHANGE, "The interval is a bootstrap over the frames of both.", best="low", layout="interval"),
     Quantity("RMSE of measured pixels within 20 m", "m", [Selector("rmse", "measured", on=FILLED)], best="low"),
@@ -148,13 +164,13 @@ QUANTITIES = (
     Quantity("Flying pixels: of those beside depth edges, those that hang in empty space", "%", [FLYING],
              "Between the nearest and the farthest reference of a window of a 32nd of the width, and not within 5 % of "
              "any in it.", best="low"),
-    Quantity("Flicker: mean change of the error of static pixels within 20 m from frame to frame", "mm", FLICKER,
+    Quantity("Flicker: mean change of the error of static pixels within 20 m from frame to frame", "m", FLICKER,
              "Without the truth it is the change of the depth, where the gray image hardly changes."),
-    Quantity("Flicker of static pixels within 20 m that the sensor measured in neither frame", "mm",
+    Quantity("Flicker of static pixels within 20 m that the sensor measured in neither frame", "m",
              [Selector("flicker", STATIC_FILLED, on=FILLED)],
              "Fills in both frames: the silhouettes that move over measured pixels are left out."),
-    Quantity(f"Flicker by range, {' / '.join(BINS)}", "mm",
-             [Selector("flicker", STATIC, name, FILLED) for name in BINS], places=0),
+    Quantity(f"Flicker by range, {' / '.join(BINS)}", "m",
+             [Selector("flicker", STATIC, name, FILLED) for name in BINS], digits=-1),
     Quantity("Static pixels within 20 m that gain or lose their depth from frame to frame", "%",
              [Selector("switched", STATIC, on=FILLED)]),
     Quantity("Survival: pixels of moving objects within 5 % of the truth, of raw depth, and the method's difference",
@@ -171,7 +187,7 @@ QUANTITIES = (
              "The measure is meant for a camera that hardly moves; n is the number of frames."),
     Quantity(f"MAE by the source that a method names for a pixel: sensor / memory / inpainted, {CALIBRATION_RANGE}",
              "m", [Selector("mae", mask, CALIBRATION_RANGE, FILLED) for mask in SOURCES.values()],
-             "The number of pixels of each source is in results.csv.", places=2),
+             "The number of pixels of each source is in results.csv.", digits=-1),
     Quantity("Time per frame, median / 95th percentile / in threads of its own beside that", "ms",
              [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
              "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a "
@@ -182,19 +198,21 @@ QUANTITIES = (
 
 TERMINAL_COLUMNS = (
     Quantity("filled", "%", COVERAGE),
-    Quantity("MAE filled", "m", MAE_FILLED, places=2),
-    Quantity("MAE all", "m", [Selector("mae")], places=2),
-    Quantity("MAE holes", "m", MAE_HIDDEN, places=2),
-    Quantity("far/near", "%", TOO_FAR_OR_NEAR, places=0),
-    Quantity("flicker", "mm", FLICKER, places=0),
-    Quantity("p50/p95", "ms", [of_frames("latency_p50"), of_frames("latency_p95")], places=0),
+    Quantity("MAE filled", "m", MAE_FILLED, digits=-1),
+    Quantity("MAE all", "m", [Selector("mae")], digits=-1),
+    Quantity("MAE holes", "m", MAE_HIDDEN, digits=-1),
+    Quantity("far/near", "%", TOO_FAR_OR_NEAR, digits=-1),
+    Quantity("flicker", "m", FLICKER, digits=-1),
+    Quantity("p50/p95", "ms", [of_frames("latency_p50"), of_frames("latency_p95")], digits=-1),
 )
 """Columns of the table that the terminal shows of a sequence."""
+WITHIN_5 = Quantity("within 5 %", "%", CLOSE_HIDDEN, layout="interval")
+OVER_BEST = Quantity("less best other baseline", "%", LEAD_HIDDEN, layout="interval")
 HOLE_COLUMNS = (
     Quantity("coverage of holes", "%", [Selector("coverage", HIDDEN, on=FILLED)]),
-    Quantity("within 5 %", "%", CLOSE_HIDDEN, layout="interval"),
-    Quantity("less best other baseline", "%", LEAD_HIDDEN, layout="interval"),
-    Quantity("median/mean error of measured", "mm", MEASURED),
+    WITHIN_5,
+    OVER_BEST,
+    Quantity("median/mean error of measured", "m", MEASURED),
     Quantity("mean against raw's", "%", MEASURED_CHANGE, layout="interval"),
 )
 """Columns about the pixels that methods are given no depth of, and about those that they are given."""
@@ -203,3 +221,9 @@ MOVING_COLUMNS = (
     Quantity("ghosts raw, difference", "%", GHOSTS, layout="against raw"),
 )
 """Columns of sequences with moving objects."""
+QUALITY_COLUMNS = (
+    Quantity("fill rate", "%", [FILL_RATE]),
+    Quantity("Z accuracy", "%", [Z_ACCURACY], digits=1),
+    Quantity("plane-fit RMS", "%", [PLANE_FIT_RMS], digits=1),
+)
+"""Columns that the Depth Quality Tool of librealsense shows, too."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.metrics import RANGE_BINS_M
-from voxdepth.types import FloatImage, GrayImage
+from ...metrics import RANGE_BINS_M
+from ...types import FloatImage, GrayImage
 
 BINS = tuple(RANGE_BINS_M)
 """Ranges of the reference depth, in rising order."""

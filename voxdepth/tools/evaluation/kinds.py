@@ -7,9 +7,8 @@ from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
-from voxdepth.datasets import Dataset
-from voxdepth.errors import VoxDepthError
-
+from ...datasets import Dataset
+from ...errors import VoxDepthError
 from .groups import HOLE_GROUPS, Groups, held_out_groups
 from .later_frames import LATER_FRAMES, LaterFrames
 from .references import TRUE_DEPTH, TRUE_DEPTHS, WIDENING, Patches, References, Shadows, TrueHoles

@@ -1,0 +1,190 @@
+"""The sequences of the simulator as evaluations read them: shipped ones, and recordings with the truth."""
+
+import tomllib
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from shutil import rmtree
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim.errors import RecordingError, SimError
+from sim.recording import Recording
+from sim.types import Capture
+from swarm.perception import frame_of
+from voxdepth.metrics import SeenBefore
+from voxdepth.tools.evaluation.groups import TRUE_GROUPS
+from voxdepth.tools.evaluation.references import TRUE_DEPTHS
+from voxdepth.tools.evaluation.sources import Code, EvaluationFrame
+from voxdepth.tools.evaluation.suite import name_of
+from voxdepth.tools.files import to_toml
+from voxdepth.types import FloatImage, MaskImage
+
+from .errors import ScenarioError
+
+if TYPE_CHECKING:
+    from .sequences import SeededSequence
+
+RECORDINGS = "recordings"
+"""Folder of the shipped sequences, below that of the results."""
+SAME_SURFACE = 0.02
+"""Largest relative change of the true depth of a static pixel from the frame before."""
+GHOST_FRAMES = 5
+"""Ghosts are counted this many frames after a moving object left a pixel, so once per departure."""
+
+
+def is_simulated(folder: Path) -> bool:
+    """Whether a folder holds a recording of the simulator with the truth."""
+    return (folder / TRUE_DEPTHS).is_dir() and not any((folder / TRUE_DEPTHS).glob("*.png"))
+
+
+@contextmanager
+def _as_our_errors() -> Iterator[None]:
+    """Turn errors of the simulator, such as those of damaged recordings, into those that evaluations tell of."""
+    try:
+        yield
+    except SimError as error:
+        raise ScenarioError(str(error)) from error
+
+
+@dataclass(frozen=True)
+class Shipped:
+    """A rendered sequence, which is recorded once below the folder of the results."""
+
+    planned: "SeededSequence"
+    has_poses = True
+
+    @property
+    def name(self) -> str:
+        """Name of the sequence."""
+        return self.planned.sequence.name
+
+    @_as_our_errors()
+    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> "SimulatedSource":
+        """Open its recording, see `recording`."""
+        return SimulatedSource(self.name, self.recording(out, frames, tell), self.planned.seed)
+
+    def recording(self, out: Path, frames: int, tell: Callable[[str], None]) -> Recording:
+        """Return its recording, which is made if there is none of the same configuration with enough frames."""
+        configuration = to_toml(self.planned)
+        folder = out / RECORDINGS / f"{self.name}-{sha256(configuration.encode()).hexdigest()[:12]}"
+        with suppress(RecordingError):
+            recording = Recording.open(folder)
+            if recording.config_text == configuration and len(recording) >= frames:
+                return recording
+        from .sequences import record
+
+        rmtree(folder, ignore_errors=True)
+        record(self.planned, folder, frames, lambda done: tell(f"recording {self.name}, frame {done} of {frames}"))
+        return Recording.open(folder)
+
+
+@dataclass(frozen=True)
+class Folder:
+    """An existing recording of the simulator with the truth."""
+
+    path: Path
+    has_poses = True
+
+    @property
+    def name(self) -> str:
+        """Name of the folder."""
+        return name_of(self.path)
+
+    @_as_our_errors()
+    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> "SimulatedSource":
+        """Open the recording in the folder."""
+        return SimulatedSource(self.name, Recording.open(self.path), None)
+
+
+class SimulatedSource:
+    """A recording with the truth, and the seed that it was rendered with, if that is known."""
+
+    groups = TRUE_GROUPS
+    code: Code = (("scenarios", "evaluation.py"), ("sim", "recording.py"), ("swarm", "perception.py"))
+
+    def __init__(self, name: str, recording: Recording, seed: int | None) -> None:
+        self.name, self.seed, self.intrinsics = name, seed, recording.intrinsics
+        self._recording, self._moving_ids = recording, moving_ids(recording)
+
+    def __len__(self) -> int:
+        return len(self._recording)
+
+    @_as_our_errors()
+    def digest(self, frames: int) -> str:
+        """Return a SHA-256 of all files of the first frames."""
+        return self._recording.digest(frames)
+
+    def frames(self, frames: int) -> Iterator[EvaluationFrame]:
+        """Read the first frames; a file that is missing or damaged is a `ScenarioError`.
+
+        Holes are split by what was measured before, and moving objects are marked.
+        """
+        seen_before, departures = SeenBefore(self.intrinsics), Departures()
+        before: Capture | None = None
+        for index in range(frames):
+            with _as_our_errors():
+                capture = self._recording[index]
+            truth_m, occluded = capture.depth_true_m, capture.occluded
+            known = np.isfinite(truth_m)
+            hole = (capture.depth_raw_m == 0) & known
+            seen, never = seen_before.split(hole, truth_m, capture.T_world_cam, capture.depth_raw_m)
+            kind = occluded + np.uint8(2) * seen + np.uint8(4) * never
+            before = capture if before is None else before
+            with np.errstate(invalid="ignore"):
+                close = np.abs(truth_m - before.depth_true_m) <= np.float32(SAME_SURFACE) * truth_m
+            static: MaskImage = close & known & (capture.segment_id == before.segment_id) & (index > 0)
+            moving: MaskImage | None = None
+            departed_m: FloatImage | None = None
+            if self._moving_ids:
+                moving = np.isin(capture.segment_id, self._moving_ids)
+                static, departed_m = static & ~moving, departures.add(moving, truth_m)
+            yield EvaluationFrame(
+                frame=frame_of(capture),
+                T_world_cam=capture.T_world_cam,
+                reference_m=truth_m,
+                labels=TRUE_GROUPS.label(truth_m, kind.astype(np.uint8)),
+                static=static,
+                moving=moving,
+                departed_m=departed_m,
+            )
+            before = capture
+
+
+class Departures:
+    """Follows the frames of a sequence and finds the pixels that moving objects have left."""
+
+    def __init__(self) -> None:
+        self._past_m: deque[FloatImage] = deque(maxlen=GHOST_FRAMES)
+
+    def add(self, moving: MaskImage, truth_m: FloatImage) -> FloatImage:
+        """Add the pixels of moving objects and the true depth [m] of the next frame, shape (H, W).
+
+        Returns:
+            True depth of the moving object that was last at a pixel `GHOST_FRAMES` frames ago [m], shape (H, W),
+            float32; 0 where none was, or where one has been since.
+        """
+        moving_m = np.where(moving, truth_m, np.float32(0)).astype(np.float32)
+        departed_m = np.zeros_like(moving_m)
+        if len(self._past_m) == GHOST_FRAMES:
+            first_m, *later_m = self._past_m
+            departed_m = np.where(np.any([*later_m, moving_m], axis=0), np.float32(0), first_m)
+        self._past_m.append(moving_m)
+        return departed_m
+
+
+def moving_ids(recording: Recording) -> range:
+    """Return the segmentation ids of the moving spheres of a recording by its configuration, which begin at 0.
+
+    The range is empty for a recording that was not made from a sequence.
+    """
+    try:
+        sequence = tomllib.loads(recording.config_text).get("sequence")
+    except tomllib.TOMLDecodeError:
+        return range(0)
+    movers = sequence.get("movers") if isinstance(sequence, dict) else None
+    return range(len(movers) if isinstance(movers, list) else 0)

@@ -1,0 +1,129 @@
+"""The command that compares methods."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .errors import ToolError
+from .extensions import extensions
+from .options import DepthTopic, GrayTopic, Within, counter
+
+if TYPE_CHECKING:
+    from .evaluation.kinds import Opened
+    from .evaluation.suite import Plan, Requested
+
+OUTER_COMMA = r",(?![^\[]*\])"
+"""A comma that is not within the brackets of a setting."""
+
+
+def evaluate(
+    sequences: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Shipped sequences by name; `reference` and `hard` stand for six of them each, `artefacts` for seven. "
+            "Default: reference, unless there is --data."
+        ),
+    ] = None,
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="PATH", help="A recorded sequence of any format, or a bag; may be repeated."),
+    ] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,C",
+            help=r"Methods by name, perhaps with a setting as in temporal\[fill=all], or your own as "
+            "package.module:factory. Default: all, and the oracle true-pose where a recording has true poses.",
+        ),
+    ] = None,
+    frames: Annotated[int, typer.Option(min=1, help="How many of the first frames of each sequence.")] = 30,
+    seed: Annotated[
+        int | None, typer.Option(help="Master seed of the shipped sequences. Default: the file's, or 0.")
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="Folder of the results. A repetition reuses finished ones; the report shows what this call names.",
+        ),
+    ] = (Path("evaluation")),
+    depth_topic: DepthTopic = None,
+    gray_topic: GrayTopic = None,
+    within: Within = 20.0,
+) -> None:
+    """Compare all methods on the same frames: errors, coverage, flicker, latency; tables, figures and a report.
+
+    Records the shipped sequences below DIR first. Methods are scored by the true depth of a recording that has it, and
+    otherwise by measured pixels that are held out: occlusion shadows, wide ones, and patches, each by itself. Holes of
+    such a recording are scored by later frames. Writes results.csv, results.parquet and report.html. Exits 1 if a
+    method failed; the oracle does where there is no true pose, and does not count.
+    """
+    from rich.console import Console
+
+    from voxdepth.tools.evaluation.methods import ORACLE
+    from voxdepth.tools.evaluation.report import print_results, write_report
+    from voxdepth.tools.evaluation.suite import evaluate as run_plan
+    from voxdepth.tools.recorded import Opener, restrict_opencv
+
+    restrict_opencv()
+    opened = Opener(depth_topic=depth_topic, gray_topic=gray_topic, within_ms=within)
+    plan = _planned(sequences or [], data or [], opened, methods, frames, seed, out)
+    console = Console()
+    try:
+        with counter(console, "", len(plan), "results") as tell:
+            evaluation = run_plan(plan, lambda what, finished: tell(finished, what))
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; the finished results in {out} are safe, and the same command goes on")
+        raise
+    write_report(out, evaluation)
+    print_results(console, evaluation)
+    typer.echo(f"{len(evaluation.results)} results, {evaluation.reused} of them finished before")
+    typer.echo(f"results.csv, results.parquet and report.html are in {out}")
+    failed = [result for result in evaluation.failures if result.key.method != ORACLE]
+    if failed:
+        typer.echo(f"{len(failed)} of {len(evaluation.results)} results failed", err=True)
+        raise typer.Exit(1)
+
+
+def _planned(
+    sequences: Sequence[str],
+    data: Sequence[Path],
+    opened: "Opened",
+    methods: str | None,
+    frames: int,
+    seed: int | None,
+    out: Path,
+) -> "Plan":
+    """Make the plan, and check it before anything is written."""
+    from .evaluation.methods import METHOD_NAMES, ORACLE, find_methods
+    from .evaluation.suite import Plan
+
+    requested = _shipped(sequences or ([] if data else ["reference"]), seed)
+    requested += [each for folder in data for each in requested_of(folder, opened)]
+    has_poses = any(each.has_poses for each in requested)
+    usual = [name for name in METHOD_NAMES if has_poses or name != ORACLE]
+    chosen = usual if methods is None else [name.strip() for name in re.split(OUTER_COMMA, methods)]
+    return Plan(sequences=requested, methods=find_methods(chosen), frames=frames, out=out)
+
+
+def requested_of(folder: Path, opened: "Opened") -> "list[Requested]":
+    """Return what can be compared in a folder: a recording that an extension knows, or each kind of its pixels."""
+    from .evaluation.kinds import kinds_of
+    from .evaluation.suite import Judged
+
+    known = [found for extension in extensions() if (found := extension.recorded(folder)) is not None]
+    return known or [Judged(folder, kind, opened) for kind in kinds_of(folder, opened)]
+
+
+def _shipped(names: Sequence[str], seed: int | None) -> "list[Requested]":
+    """Find shipped sequences by name; the library alone has none."""
+    found = [each for extension in extensions() for each in extension.sequences(names, seed)] if names else []
+    if names and not found:
+        raise ToolError(
+            f"the sequences {', '.join(names)} belong to the testbed: name a recorded one with --data, or run make "
+            "setup in a clone of the project's repository"
+        )
+    return found
