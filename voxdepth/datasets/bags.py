@@ -22,10 +22,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DatasetError, FrameError
-from ..ros import DEPTH_ENCODINGS, GRAY_ENCODINGS, MILLIMETRES, Header, encoding_of, frame_of, header_of
+from ..ros import DEPTH_ENCODINGS, GRAY_ENCODINGS, Header, encoding_of, frame_of, header_of
 from ..types import Frame, Intrinsics
-from .files import CALIBRATION, calibration_path, list_folder, parse_calibration, read_text, stated
-from .pairs import matched
+from ..units import Unit
+from .files import CALIBRATION, calibration_path, camera_fields, choose_unit, intrinsics_from, list_folder, stated
+from .pairs import WITHIN_S, matched
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -67,6 +68,7 @@ class BagDataset:
         intrinsics: Intrinsics that take precedence over all others.
         depth_topic: Topic of the depth; None takes the only one.
         gray_topic: Topic of the gray image; None takes the only one of the same camera.
+        units_per_m: Steps of a metre in the depth, which take precedence as the intrinsics do.
 
     Raises:
         DatasetError: The bag is damaged, has no or several images of depth or gray of one camera, no camera, or no two
@@ -83,6 +85,8 @@ class BagDataset:
         *,
         depth_topic: str | None = None,
         gray_topic: str | None = None,
+        within_s: float = WITHIN_S,
+        units_per_m: float | None = None,
     ) -> None:
         found = bag_in(path)
         if found is None:
@@ -92,9 +96,9 @@ class BagDataset:
         gray = images.gray(gray_topic, depth)
         self._path = path
         self.intrinsics = intrinsics or _intrinsics(path, images, depth, gray)
-        self._units_per_m = images.units_per_m(depth)
+        self._units_per_m = choose_unit(path, units_per_m, Unit(images.units_per_m(depth))).units_per_m
         self._depth, self._gray = Stream(found, depth), Stream(found, gray)
-        self._frames = self._matched()
+        self._frames = self._matched(within_s)
 
     @classmethod
     def lacking(cls, path: Path) -> str:
@@ -130,14 +134,14 @@ class BagDataset:
             )
         return frame
 
-    def _matched(self) -> list[tuple[int, int, int]]:
+    def _matched(self, within_s: float) -> list[tuple[int, int, int]]:
         """Stamp [ns] and messages of depth and gray of every frame, in order of time."""
         streams = self._depth, self._gray
         has_stamps = all(any(header.stamp_ns for header in stream.headers) for stream in streams)
         times_ns = [stream.times_ns(has_stamps) for stream in streams]
         origin_ns = times_ns[0][0]  # The nanoseconds since 1970 do not fit into a float.
         depth, gray = (_in_order([(t - origin_ns) / 1e9 for t in times]) for times in times_ns)
-        frames = matched(depth, gray, *(f"{stream.topic} of {self._path}" for stream in streams))
+        frames = matched(depth, gray, *(f"{stream.topic} of {self._path}" for stream in streams), within_s=within_s)
         return [(times_ns[0][i], i, j) for _, i, j in frames]
 
 
@@ -148,13 +152,13 @@ def _in_order(times_s: Sequence[float]) -> list[tuple[float, int]]:
 
 def _intrinsics(path: Path, images: "Images", depth: str, gray: str) -> Intrinsics:
     """The camera of the depth, or else of the gray image; fields of a calibration beside the bag count before it."""
-    calibration = calibration_path(path)
-    if calibration.exists():
+    calibration, values = calibration_path(path), camera_fields(path)
+    if values:
         known: dict[str, Any] = {}
         with suppress(DatasetError):  # The calibration may be there because the camera_info describes no camera.
             camera = images.camera(depth) or images.camera(gray)
             known = {} if camera is None else stated(camera)
-        return parse_calibration(read_text(calibration), calibration, known)
+        return intrinsics_from({**known, **values}, calibration)
     camera = images.camera(depth) or images.camera(gray)
     if camera is None:
         raise DatasetError(
@@ -198,10 +202,10 @@ class Images:
                 f"the camera_info of {topic} in {self._bag.path} describes no camera: {error}"
             ) from error
 
-    def units_per_m(self, topic: str) -> float:
-        """The steps of a metre in depth of 16 bits."""
+    def units_per_m(self, topic: str) -> float | None:
+        """The steps of a metre in the depth; None where the bag does not state them."""
         unit_m = self._option(topic, "Depth_Units")
-        return float(f"{1 / unit_m:.6g}") if unit_m else MILLIMETRES  # The option is a float of 32 bits.
+        return float(f"{1 / unit_m:.6g}") if unit_m else None  # The option is a float of 32 bits.
 
     def _chosen(self, named: str | None, topics: Sequence[str], what: str, option: str) -> str:
         path = self._bag.path

@@ -1,5 +1,6 @@
 """A dataset as pairs of files: a gray and a depth image for every frame, and the matching of their times."""
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,15 +12,18 @@ from typing import TypeVar
 import numpy as np
 
 from ..errors import DatasetError, FrameError
-from ..ros import Header
+from ..ros import TIMES_S, Header
 from ..types import FloatImage, Frame, Intrinsics
-from .files import choose_intrinsics
-from .images import read_gray
+from ..units import Unit
+from .files import choose_intrinsics, choose_unit
+from .images import read_depth, read_gray
 
 MAX_CANDIDATES = 1000
 """Largest number of images within the tolerance of another one; beyond it the times cannot be those of a camera."""
 WITHIN_S = 0.02
-"""Largest difference of the times of two images of one frame."""
+"""Largest difference of the times of two images of one frame, unless it is stated."""
+LONGEST_GAP_S = 10.0
+"""Times of two images that are farther apart get a warning: they may not be in seconds."""
 FRAME_ID = "camera"
 """Name of the coordinate frame of the images."""
 
@@ -44,6 +48,8 @@ class PairedImages(ABC):
     Args:
         folder: Folder of the dataset.
         intrinsics: Intrinsics that take precedence over those of the folder and of the format.
+        within_s: Largest difference of the times of two images of one frame, where images are paired by time.
+        units_per_m: Steps of a metre in the depth; they take precedence as the intrinsics do.
 
     Raises:
         DatasetError: The folder is not of this format, a list or calibration in it is missing or damaged, there is no
@@ -54,12 +60,26 @@ class PairedImages(ABC):
     assumed = ""
     """What the format takes for granted of this camera, in words; empty if it knows it."""
 
-    def __init__(self, folder: Path, intrinsics: Intrinsics | None = None) -> None:
+    _unit = Unit()
+    """Unit of the depth, as far as the format knows it."""
+
+    def __init__(
+        self,
+        folder: Path,
+        intrinsics: Intrinsics | None = None,
+        *,
+        within_s: float = WITHIN_S,
+        units_per_m: float | None = None,
+    ) -> None:
+        self._within_s = within_s
         pairs = self._find_pairs(folder)
         if not pairs:
             raise DatasetError(f"expected frames in {folder}, got none; is the export complete?")
-        require_increasing([pair.stamp_s for pair in pairs], f"the frames of {folder}")
+        stamps_s = [pair.stamp_s for pair in pairs]
+        require_increasing(stamps_s, f"the frames of {folder}")
+        warn_of_gaps(stamps_s, f"the frames of {folder}")
         self.intrinsics = choose_intrinsics(folder, intrinsics, lambda: self._known_intrinsics(folder, pairs[0]))
+        self._unit = choose_unit(folder, units_per_m, self._unit)
         self._pairs = tuple(pairs)
         stems = [pair.depth.stem for pair in pairs]
         are_sorted = all(before < after for before, after in pairwise(stems))
@@ -78,9 +98,14 @@ class PairedImages(ABC):
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
         """Intrinsics that the format defines or describes, for a folder without a `calibration.toml`."""
 
-    @abstractmethod
     def _read_depth_m(self, pair: Pair) -> FloatImage:
         """Depth along the optical axis [m], shape (H, W), float32; 0 = invalid."""
+        return self._unit.metres(read_depth(pair.depth, self.intrinsics.shape))
+
+    def _matched(self, depth: Stream[Path], gray: Stream[Path], depth_source: str, gray_source: str) -> list[Pair]:
+        """The frames of images of nearest time, see `matched`."""
+        frames = matched(depth, gray, depth_source, gray_source, within_s=self._within_s)
+        return [Pair(stamp_s=stamp_s, gray=gray, depth=depth) for stamp_s, depth, gray in frames]
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -116,7 +141,16 @@ def parse_stamp(text: str, source: str) -> float:
 
 
 def require_increasing(stamps_s: Sequence[float], source: str) -> None:
-    """Raise a `DatasetError` for times [s] that run backwards or repeat; the source says where they come from."""
+    """Raise a `DatasetError` for times [s] that run backwards or repeat, or that no ROS time reaches.
+
+    The source says in the error where they come from.
+    """
+    for stamp_s in (min(stamps_s, default=0), max(stamps_s, default=0)):
+        if not -TIMES_S.stop < stamp_s < TIMES_S.stop:
+            raise DatasetError(
+                f"expected times in {source} in seconds, less than {TIMES_S.stop}, got {stamp_s:g}: are they in "
+                "milliseconds, microseconds or nanoseconds? Divide them"
+            )
     for before_s, after_s in pairwise(stamps_s):
         if after_s <= before_s:
             raise DatasetError(
@@ -125,25 +159,51 @@ def require_increasing(stamps_s: Sequence[float], source: str) -> None:
             )
 
 
-def matched(depth: Stream[T], gray: Stream[T], depth_source: str, gray_source: str) -> list[tuple[float, T, T]]:
-    """The times [s] of depth images, in order, with the depth and the gray image of nearest time within `WITHIN_S`.
+def warn_of_gaps(stamps_s: Sequence[float], source: str) -> None:
+    """Warn of increasing times [s] that are so far apart that they may not be in seconds."""
+    gap_s, start_s = max(((after_s - before_s, before_s) for before_s, after_s in pairwise(stamps_s)), default=(0, 0))
+    if gap_s > LONGEST_GAP_S:
+        warnings.warn(
+            f"{gap_s:.6g} s without an image in {source}, from {start_s:.6f} s on: are the times in seconds?",
+            stacklevel=2,
+        )
 
-    The sources say in errors where the images come from.
+
+def matched(
+    depth: Stream[T], gray: Stream[T], depth_source: str, gray_source: str, *, within_s: float
+) -> list[tuple[float, T, T]]:
+    """The times [s] of depth images, in order, with the depth and the gray image of nearest time.
+
+    Depth images without a gray image within `within_s` are left out with a warning. The sources say where the images
+    come from.
 
     Raises:
         DatasetError: The times of a stream run backwards or repeat, or no two images are of one time.
     """
-    times_s = []
-    for stream, source in ((depth, depth_source), (gray, gray_source)):
-        times_s.append([stamp_s for stamp_s, _ in stream])
-        require_increasing(times_s[-1], source)
-    pairs = associate(*times_s, within_s=WITHIN_S)
+    times_s = [[stamp_s for stamp_s, _ in stream] for stream in (depth, gray)]
+    for stamps_s, source in zip(times_s, (depth_source, gray_source), strict=True):
+        require_increasing(stamps_s, source)
+    pairs = associate(*times_s, within_s=within_s)
+    n_alone, within = len(depth) - len(pairs), f"within {1000 * within_s:g} ms"
     if not pairs:
         raise DatasetError(
-            f"expected images of {depth_source} and {gray_source} within {WITHIN_S} s of each other, got none among "
-            f"{len(depth)} and {len(gray)}; are they of one recording, and by one clock?"
+            f"expected images of {depth_source} and {gray_source} {within} of each other, got none among "
+            f"{len(depth)} and {len(gray)}; are they of one recording, and by one clock? Otherwise state a larger "
+            "difference: --within, or within_s of open_dataset"
+        )
+    if n_alone:
+        rates = (f"{source} has {_rate(t)}" for source, t in zip((depth_source, gray_source), times_s, strict=True))
+        warnings.warn(
+            f"{n_alone} of {len(depth)} depth images have no gray image {within} and are left out: {', '.join(rates)}; "
+            "a larger difference is stated by --within, or by within_s of open_dataset",
+            stacklevel=2,
         )
     return [(*depth[i], gray[j][1]) for i, j in pairs]
+
+
+def _rate(stamps_s: Sequence[float]) -> str:
+    n, duration_s = len(stamps_s), stamps_s[-1] - stamps_s[0]
+    return f"{n} images" + (f", {(n - 1) / duration_s:.3g} a second" if n > 1 else "")
 
 
 def associate(first_s: Sequence[float], second_s: Sequence[float], *, within_s: float) -> list[tuple[int, int]]:

@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import sys
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -81,8 +82,9 @@ def create_app() -> typer.Typer:
 
 
 def main() -> None:
-    """Run the command line; our own errors print one line and exit with code 2."""
+    """Run the command line; warnings and our own errors print one line, and errors exit with code 2."""
     os.environ.setdefault("RUST_LOG", RERUN_LOG)
+    warnings.formatwarning = lambda message, *_, **__: f"voxdepth: {message}\n"
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # Not every terminal has the lines of a table.

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .errors import ToolError
-from .options import CORRECTOR_HELP, DEFAULT_CORRECTOR, DepthTopic, GrayTopic, counter, parsed_size, require_installed
+from .options import (
+    CORRECTOR_HELP,
+    DEFAULT_CORRECTOR,
+    DepthTopic,
+    GrayTopic,
+    UnitsPerM,
+    Within,
+    counter,
+    parsed_size,
+    require_installed,
+)
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -46,6 +56,8 @@ def correct(
     frames: Annotated[int | None, typer.Option(min=1, help="Number of frames to correct. Default: all.")] = None,
     depth_topic: DepthTopic = None,
     gray_topic: GrayTopic = None,
+    within: Within = 20.0,
+    units_per_m: UnitsPerM = None,
     rosbag2: Annotated[bool, typer.Option("--rosbag2", help="Write a folder of ROS 2 in place of images.")] = False,
 ) -> None:
     """Correct the depth of a recorded sequence; the result appears when it is complete.
@@ -69,7 +81,14 @@ def correct(
         require_installed("rerun")
     output = _output(out, rosbag2)
     restrict_opencv()
-    dataset = Opener(format=format.value, depth_topic=depth_topic, gray_topic=gray_topic)(folder)
+    opened = Opener(
+        format=format.value,
+        depth_topic=depth_topic,
+        gray_topic=gray_topic,
+        within_ms=within,
+        units_per_m=units_per_m,
+    )
+    dataset = opened(folder)
     correction = _planned(folder, dataset, spec, frames, output)
     console, start = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
