@@ -66,6 +66,11 @@ def test_names_with_a_time_are_in_its_order_at_its_distances(form: str) -> None:
     np.testing.assert_allclose(since_s, np.array(us) / 1e6, atol=1.1e-3)
 
 
+def test_whole_microseconds_are_not_taken_for_decimals_because_none_has_six_digits() -> None:
+    named = in_order([Path(f"1699187734_{us}.png") for us in (16_667, 50_000, 83_333)])
+    assert [time_ns % 10**9 for time_ns, _ in named.files] == [16_667_000, 50_000_000, 83_333_000]
+
+
 @given(st.lists(st.integers(0, 10**12), min_size=2, max_size=9, unique=True))
 @pytest.mark.parametrize("form", ["date, microseconds", "compact date, microseconds", "s, us", "us"])
 def test_any_times_are_in_order(form: str, us: list[int]) -> None:

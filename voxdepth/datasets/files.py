@@ -49,12 +49,9 @@ def list_images(folder: Path, suffixes: Collection[str]) -> list[Path]:
 
 
 def broken_links(paths: Iterable[Path]) -> str:
-    """Name the links among some paths that lead nowhere, as the end of an error; empty if none does."""
-    return "".join(
-        f"; {path} is a link to {path.readlink()}, which is not there"
-        for path in paths
-        if path.is_symlink() and not path.exists()
-    )
+    """Name the links among some paths and their folders that lead nowhere, as the end of an error; empty without."""
+    links = {link for path in paths for link in (path, path.parent) if link.is_symlink() and not link.exists()}
+    return "".join(f"; {link} is a link to {link.readlink()}, which is not there" for link in sorted(links))
 
 
 def read_bytes(path: Path) -> bytes:

@@ -28,6 +28,8 @@ LEAST_TIME = 10**9
 DATE = re.compile(r"(?<!\d)((?:19|20)\d\d)" + r"\D?(\d\d)" * 5 + r"(?:\D?(\d{1,9}))?(?!\d)")
 SECONDS = re.compile(r"(?<!\d)(1\d{9})\D(\d{1,9})(?!\d)")
 DECIMAL = re.compile(r"(?<![\d.])\d+\.\d+(?![\d.])")
+UNPADDED = {5, 8}
+"""Numbers of digits that decimal parts of a second do not have, but whole us or ns."""
 
 Match = re.Match[str]
 Reader = Callable[[Sequence[Match]], list[int] | None]
@@ -114,7 +116,7 @@ def _parts_ns(found: Sequence[Match], group: int) -> list[int]:
     widths = set(map(len, texts))
     if len(set(texts)) == 1:
         return [0] * len(texts)
-    if len(widths) == 1 or found[0][0].count(".") == 1:
+    if (len(widths) == 1 and not widths & UNPADDED) or found[0][0].count(".") == 1:
         return [int(text.ljust(9, "0")) for text in texts]
     width = next(width for width in (3, 6, 9) if max(widths) <= width)
     return [int(text or "0") * 10 ** (9 - width) for text in texts]
