@@ -69,16 +69,23 @@ def images(topic: str, frames: Sequence[dict], kind: str = "Image") -> list[Entr
     return [Entry(topic, fields["header"][0] + S // 200, f"sensor_msgs/msg/{kind}", fields) for fields in frames]
 
 
-def write_bag(path: Path, entries: Sequence[Entry], plugin: str = "sqlite3") -> Path:
-    """Write a bag whose kind is that of the suffix; without one it is a folder of ROS 2."""
-    ordered = sorted(entries, key=lambda entry: entry.received_ns)
+def in_order(entries: Sequence[Entry]) -> list[Entry]:
+    """The messages in the order of their reception."""
+    return sorted(entries, key=lambda entry: entry.received_ns)
+
+
+def write_bag(path: Path, ordered: Sequence[Entry], plugin: str = "sqlite3", compression: str = "none") -> Path:
+    """Write messages, in their order, into a bag whose kind is that of the suffix; a folder of ROS 2 without one."""
     if path.suffix == ".bag":
         with rosbag1.Writer(path) as writer:
             _write(writer, ordered, ROS1)
         return path
     storage = {".db3": "sqlite3", ".mcap": "mcap"}.get(path.suffix, plugin)
     folder = path.parent / path.stem
-    with rosbag2.Writer(folder, version=8, storage_plugin=rosbag2.StoragePlugin[storage.upper()]) as writer:
+    writer = rosbag2.Writer(folder, version=8, storage_plugin=rosbag2.StoragePlugin[storage.upper()])
+    if compression != "none":
+        writer.set_compression(rosbag2.CompressionMode[compression.upper()], rosbag2.CompressionFormat.ZSTD)
+    with writer:
         _write(writer, ordered, ROS2)
     if path.suffix:
         (folder / path.name).rename(path)

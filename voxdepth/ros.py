@@ -3,11 +3,13 @@
 Neither ROS nor a library of messages is imported: the functions read and give the fields that the messages have in
 ROS 1 and ROS 2, so that the reader of bags, the writer of bags and the node share them.
 
-Images of depth are `sensor_msgs/Image` with 16UC1 or mono16 in millimetres or 32FC1 in metres (REP 118), gray ones have
-8 bits in one channel or several. Of `sensor_msgs/CompressedImage` PNG and JPEG are decoded: `compressedDepth` begins
-with 12 bytes, a format and two parameters a and b, and stores floats as 16-bit `v` with depth = a / (v - b).
+Images of depth are `sensor_msgs/Image` with 16UC1 or mono16 in millimetres or floats in metres (REP 118), gray ones
+have 8 bits in one channel or several. Of `sensor_msgs/CompressedImage` PNG, TIFF and JPEG are decoded; a PNG of 16 bits
+is depth whatever its format is called. `compressedDepth` begins with 12 bytes, a format and two parameters a and b, and
+stores floats as 16-bit `v` with depth = a / (v - b).
 """
 
+import re
 from typing import Any, NamedTuple
 
 import cv2
@@ -23,6 +25,7 @@ __all__ = [
     "GRAY_ENCODINGS",
     "TIMES_S",
     "Header",
+    "are_apart",
     "camera_info_fields",
     "confidence_fields",
     "confidence_levels",
@@ -37,7 +40,7 @@ __all__ = [
 
 TIMES_S = range(2**31)
 """Seconds that a time in ROS 2 can have."""
-DEPTH_ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+DEPTH_ENCODINGS = {"16UC1": "u2", "mono16": "u2", "16FC1": "f2", "32FC1": "f4", "64FC1": "f8"}
 """Types of the pixels of depth, without the order of their bytes, by encoding."""
 GRAY_ENCODINGS: dict[str, tuple[int, int | None]] = {
     "mono8": (1, None),
@@ -48,7 +51,10 @@ GRAY_ENCODINGS: dict[str, tuple[int, int | None]] = {
     "bgra8": (4, cv2.COLOR_BGRA2GRAY),
 }
 """Number of channels and OpenCV's conversion to gray by encoding."""
-COMPRESSED_DEPTH = "compressedDepth"
+STREAM_WORDS = {"depth", "left", "infra1", "infrared1", "ir", "optical", "frame", "link"}
+"""Parts of the name of a coordinate frame that do not tell from which place a camera looks."""
+PNG, GRAY_16 = b"\x89PNG", b"\x10\0"
+"""How a PNG begins, and its bytes 24 and 25 where it has 16 bits in one channel."""
 DEPTH_HEADER = np.dtype([("format", "<i4"), ("a", "<f4"), ("b", "<f4")])
 """What precedes the PNG in a message of compressed depth."""
 
@@ -68,12 +74,26 @@ def header_of(message: Any) -> Header:
     return Header(int(stamp.sec) * 10**9 + int(stamp.nanosec), str(message.header.frame_id))
 
 
+def are_apart(first: Any, second: Any) -> bool:
+    """Whether the coordinate frames of two messages have names of cameras in different places."""
+    ids = [str(message.header.frame_id).lower() for message in (first, second)]
+    places = [[word for word in re.findall("[a-z0-9]+", name) if word not in STREAM_WORDS] for name in ids]
+    return "" not in ids and places[0] != places[1]
+
+
 def encoding_of(message: Any) -> str:
-    """Return the encoding of an image, also of a compressed one; empty where a compressed image does not say it."""
+    """Return the encoding of an image, also of a compressed one; empty where a compressed image does not show it."""
     if hasattr(message, "encoding"):
         return str(message.encoding)
     first = str(message.format).split(";")[0].strip()
-    return first if first in DEPTH_ENCODINGS or first in GRAY_ENCODINGS else ""
+    if first in DEPTH_ENCODINGS or first in GRAY_ENCODINGS:
+        return first
+    data = np.frombuffer(message.data, np.uint8)
+    start = _start_of_png(data)
+    png = bytes(data[start : start + 26])
+    if not (png.startswith(PNG) and png.endswith(GRAY_16)):
+        return ""
+    return "32FC1" if data[4:start].any() else "16UC1"  # The parameters of floats are not zero.
 
 
 def frame_of(gray: Any, depth: Any, *, stamp_s: float | None = None, units_per_m: float | None = None) -> Frame:
@@ -83,7 +103,11 @@ def frame_of(gray: Any, depth: Any, *, stamp_s: float | None = None, units_per_m
         FrameError: An image is of another encoding, damaged, or they differ in size.
     """
     stamp_s = header_of(depth).stamp_ns / 1e9 if stamp_s is None else stamp_s
-    return Frame(stamp_s=stamp_s, gray=gray_of(gray), depth_m=depth_of(depth, units_per_m))
+    levels, depth_m = gray_of(gray), depth_of(depth, units_per_m)
+    if levels.shape != depth_m.shape:
+        sizes = "{1}x{0} pixels and the gray image {3}x{2}".format(*depth_m.shape, *levels.shape)
+        raise FrameError(f"the depth has {sizes}: take the gray image of its camera, or align the depth with it")
+    return Frame(stamp_s=stamp_s, gray=levels, depth_m=depth_m)
 
 
 def depth_of(message: Any, units_per_m: float | None = None) -> FloatImage:
@@ -94,7 +118,7 @@ def depth_of(message: Any, units_per_m: float | None = None) -> FloatImage:
         units_per_m: Steps of a metre; None takes 1000 for 16 bits and 1 for floats if the depths fit that.
 
     Raises:
-        FrameError: The message is no depth, is damaged, or its depths contradict the usual unit.
+        FrameError: The message is no depth, or is damaged.
     """
     encoding = encoding_of(message)
     if hasattr(message, "encoding"):
@@ -147,32 +171,38 @@ def _pixels(message: Any, kind: np.dtype[Any], channels: int) -> npt.NDArray[Any
 def _decoded_depth(message: Any, encoding: str) -> npt.NDArray[Any]:
     """Depth of a compressed image in its units, shape (H, W), uint16 or float32."""
     data = np.frombuffer(message.data, np.uint8)
-    if COMPRESSED_DEPTH not in message.format:
-        image = _decoded(message, data)
-        if image.dtype != np.uint16 or image.ndim != 2 or encoding not in ("16UC1", "mono16"):
-            raise FrameError(f"expected depth of 16 bits in one channel, got {image.dtype} ({message.format!r})")
+    start = _start_of_png(data)
+    image, is_packed = _decoded(message, data[start:]), start == DEPTH_HEADER.itemsize and encoding == "32FC1"
+    is_whole = image.dtype == np.uint16 and (is_packed or encoding != "32FC1")
+    if image.ndim != 2 or not (is_whole or (image.dtype == np.float32 and encoding in ("", "32FC1"))):
+        raise FrameError(
+            f"expected depth of 16 bits in one channel, or floats in a TIFF, got {image.dtype} of shape {image.shape} "
+            f"({message.format!r})"
+        )
+    if not is_packed:
         return image
-    if len(data) < DEPTH_HEADER.itemsize:
-        raise FrameError(f"expected compressed depth, got {len(data)} bytes: the message is damaged")
-    parameters = data[: DEPTH_HEADER.itemsize].view(DEPTH_HEADER)[0]
-    image = _decoded(message, data[DEPTH_HEADER.itemsize :])
-    if image.dtype != np.uint16 or image.ndim != 2:
-        raise FrameError(f"expected compressed depth of 16 bits in one channel, got {image.dtype}")
-    if encoding != "32FC1":
-        return image
+    parameters = data[:start].view(DEPTH_HEADER)[0]
     with np.errstate(divide="ignore"):
         depth_m = float(parameters["a"]) / (image - float(parameters["b"]))
     return np.where(image > 0, depth_m, 0).astype(np.float32)
 
 
+def _start_of_png(data: npt.NDArray[np.uint8]) -> int:
+    """Where a PNG begins, perhaps after a header of compressed depth; 0 for other data."""
+    return max(bytes(data[: DEPTH_HEADER.itemsize + len(PNG)]).find(PNG), 0)
+
+
 def _decoded(message: Any, data: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
-    """A PNG or JPEG in a compressed image, decoded."""
+    """A PNG, TIFF or JPEG in a compressed image, decoded."""
     try:
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
     except cv2.error:
         image = None
     if image is None:
-        raise FrameError(f"cannot decode the compressed image ({message.format!r}): only whole PNG and JPEG are read")
+        raise FrameError(
+            f"cannot decode the compressed image ({message.format!r}): only whole PNG, TIFF and JPEG are read, neither "
+            "RVL nor video; republish it as PNG"
+        )
     return np.asarray(image)
 
 

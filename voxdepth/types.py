@@ -307,7 +307,7 @@ def _is_plain(given: object) -> bool:
 def _kind(given: object) -> str:
     if np.ma.isMaskedArray(given):
         return "masked array"
-    return str(given.dtype.newbyteorder("=")) if isinstance(given, np.ndarray) else type(given).__name__
+    return given.dtype.name if isinstance(given, np.ndarray) else type(given).__name__
 
 
 def _is_finite(number: float) -> bool:

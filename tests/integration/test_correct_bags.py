@@ -124,6 +124,29 @@ def test_a_bag_becomes_a_folder_of_images_like_any_other_recording(bag: Path, tm
     np.testing.assert_allclose(depth_mm / 1000, corrected.depth_m, atol=0.00051)
 
 
+@pytest.mark.parametrize("first_s", [-1.5, -0.001])
+@pytest.mark.parametrize(("name", "options"), [("out.mcap", []), ("out", ["--rosbag2"])])
+def test_times_that_ros_does_not_have_are_refused_before_anything_is_written(
+    first_s: float, name: str, options: list[str], tmp_path: Path
+) -> None:
+    folder, pixels = tmp_path / "walk", np.full((48, 64), 9)
+    for kind, made in (("rgb", pixels.astype(np.uint8)), ("depth", pixels.astype(np.uint16))):
+        (folder / kind).mkdir(parents=True)
+        cv2.imwrite(str(folder / kind / "0.png"), made)
+        (folder / f"{kind}.txt").write_text(f"{first_s} {kind}/0.png\n")
+    lens = "fx_px = 60.0\nfy_px = 60.0\ncx_px = 31.5\ncy_px = 23.5\nwidth_px = 64\nheight_px = 48\n"
+    (folder / "calibration.toml").write_text(lens)
+    done = run("correct", folder, "--out", tmp_path / name, *options)
+    assert isinstance(done.exception, ToolError)
+    assert f"expected times of 0 to 2147483648 s for a bag of ROS 2, got {first_s} s of frame 0" in str(done.exception)
+    assert [path.name for path in tmp_path.iterdir()] == ["walk"]
+
+
+def test_the_largest_difference_of_a_pair_is_an_option(bag: Path, tmp_path: Path) -> None:
+    assert run("correct", bag, "--out", tmp_path / "out", "--frames", "1", "--within", "0").exit_code == 0
+    assert run("correct", bag, "--out", tmp_path / "none", "--within", "-1").exit_code == 2
+
+
 def test_another_format_becomes_a_bag_with_its_times(bag: Path, tmp_path: Path) -> None:
     for kind in ("depth", "ir"):
         (tmp_path / "export" / kind).mkdir(parents=True)
@@ -146,7 +169,7 @@ def test_another_format_becomes_a_bag_with_its_times(bag: Path, tmp_path: Path) 
     [
         (("gray", "info"), "expected images of depth"),
         (("depth", "gray"), "has no camera_info"),
-        (("depth", "second", "gray", "info"), "32FC1): /cam/depth (16UC1), /two (16UC1); choose one"),
+        (("depth", "second", "gray", "info"), "64FC1): /cam/depth (16UC1), /two (16UC1); choose one"),
         (("undecodable", "gray", "info"), "cannot decode the compressed image"),
     ],
 )  # fmt: skip

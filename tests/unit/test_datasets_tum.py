@@ -22,6 +22,8 @@ COLOUR_S = (1.00, 1.03, 1.06, 1.20)
 DEPTH_S = (1.01, 1.05, 1.09, 1.21)
 """1.09 is 0.03 s from the nearest colour image."""
 
+pytestmark = pytest.mark.filterwarnings("ignore:1 of 4 depth images have no gray image")
+
 
 def colour_of(index: int) -> np.ndarray:
     return np.random.default_rng(index).integers(0, 256, (6, 8, 3), np.uint8)
@@ -55,7 +57,10 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_frames_have_the_nearest_colour_the_depth_in_metres_and_no_pose(folder: Path) -> None:
-    dataset = open_dataset(folder, intrinsics=CAMERA)
+    with pytest.warns(
+        UserWarning, match=r"1 of 4 depth images have no gray image within 20 ms and are left out: .*depth"
+    ):
+        dataset = open_dataset(folder, intrinsics=CAMERA)
     assert isinstance(dataset, TumDataset) and len(dataset) == 3 and dataset.intrinsics == CAMERA
     frames = [dataset[index] for index in range(3)]
     assert [frame.stamp_s for frame in frames] == [1.01, 1.05, 1.21]
@@ -67,6 +72,22 @@ def test_frames_have_the_nearest_colour_the_depth_in_metres_and_no_pose(folder: 
     assert dataset[-1].stamp_s == 1.21
     with pytest.raises(IndexError):
         dataset[3]
+
+
+def test_the_largest_difference_of_a_pair_can_be_stated(folder: Path) -> None:
+    with pytest.raises(DatasetError, match="within 5 ms of each other, got none among 4 and 4"):
+        open_dataset(folder, intrinsics=CAMERA, within_s=0.005)
+
+
+@pytest.mark.parametrize("start_s", [0, 1.7e9])
+@pytest.mark.parametrize("per_s", [1e3, 1e6, 1e9])
+def test_times_that_are_not_in_seconds_are_told(per_s: float, start_s: float, folder: Path) -> None:
+    for name, stamps_s in (("rgb", COLOUR_S), ("depth", DEPTH_S)):
+        lines = (f"{(start_s + s) * per_s:.0f} {name}/{n:.6f}.png\n" for s, n in zip(DEPTH_S, stamps_s, strict=True))
+        (folder / f"{name}.txt").write_text("".join(lines))
+    told = pytest.warns(UserWarning, match=r"\d s between two images of .*depth.txt: are the times in seconds")
+    with pytest.raises(DatasetError, match="are they in milliseconds") if start_s else told:
+        open_dataset(folder, intrinsics=CAMERA)
 
 
 def test_truth_is_not_even_opened(folder: Path) -> None:

@@ -126,6 +126,23 @@ def test_bad_messages_are_frame_errors_and_the_next_good_one_is_corrected(gray: 
     assert corrector.correct(gray_message(10 * S), depth_message(10 * S), info_message())
 
 
+@pytest.mark.parametrize(
+    ("depth_ms", "gray_ms", "n_alone"),
+    [
+        (range(0, 400, 33), range(0, 400, 66), 6),
+        (range(0, 400, 33), [], 8),
+        ([0] * 4, [500], 3),
+        ([0, 33, 66, 99], [1, 34, 67, 100], 0),
+    ],
+    ids=["half the rate", "none", "without stamps", "all paired"],
+)
+def test_images_without_a_partner_are_counted(depth_ms: list[int], gray_ms: list[int], n_alone: int) -> None:
+    pairs = stream().Pairs(0.02)
+    for stamp_ms, topic in sorted([(ms, 1) for ms in depth_ms] + [(ms, 0) for ms in gray_ms]):
+        pairs.add(topic, stamp_of(stamp_ms))
+    assert pairs.n_alone == n_alone
+
+
 def test_the_latest_item_wins() -> None:
     latest = stream().Latest()
     assert latest.take(0.001) is None
@@ -235,6 +252,21 @@ def test_the_node_warns_of_a_bad_frame_and_goes_on(node: Any, monkeypatch: pytes
     assert not node.topics["~/depth"].sent
     receive(node, gray_message(2 * S), depth_message(2 * S))
     run(node, monkeypatch)
+    assert len(node.topics["~/depth"].sent) == 1
+
+
+def test_the_node_warns_of_images_without_a_partner_and_of_other_cameras(
+    node: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node.callbacks["camera_info"](info_message())
+    for stamp_ns in range(S, 8 * S, S):
+        node.callbacks["depth"](depth_message(stamp_ns))
+    assert node.warnings[-1] == "2 images so far had no partner within slop_s, as in topics of different rates"
+    gray = gray_message(7 * S)
+    gray.header.frame_id = "rear"
+    node.callbacks["image"](gray)
+    run(node, monkeypatch)
+    assert "of one camera, but are in the coordinate frames 'rear', 'left_optical', 'left'" in node.warnings[-1]
     assert len(node.topics["~/depth"].sent) == 1
 
 

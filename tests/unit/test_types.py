@@ -198,6 +198,16 @@ def test_millimetres_and_other_units_become_metres() -> None:
         Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm.astype(np.float32))
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_depth_of_every_byte_order_and_of_half_precision_is_taken(order: str) -> None:
+    gray, metres = np.zeros((1, 2), np.uint8), np.array([[0.5, 1.5]])
+    depth_mm = (1000 * metres).astype(f"{order}u2")
+    frames = [Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm)]
+    frames += [Frame.from_metres(stamp_s=0.0, gray=gray, depth_m=metres.astype(order + k)) for k in ("f2", "f4", "f8")]
+    for frame in frames:
+        np.testing.assert_array_equal(frame.depth_m, metres.astype(np.float32))
+
+
 def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> None:
     depth_m = np.array([[np.nan, 1.5, np.inf, -np.inf]])
     frame = Frame.from_metres(stamp_s=0.0, gray=np.zeros((1, 4), np.uint8), depth_m=depth_m)

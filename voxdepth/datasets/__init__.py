@@ -21,6 +21,9 @@ __all__ = ["DATASET_FORMATS", "Dataset", "open_dataset"]
 DATASET_FORMATS = ("tum", "midair", "realsense", "recording", "bag")
 """All formats, in the order in which they are tried."""
 
+WITHIN_S = 0.02
+"""Largest difference of the times of two images of one frame, unless it is stated."""
+
 
 class Dataset(Protocol):
     """Frames of one camera on disk, in order of time. An image is read when its frame is requested."""
@@ -55,10 +58,10 @@ def open_dataset(
     intrinsics: Intrinsics | None = None,
     depth_topic: str | None = None,
     gray_topic: str | None = None,
-    within_s: float | None = None,
+    within_s: float = WITHIN_S,
     units_per_m: float | None = None,
 ) -> Dataset:
-    """Open a dataset: a folder, or the file of a bag. A warning says what is left out or assumed.
+    """Open a dataset: a folder, or the file of a bag.
 
     Args:
         path: The unpacked archive of the dataset, the folder that the camera's tool exported to, or a bag.
@@ -68,7 +71,7 @@ def open_dataset(
         depth_topic: Topic of the depth in a bag; needed where several are there.
         gray_topic: Topic of the gray or colour image in a bag; needed where several of the same camera are there.
         within_s: Largest difference of the times of a depth and a gray image of one frame [s], where they are paired by
-            time; None for 20 ms. Depth images without a gray one are left out with a warning.
+            time. Depth images without a gray one are left out with a warning.
         units_per_m: Steps of a metre in the depth: 1000 for millimetres, 1 for metres, 5000 for TUM RGB-D. It takes
             precedence over the one of a `calibration.toml`, and that over the one of the format.
 
@@ -81,15 +84,12 @@ def open_dataset(
     from .bags import SUFFIXES, BagDataset
     from .files import broken_links, list_folder, require_dataset
     from .midair import MidAirDataset
-    from .pairs import WITHIN_S
     from .realsense import RealSenseDataset
     from .recording import RecordingDataset
     from .tum import TumDataset
 
     if format != "auto" and format not in DATASET_FORMATS:
         raise ConfigError(f"there is no dataset format {format!r}; choose one of: auto, {', '.join(DATASET_FORMATS)}")
-    if within_s is None:
-        within_s = WITHIN_S
     if not 0 <= within_s < inf:
         raise ConfigError(f"within_s must be a number of seconds of at least 0, got {within_s}")
     path = Path(path)

@@ -1,35 +1,41 @@
 """Bags of ROS 1 and librealsense (`.bag`), and of ROS 2 (a folder, `.db3` or `.mcap`): depth and gray of one camera.
 
 A topic of depth or gray is found by the type of its messages and their encoding, see `voxdepth.ros`; the gray one is of
-the same camera as the depth. Images are matched by nearest time within 20 ms, and a frame has the stamp of its depth.
-Where no header of a topic has a stamp, the times at which messages were received count.
+the same camera as the depth, and rectified. Images are matched by nearest time within 20 ms, in the order in which they
+were recorded, and a frame has the stamp of its depth. Where stamps do not increase, or match none of the other topic,
+the times at which messages were received count for both.
 
-The `camera_info` lies beside the image, and the baseline is in that of a right camera, whose `P[3]` is negative. A
-`calibration.toml` in the folder of the bag counts before both, field by field. Depth of 16 bits is in millimetres.
+The `camera_info` lies beside the image and is the same for all images. The baseline is in that of a right camera, whose
+`P[3]` is negative. A `calibration.toml` in the folder of the bag counts before both: the whole camera, or its baseline
+alone. Depth of 16 bits is in millimetres.
 
 librealsense stores the topics of a stream below `/device_0/sensor_0/`, where options of the sensor give the unit of the
 depth and the baseline in millimetres.
 """
 
 import re
+import warnings
 import weakref
-from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import DatasetError, FrameError
-from ..ros import DEPTH_ENCODINGS, GRAY_ENCODINGS, Header, encoding_of, frame_of, header_of
+from ..ros import DEPTH_ENCODINGS, GRAY_ENCODINGS, Header, are_apart, encoding_of, frame_of, header_of
 from ..types import Frame, Intrinsics
 from ..units import Unit
-from .files import CALIBRATION, calibration_path, camera_fields, choose_unit, intrinsics_from, list_folder, stated
-from .pairs import WITHIN_S, matched
+from . import WITHIN_S
+from .files import CALIBRATION, calibration_path, choose_intrinsics, choose_unit, list_folder
+from .pairs import matched
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 METADATA = "metadata.yaml"
@@ -42,12 +48,20 @@ SENSOR = re.compile(r"/device_\d+/sensor_\d+")
 RIGHT_INFRARED = ("/Infrared_2/", "/infra2/")
 """Parts of the topics of the right camera of librealsense and realsense-ros, whose `camera_info` may be that of the
 left one."""
-COLOURS = [encoding for encoding, (channels, _) in GRAY_ENCODINGS.items() if channels > 1]
-"""Encodings of colour images."""
 COPIES = re.compile(r"/compressed(Depth)?$")
 """What ends the topic of a compressed copy of an image."""
 SAME_LENS = 1e-3
 """Relative difference of the numbers of one lens."""
+LEAST_DISTORTION = 1e-3
+"""A coefficient of distortion below it moves no pixel by as much as one."""
+AT_ONCE_NS = 5_000_000
+"""Time within which an image is received that a driver sends again [ns]."""
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""How compressed data begin."""
+UNREADABLE = re.compile("support|json|proto|ros1|flatbuffer")
+"""Words in errors of rosbags about bags that are whole."""
+REPAIR = "if it was cut short, repair it with `rosbag reindex` (ROS 1), `ros2 bag reindex` or `mcap recover`"
+CONVERT = "convert it to a bag of ROS 2 with messages in CDR, or give the bag that it was made of"
 
 
 def bag_in(path: Path) -> Path | None:
@@ -68,11 +82,12 @@ class BagDataset:
         intrinsics: Intrinsics that take precedence over all others.
         depth_topic: Topic of the depth; None takes the only one.
         gray_topic: Topic of the gray image; None takes the only one of the same camera.
+        within_s: Largest difference of the times of the two images of a frame.
         units_per_m: Steps of a metre in the depth, which take precedence as the intrinsics do.
 
     Raises:
-        DatasetError: The bag is damaged, has no or several images of depth or gray of one camera, no camera, or no two
-            images of one time.
+        DatasetError: The bag is damaged, has no or several images of depth or gray of one camera, no camera or several,
+            or no two images of one time.
         ModuleNotFoundError: The package `rosbags` is not installed.
     """
 
@@ -91,14 +106,14 @@ class BagDataset:
         found = bag_in(path)
         if found is None:
             raise DatasetError(f"expected a bag in {path}, got none or several: name a file ({', '.join(SUFFIXES)})")
+        self._path = path
         images = Images(Bag(found))
         depth = images.depth(depth_topic)
         gray = images.gray(gray_topic, depth)
-        self._path = path
-        self.intrinsics = intrinsics or _intrinsics(path, images, depth, gray)
+        self.intrinsics = choose_intrinsics(path, intrinsics, lambda: images.camera(depth, gray))
         self._units_per_m = choose_unit(path, units_per_m, Unit(images.units_per_m(depth))).units_per_m
         self._depth, self._gray = Stream(found, depth), Stream(found, gray)
-        self._frames = self._matched(within_s)
+        self._frames = _frames(self._depth, self._gray, within_s)
 
     @classmethod
     def lacking(cls, path: Path) -> str:
@@ -134,37 +149,24 @@ class BagDataset:
             )
         return frame
 
-    def _matched(self, within_s: float) -> list[tuple[int, int, int]]:
-        """Stamp [ns] and messages of depth and gray of every frame, in order of time."""
-        streams = self._depth, self._gray
-        has_stamps = all(any(header.stamp_ns for header in stream.headers) for stream in streams)
-        times_ns = [stream.times_ns(has_stamps) for stream in streams]
-        origin_ns = times_ns[0][0]  # The nanoseconds since 1970 do not fit into a float.
-        depth, gray = (_in_order([(t - origin_ns) / 1e9 for t in times]) for times in times_ns)
-        frames = matched(depth, gray, *(f"{stream.topic} of {self._path}" for stream in streams), within_s=within_s)
-        return [(times_ns[0][i], i, j) for _, i, j in frames]
 
-
-def _in_order(times_s: Sequence[float]) -> list[tuple[float, int]]:
-    """Times and numbers of messages by time. Drivers send an image again now and then at once; the first one counts."""
-    return sorted((t, k) for k, t in enumerate(times_s) if k == 0 or t != times_s[k - 1])
-
-
-def _intrinsics(path: Path, images: "Images", depth: str, gray: str) -> Intrinsics:
-    """The camera of the depth, or else of the gray image; fields of a calibration beside the bag count before it."""
-    calibration, values = calibration_path(path), camera_fields(path)
-    if values:
-        known: dict[str, Any] = {}
-        with suppress(DatasetError):  # The calibration may be there because the camera_info describes no camera.
-            camera = images.camera(depth) or images.camera(gray)
-            known = {} if camera is None else stated(camera)
-        return intrinsics_from({**known, **values}, calibration)
-    camera = images.camera(depth) or images.camera(gray)
-    if camera is None:
-        raise DatasetError(
-            f"{path} has no camera_info for {depth} or {gray}; record it, or write the camera into {calibration}"
-        )
-    return camera
+def _frames(depth: "Stream", gray: "Stream", within_s: float) -> list[tuple[int, int, int]]:
+    """Time [ns] and messages of depth and gray of every frame, in the order in which they were recorded."""
+    faults: list[DatasetError] = []
+    for by_stamp in (True, False):
+        try:
+            times = depth.times(by_stamp), gray.times(by_stamp)
+            origin_ns = times[0][0][0]  # The nanoseconds since 1970 do not fit into a float.
+            first, second = ([((t - origin_ns) / 1e9, (t, k)) for t, k in stream] for stream in times)
+            pairs = matched(first, second, depth.source, gray.source, within_s=within_s)
+        except DatasetError as fault:
+            faults.append(fault)
+            continue
+        if faults:
+            instead = "the times at which the images were received count in place of all stamps"
+            warnings.warn(f"{faults[0]}: {instead}", stacklevel=3)
+        return [(*i, j) for _, i, (_, j) in pairs]
+    raise DatasetError(f"{faults[0]}. Nor do the times of reception serve: {faults[1]}. Record the images again")
 
 
 class Images:
@@ -174,6 +176,7 @@ class Images:
         self._bag = bag
         self._images = bag.firsts(IMAGE, COMPRESSED)
         self._infos = bag.firsts(CAMERA_INFO)
+        self._doubts: dict[str, str] = {}
 
     def depth(self, named: str | None) -> str:
         """The topic of the depth: the one that is named, or the only one; anything else is a `DatasetError`."""
@@ -181,26 +184,34 @@ class Images:
         return self._chosen(named, topics, f"depth ({', '.join(DEPTH_ENCODINGS)})", "--depth-topic")
 
     def gray(self, named: str | None, depth: str) -> str:
-        """The topic of the gray or colour image: the one that is named, or the only one of the camera of the depth."""
-        topics = [topic for topic in self._of_kind(_is_gray) if self._may_be_of(depth, topic)]
-        what = f"the camera of {depth} in gray or colour ({', '.join(GRAY_ENCODINGS)})"
-        return self._chosen(named, topics, what, "--gray-topic")
+        """The topic of the gray or colour image: the one that is named, or the only one of the camera of the depth.
 
-    def camera(self, topic: str) -> Intrinsics | None:
-        """The camera of an image by the `camera_info` nearest to it, with the baseline of the bag if it has one.
+        One that is named gets a warning if something says that it is of another camera.
+        """
+        topics = self._of_kind(_is_gray)
+        self._doubts = {topic: doubt for topic in topics if (doubt := self._doubt(depth, topic))}
+        what = f"the camera of {depth} in gray or colour ({', '.join(GRAY_ENCODINGS)})"
+        chosen = self._chosen(named, [topic for topic in topics if topic not in self._doubts], what, "--gray-topic")
+        if chosen in self._doubts:
+            warnings.warn(f"{chosen} of {self._bag.path} is taken although it {self._doubts[chosen]}", stacklevel=3)
+        return chosen
+
+    def camera(self, depth: str, gray: str) -> Intrinsics:
+        """The camera of the depth, or else of the gray image, by the `camera_info` nearest to it.
+
+        The baseline is that of the bag if it has one.
 
         Raises:
-            DatasetError: The `camera_info` describes no camera.
+            DatasetError: There is no `camera_info`, or one of them describes no camera, or several in turn.
         """
-        info = self._info(topic)
-        if info is None:
-            return None
-        try:
-            return Intrinsics.from_camera_info(info, baseline_m=self._baseline_m(topic))
-        except FrameError as error:
+        names = dict.fromkeys(name for name in map(self._info, (depth, gray)) if name)
+        cameras = [self._constant(name) for name in names]
+        if not cameras:
+            path, calibration = self._bag.path, calibration_path(self._bag.path)
             raise DatasetError(
-                f"the camera_info of {topic} in {self._bag.path} describes no camera: {error}"
-            ) from error
+                f"{path} has no camera_info for {depth} or {gray}; record it, or write the camera into {calibration}"
+            )
+        return replace(cameras[0], baseline_m=self._baseline_m(depth) or cameras[0].baseline_m)
 
     def units_per_m(self, topic: str) -> float | None:
         """The steps of a metre in the depth; None where the bag does not state them."""
@@ -224,46 +235,60 @@ class Images:
         )
 
     def _listed(self, topics: Iterable[str]) -> str:
-        shown = ((topic, self._images[topic]) for topic in sorted(topics))
-        listed = ", ".join(f"{topic} ({getattr(first, 'encoding', None) or first.format})" for topic, first in shown)
-        return listed or "no images"
+        kinds = {topic: getattr(self._images[topic], "encoding", "") or self._images[topic].format for topic in topics}
+        doubts = {topic: f", which {doubt}" for topic, doubt in self._doubts.items()}
+        return ", ".join(f"{topic} ({kinds[topic]}{doubts.get(topic, '')})" for topic in sorted(kinds)) or "no images"
 
     def _of_kind(self, is_kind: Callable[[Any], bool]) -> list[str]:
         """Topics of a kind of images, without compressed copies of topics that are there as they are."""
         found = [topic for topic, first in self._images.items() if is_kind(first)]
         return [topic for topic in found if _original(topic) == topic or _original(topic) not in found]
 
-    def _may_be_of(self, depth: str, gray: str) -> bool:
-        """Whether nothing says that a gray image is of another camera than the depth.
-
-        A colour image in another coordinate frame is: depth must be aligned to it.
-        """
+    def _doubt(self, depth: str, gray: str) -> str:
+        """What says that a gray image shows another view than the depth, as a clause; empty if nothing does."""
         if any(part in gray for part in RIGHT_INFRARED):
-            return False
-        first, second = (_lens_of(self._info(topic)) for topic in (depth, gray))
-        if first is not None and second is not None:
-            return _is_same(first, second)
-        return encoding_of(self._images[gray]) not in COLOURS or not self._are_apart(depth, self._images[gray])
+            return "is that of the right camera"
+        infos = [self._infos.get(self._info(topic)) for topic in (depth, gray)]
+        first, second = map(_lens_of, infos)
+        if first is not None and second is not None and not _is_same(first, second):
+            return "has another lens or size by its camera_info"
+        if "rect" not in _original(gray).rsplit("/", 1)[-1] and _is_distorted(infos[1]):
+            return "is distorted by its camera_info, and not rectified by its name; image_proc rectifies"
+        if are_apart(self._images[depth], self._images[gray]):
+            ids = (self._images[topic].header.frame_id for topic in (gray, depth))
+            return "is in the coordinate frame {!r}, and the depth in {!r}".format(*ids)
+        return ""
 
-    def _are_apart(self, topic: str, other: Any) -> bool:
-        """Whether an image and another message name different coordinate frames."""
-        frame_ids = {self._images[topic].header.frame_id, other.header.frame_id}
-        return len(frame_ids) == 2 and "" not in frame_ids
-
-    def _info(self, topic: str) -> Any:
-        """The `camera_info` that shares most of its path with an image, or has its coordinate frame; None without.
+    def _info(self, topic: str) -> str:
+        """The `camera_info` that shares most of its path with an image, or has its coordinate frame; "" without.
 
         One that lies elsewhere and names another coordinate frame is of another camera.
         """
+        image = self._images[topic]
         shared = {name: _n_shared(name, topic) for name in self._infos}
         nearest = [name for name, n in shared.items() if n == max(shared.values())]
         if len(nearest) > 1:
-            frame_id = self._images[topic].header.frame_id
-            nearest = [name for name in nearest if self._infos[name].header.frame_id == frame_id]
-        if len(nearest) != 1:
-            return None
-        info, is_beside = self._infos[nearest[0]], _folder(nearest[0]) == _folder(topic)
-        return info if is_beside or not self._are_apart(topic, info) else None
+            nearest = [name for name in nearest if self._infos[name].header.frame_id == image.header.frame_id]
+        fitting = [x for x in nearest if _folder(x) == _folder(topic) or not are_apart(image, self._infos[x])]
+        return fitting[0] if len(nearest) == len(fitting) == 1 else ""
+
+    def _constant(self, name: str) -> Intrinsics:
+        """The camera of a `camera_info`, which must be the same in all messages."""
+        first = None
+        for number, (_, info) in enumerate(self._bag.messages(name)):
+            where = f"message {number} of {name} in {self._bag.path}, at {header_of(info).stamp_ns / 1e9:.6f} s,"
+            try:
+                lens = Intrinsics.from_camera_info(info)
+            except FrameError as error:
+                raise DatasetError(f"{where} describes no camera: {error}") from error
+            first = first or lens
+            if not _is_same(first, lens):
+                raise DatasetError(
+                    f"{where} describes another camera than before, {lens} after {first}: cut the bag there, or state "
+                    f"the camera of all images in {calibration_path(self._bag.path)}"
+                )
+        assert first is not None, "it was found by its first message"
+        return first
 
     def _baseline_m(self, topic: str) -> float | None:
         """The baseline of the sensor, or of the only stereo pair whose topics are beside those of the image."""
@@ -319,6 +344,11 @@ def _n_shared(first: str, second: str) -> int:
     return [*alike, False].index(False)
 
 
+def _is_distorted(info: Any) -> bool:
+    """Whether a `camera_info` is of images that are distorted before they are rectified."""
+    return any(abs(x) > LEAST_DISTORTION for x in getattr(info, "d", getattr(info, "D", ())))
+
+
 class Bag:
     """The open file of a bag. Any fault of it is a `DatasetError`."""
 
@@ -334,6 +364,9 @@ class Bag:
             # Definitions in the bag count before those of this store: some bags of ROS 2 have none.
             self._reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
             self._reader.open()
+            kinds = {getattr(each.ext, "serialization_format", "cdr") for each in self._reader.connections} - {"cdr"}
+            if kinds:
+                raise ValueError(f"messages in {', '.join(kinds)} are not supported")
         weakref.finalize(self, self._reader.close)
 
     def first(self, topic: str) -> Any:
@@ -345,53 +378,108 @@ class Bag:
         topics = [connection.topic for connection in self._reader.connections if connection.msgtype in kinds]
         return {topic: message for topic in topics if (message := self.first(topic)) is not None}
 
+    def recorded(self, topic: str) -> list[int]:
+        """The numbers of the messages of a topic, as `messages` gives them, in the order in which they were recorded.
+
+        It gives them by file and time, which is another order where a clock was set back.
+        """
+        reader: Any = self._reader.readers[0]
+        connections = self._connections(topic)
+        with _bag_errors(self.path):
+            if self._reader.is2:
+                parts = enumerate(getattr(reader.storage, "storages", [reader.storage]))
+                times = [(number, time_ns) for number, part in parts for time_ns in _stored_ns(part, topic)]
+            else:
+                index = sorted(e[1:] + e[:1] for each in connections for e in reader.indexes[each.id])
+                times = [(0, time_ns) for *_, time_ns in index]
+        read = sorted(range(len(times)), key=times.__getitem__)
+        return sorted(read, key=read.__getitem__)
+
     def messages(self, topic: str, start_ns: int | None = None) -> Iterator[tuple[int, Any]]:
         """Yield when each message of a topic was received [ns], and the message."""
-        connections = [connection for connection in self._reader.connections if connection.topic == topic]
+        connections = self._connections(topic)
         if not connections:
             return
         with _bag_errors(self.path):
             for connection, received_ns, data in self._reader.messages(connections, start=start_ns):
                 yield received_ns, _deserialised(self._reader, data, connection.msgtype)
 
+    def _connections(self, topic: str) -> list["Connection"]:
+        return [connection for connection in self._reader.connections if connection.topic == topic]
+
 
 class Stream:
-    """The messages of one topic, in the order in which they were received.
+    """The messages of one topic, in the order in which they are read.
 
     All of them are read once, so that a damaged file is found before anything is made of it. They are read forwards by
     a reader of their own, since some files have no index by which a message could be found.
     """
 
     def __init__(self, path: Path, topic: str) -> None:
-        self.topic, self._bag = topic, Bag(path)
+        self.topic, self.source = topic, f"{topic} of {path}"
+        self._bag = Bag(path)
         self.received_ns: list[int] = []
         self.headers: list[Header] = []
-        for received_ns, message in self._bag.messages(topic):
-            self.received_ns.append(received_ns)
-            self.headers.append(header_of(message))
+        repeats = set()
+        before: tuple[int, Any] | None = None
+        for number, read in enumerate(self._bag.messages(topic)):
+            self.received_ns.append(read[0])
+            self.headers.append(header_of(read[1]))
+            if before is not None and _is_repeat(*before, *read):
+                repeats.add(number)
+            before = None if number in repeats else read
+        self._recorded = [number for number in self._bag.recorded(topic) if number not in repeats]
         self._next, self._later = 0, self._bag.messages(topic)
 
-    def times_ns(self, has_stamps: bool) -> list[int]:
-        """Times of the messages [ns]: those of their headers, or else those of their reception."""
-        return [header.stamp_ns for header in self.headers] if has_stamps else self.received_ns
+    def times(self, by_stamp: bool) -> list[tuple[int, int]]:
+        """Time [ns] and number of each message in the order of recording: its stamp, or when it was received.
 
-    def __getitem__(self, index: int) -> Any:
+        Raises:
+            DatasetError: The times do not increase.
+        """
+        times_ns = [header.stamp_ns for header in self.headers] if by_stamp else self.received_ns
+        for before, number in pairwise(self._recorded):
+            if times_ns[number] <= times_ns[before]:
+                what = "stamps" if by_stamp else "times of reception"
+                before_s, after_s = (f"{times_ns[each] / 1e9:.6f} s of message {each}" for each in (before, number))
+                raise DatasetError(f"expected {what} of {self.source} that increase, got {after_s} after {before_s}")
+        return [(times_ns[number], number) for number in self._recorded]
+
+    def __getitem__(self, number: int) -> Any:
         """Read one message, quickly if it is one after that before."""
-        if index < self._next:
-            start_ns = self.received_ns[index]
-            self._next = bisect_left(self.received_ns, start_ns)
+        if number < self._next:
+            start_ns = min(self.received_ns[number:])
+            self._next = number - sum(time_ns >= start_ns for time_ns in self.received_ns[:number])
             self._later = self._bag.messages(self.topic, start_ns)
         for _, message in self._later:
             self._next += 1
-            if self._next > index:
+            if self._next > number:
                 return message
-        n, path = len(self.headers), self._bag.path
-        raise DatasetError(f"expected {n} messages of {self.topic} in {path}, got {self._next}")
+        raise DatasetError(f"expected {len(self.headers)} messages in {self.source}, got {self._next}")
+
+
+def _is_repeat(before_ns: int, before: Any, received_ns: int, message: Any) -> bool:
+    """Whether an image is that before, which drivers send again at once now and then."""
+    is_of_its_time = received_ns - before_ns < AT_ONCE_NS and header_of(before) == header_of(message)
+    return is_of_its_time and np.array_equal(before.data, message.data)
+
+
+def _stored_ns(storage: Any, topic: str) -> list[int]:
+    """When the messages of a topic in a file of ROS 2 were received [ns], as they lie in the file."""
+    if hasattr(storage, "dbconn"):
+        query = "SELECT timestamp FROM messages JOIN topics ON topic_id = topics.id WHERE name = ? ORDER BY messages.id"
+        return [time_ns for (time_ns,) in storage.dbconn.execute(query, (topic,))]
+    connections = [connection for connection in storage.connections if connection.topic == topic]
+    return [time_ns for _, time_ns, _ in storage.messages_scan(connections)]
 
 
 def _deserialised(reader: "AnyReader", data: bytes, kind: str) -> Any:
     from rosbags.highlevel import AnyReaderError
 
+    if reader.is2 and data.startswith(ZSTD):  # rosbags decompresses the messages of a folder alone.
+        from backports import zstd
+
+        data = zstd.decompress(data)
     try:
         return reader.deserialize(data, kind)
     except AnyReaderError:
@@ -409,7 +497,14 @@ def _bag_errors(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(f"{error}".split()) or type(error).__name__
-        raise DatasetError(
-            f"cannot read the bag {path} ({reason}); if it was cut short, repair it with `rosbag reindex` (ROS 1), "
-            "`ros2 bag reindex` or `mcap recover`"
-        ) from error
+        if "Profile" in reason:
+            reason = f"its profile is {_profile(path)!r}, and that of ROS 2 alone is supported"
+        remedy = CONVERT if UNREADABLE.search(reason) else REPAIR
+        raise DatasetError(f"cannot read the bag {path} ({reason}); {remedy}") from error
+
+
+def _profile(path: Path) -> str:
+    """The profile in the header of an MCAP file, or of one in a folder."""
+    with (next(path.glob("*.mcap")) if path.is_dir() else path).open("rb") as file:
+        header = file.read(64)
+    return header[21 : 21 + int.from_bytes(header[17:21], "little")].decode(errors="replace")

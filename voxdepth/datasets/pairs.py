@@ -15,13 +15,12 @@ from ..errors import DatasetError, FrameError
 from ..ros import TIMES_S, Header
 from ..types import FloatImage, Frame, Intrinsics
 from ..units import Unit
+from . import WITHIN_S
 from .files import choose_intrinsics, choose_unit
 from .images import read_depth, read_gray
 
 MAX_CANDIDATES = 1000
 """Largest number of images within the tolerance of another one; beyond it the times cannot be those of a camera."""
-WITHIN_S = 0.02
-"""Largest difference of the times of two images of one frame, unless it is stated."""
 LONGEST_GAP_S = 10.0
 """Times of two images that are farther apart get a warning: they may not be in seconds."""
 FRAME_ID = "camera"
@@ -75,9 +74,7 @@ class PairedImages(ABC):
         pairs = self._find_pairs(folder)
         if not pairs:
             raise DatasetError(f"expected frames in {folder}, got none; is the export complete?")
-        stamps_s = [pair.stamp_s for pair in pairs]
-        require_increasing(stamps_s, f"the frames of {folder}")
-        warn_of_gaps(stamps_s, f"the frames of {folder}")
+        require_increasing([pair.stamp_s for pair in pairs], f"the frames of {folder}")
         self.intrinsics = choose_intrinsics(folder, intrinsics, lambda: self._known_intrinsics(folder, pairs[0]))
         self._unit = choose_unit(folder, units_per_m, self._unit)
         self._pairs = tuple(pairs)
@@ -159,16 +156,6 @@ def require_increasing(stamps_s: Sequence[float], source: str) -> None:
             )
 
 
-def warn_of_gaps(stamps_s: Sequence[float], source: str) -> None:
-    """Warn of increasing times [s] that are so far apart that they may not be in seconds."""
-    gap_s, start_s = max(((after_s - before_s, before_s) for before_s, after_s in pairwise(stamps_s)), default=(0, 0))
-    if gap_s > LONGEST_GAP_S:
-        warnings.warn(
-            f"{gap_s:.6g} s without an image in {source}, from {start_s:.6f} s on: are the times in seconds?",
-            stacklevel=2,
-        )
-
-
 def matched(
     depth: Stream[T], gray: Stream[T], depth_source: str, gray_source: str, *, within_s: float
 ) -> list[tuple[float, T, T]]:
@@ -183,6 +170,9 @@ def matched(
     times_s = [[stamp_s for stamp_s, _ in stream] for stream in (depth, gray)]
     for stamps_s, source in zip(times_s, (depth_source, gray_source), strict=True):
         require_increasing(stamps_s, source)
+    if (gap_s := max(np.diff(times_s[0]), default=0)) > LONGEST_GAP_S:
+        text = f"there are {gap_s:.6g} s between two images of {depth_source}: are the times in seconds?"
+        warnings.warn(text, stacklevel=2)
     pairs = associate(*times_s, within_s=within_s)
     n_alone, within = len(depth) - len(pairs), f"within {1000 * within_s:g} ms"
     if not pairs:

@@ -10,8 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ..datasets import Dataset
-from ..ros import Header, camera_info_fields, confidence_fields, confidence_levels, depth_fields, source_fields
+from ..ros import (
+    TIMES_S,
+    Header,
+    camera_info_fields,
+    confidence_fields,
+    confidence_levels,
+    depth_fields,
+    source_fields,
+)
 from ..types import CorrectedDepth, FloatImage
+from .errors import ToolError
 
 if TYPE_CHECKING:
     from rosbags.rosbag2 import Writer
@@ -68,6 +77,12 @@ class BagTopics:
         from rosbags.typesys import Stores, get_typestore
 
         self._writer, self._dataset, self._store = writer, dataset, get_typestore(Stores.ROS2_JAZZY)
+        for index, header in enumerate(map(dataset.header, range(len(dataset)))):
+            if header.stamp_ns // 10**9 not in TIMES_S:
+                raise ToolError(
+                    f"expected times of 0 to {TIMES_S.stop} s for a bag of ROS 2, got {header.stamp_ns / 1e9} s of "
+                    f"frame {dataset.name(index)}: write images (--out FOLDER), or correct the times of the input"
+                )
         self._camera_info = camera_info_fields(dataset.intrinsics) | {
             "binning_x": 0,
             "binning_y": 0,

@@ -23,10 +23,12 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import FrameError
+from voxdepth.ros import are_apart
 
 from .stream import Latest, MessageCorrector, Pairs
 
 WARN_EVERY_S = 5.0
+REMIND_EVERY_S = 60.0
 WAIT_S = 0.2
 """How often the main thread looks whether ROS still runs, without images [s]."""
 IMAGES = ("depth", "source", "confidence")
@@ -69,6 +71,10 @@ class VoxDepthNode(Node):
             self._corrector.close()
 
     def _correct(self, gray: Image, depth: Image, info: CameraInfo) -> None:
+        if are_apart(gray, depth) or are_apart(info, depth):
+            ids = ", ".join(repr(message.header.frame_id) for message in (gray, depth, info))
+            text = f"image, depth and camera_info must be of one camera, but are in the coordinate frames {ids}"
+            self.get_logger().warning(text, throttle_duration_sec=REMIND_EVERY_S)
         try:
             images = self._corrector.correct(gray, depth, info)
         except FrameError as error:
@@ -85,6 +91,9 @@ class VoxDepthNode(Node):
 
     def _keep_image(self, topic: int, image: Image) -> None:
         pair = self._pairs.add(topic, image)
+        if self._pairs.n_alone:
+            text = f"{self._pairs.n_alone} images so far had no partner within slop_s, as in topics of different rates"
+            self.get_logger().warning(text, throttle_duration_sec=REMIND_EVERY_S)
         if pair is None:
             return
         if self._info is None:

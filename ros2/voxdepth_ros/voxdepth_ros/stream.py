@@ -87,9 +87,17 @@ class Pairs:
         self._slop_ns = round(slop_s * 1e9)
         self._waiting: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
         self._last_ns = [0, 0]
+        self.n_alone = 0
+        """Images that were left out for want of a partner."""
 
     def add(self, topic: int, image: Any) -> tuple[Any, Any] | None:
         """Add an image of topic 0 or 1; return it with its partner, in the order of the topics, if that was there."""
+        n_before = sum(map(len, self._waiting)) + 1
+        pair = self._added(topic, image)
+        self.n_alone += n_before - sum(map(len, self._waiting)) - (0 if pair is None else 2)
+        return pair
+
+    def _added(self, topic: int, image: Any) -> tuple[Any, Any] | None:
         stamp_ns, own, other = header_of(image).stamp_ns, self._waiting[topic], self._waiting[1 - topic]
         if stamp_ns < self._last_ns[topic]:
             for waiting in self._waiting:
