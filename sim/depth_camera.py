@@ -22,11 +22,12 @@ from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics
 
 from .artefacts import Artefacts, Rims
 from .bodies import Surface
+from .decimation import decimated
 from .depth_noise import DepthNoise, Disparity, Flicker
 from .errors import SensorError
 from .sensor import DepthSensor, RigConfig
 from .stereo import StereoConfig, focal_baseline_px_m
-from .types import BodyPose, Capture, Images, RenderedPair
+from .types import BodyPose, Capture, Images, InvalidReason, RenderedPair
 
 __all__ = ["CAMERAS", "CAMERA_NAMES", "NOISE", "CameraName", "DepthCamera"]
 
@@ -88,7 +89,8 @@ class DepthCamera:
     @cached_property
     def _of_depth(self) -> DepthSensor:
         config = self._config
-        truth = config if config.depth == "noisy" else _changed(config, depth="noisy", noise=NOISE, artefacts=RIMS)
+        errors = {} if config.depth == "noisy" else {"noise": NOISE, "artefacts": RIMS}
+        truth = _changed(config, depth="noisy", decimate=1, **errors)  # What is not measured is taken out before.
         return DepthSensor(truth, {BODY: Surface()}, seed=self._seed)
 
     @property
@@ -111,13 +113,13 @@ class DepthCamera:
             left: Gray image of the left camera, shape (H, W), uint8.
             right: That of the right camera.
             frame: Number of the frame, which keys the noise.
-            depth_m: True depth of the left camera [m], shape (H, W), +inf or 0 where there is no surface. It names the
-                reasons for holes, and a dot pattern needs it; without it `depth_true_m` is +inf.
+            depth_m: True depth of the left camera [m], shape (H, W), +inf, 0, -inf or NaN where it is unknown. It names
+                the reasons for holes, and a dot pattern needs it; without it `depth_true_m` is +inf.
             right_depth_m: True depth of the right camera, which a dot pattern needs, too; without it shadows are those
                 that the surfaces in the left image cast.
 
         Raises:
-            SensorError: An image has another shape or type, or a dot pattern lacks true depth.
+            SensorError: An image has another shape or type, a depth is negative, or a dot pattern lacks true depth.
         """
         if self._config.projected_texture and (depth_m is None or right_depth_m is None):
             raise SensorError("a dot pattern falls onto surfaces: give depth_m and right_depth_m, or set it to None")
@@ -134,19 +136,25 @@ class DepthCamera:
         The range of the camera is not applied: pixels without a surface read the largest depth.
 
         Args:
-            depth_m: True depth along the optical axis [m], shape (H, W), float32; +inf or 0 where there is no surface.
+            depth_m: True depth along the optical axis [m], shape (H, W), float32; +inf or 0 where there is no surface,
+                and -inf (REP 117: too near) or NaN (unknown) where there is one that cannot be measured. That gets no
+                depth; what is too near hides what is behind it from the right camera, as a surface at the least depth.
             gray: Gray image, shape (H, W), uint8; black without one.
             frame: Number of the frame, which keys the noise.
             T_world_cam: Pose of the camera, shape (4, 4). Ragged rims stay in place in the world that it tells.
 
         Raises:
-            SensorError: An image has another shape or type.
+            SensorError: An image has another shape or type, or a depth is negative.
         """
         shape = self.intrinsics.shape
         left = self._images(np.zeros(shape, np.uint8) if gray is None else gray, depth_m)
-        right = replace(left, depth_m=seen_from_right(left.depth_m, self.intrinsics))
+        is_near, least_m = np.isneginf(depth_m), np.float32(self._config.stereo.min_depth_m)
+        right_m = seen_from_right(np.where(is_near, least_m, left.depth_m), self.intrinsics)
         pose = np.eye(4) if T_world_cam is None else T_world_cam
-        return self._of_depth.capture(self._pair(frame, left, right, pose))
+        capture = self._of_depth.capture(self._pair(frame, left, replace(left, depth_m=right_m), pose))
+        capture.depth_raw_m[is_near | np.isnan(depth_m)] = 0
+        capture.invalid_reason[is_near | np.isnan(depth_m)] = InvalidReason.OUT_OF_RANGE
+        return decimated(capture, self._config.decimate)
 
     def _pair(self, frame: int, left: Images, right: Images, T_world_cam: FloatArray) -> RenderedPair:
         stamp_s, upright = frame / self._config.rate_hz, np.array([0.0, 0.0, 0.0, 1.0])
@@ -163,6 +171,11 @@ class DepthCamera:
                     f"{name} must be {np.dtype(dtype)} of shape {shape}, got {image.dtype} of shape {image.shape}: "
                     "render it with the intrinsics of the camera"
                 )
+        if (negative := np.isfinite(depth_m) & (depth_m < 0)).any():
+            raise SensorError(
+                f"a true depth is at least 0 m, got {depth_m[negative].min()} m; give 0 or +inf where there is no "
+                "surface, and -inf where it is too near"
+            )
         depth_m = np.where(depth_m > 0, depth_m, np.float32(np.inf))
         return Images(gray=gray, depth_m=depth_m, segment_id=np.full(shape, BODY, np.int32))
 

@@ -18,11 +18,11 @@ import numpy.typing as npt
 
 from .errors import FrameError
 from .types import FloatImage, Frame, GrayImage, Intrinsics
+from .units import Unit
 
 __all__ = [
     "DEPTH_ENCODINGS",
     "GRAY_ENCODINGS",
-    "MILLIMETRES",
     "TIMES_S",
     "Header",
     "are_apart",
@@ -38,8 +38,6 @@ __all__ = [
     "source_fields",
 ]
 
-MILLIMETRES = 1000.0
-"""Steps of a metre in depth of 16 bits, unless the camera says otherwise."""
 TIMES_S = range(2**31)
 """Seconds that a time in ROS 2 can have."""
 DEPTH_ENCODINGS = {"16UC1": "u2", "mono16": "u2", "16FC1": "f2", "32FC1": "f4", "64FC1": "f8"}
@@ -98,8 +96,8 @@ def encoding_of(message: Any) -> str:
     return "32FC1" if data[4:start].any() else "16UC1"  # The parameters of floats are not zero.
 
 
-def frame_of(gray: Any, depth: Any, *, stamp_s: float | None = None, units_per_m: float = MILLIMETRES) -> Frame:
-    """Make a frame of two images; `stamp_s` counts before the stamp of the depth.
+def frame_of(gray: Any, depth: Any, *, stamp_s: float | None = None, units_per_m: float | None = None) -> Frame:
+    """Make a frame of two images, see `depth_of`; `stamp_s` counts before the stamp of the depth.
 
     Raises:
         FrameError: An image is of another encoding, damaged, or they differ in size.
@@ -112,12 +110,12 @@ def frame_of(gray: Any, depth: Any, *, stamp_s: float | None = None, units_per_m
     return Frame(stamp_s=stamp_s, gray=levels, depth_m=depth_m)
 
 
-def depth_of(message: Any, units_per_m: float = MILLIMETRES) -> FloatImage:
-    """Read depth [m], shape (H, W), float32; 0 = invalid, as NaN and infinity are in the message.
+def depth_of(message: Any, units_per_m: float | None = None) -> FloatImage:
+    """Read depth [m], shape (H, W), float32; 0 = invalid, see `Unit.metres`.
 
     Args:
         message: An `Image` or a `CompressedImage`.
-        units_per_m: Steps of a metre in depth of 16 bits.
+        units_per_m: Steps of a metre; None takes 1000 for 16 bits and 1 for floats if the depths fit that.
 
     Raises:
         FrameError: The message is no depth, or is damaged.
@@ -129,9 +127,7 @@ def depth_of(message: Any, units_per_m: float = MILLIMETRES) -> FloatImage:
         values = _pixels(message, np.dtype(DEPTH_ENCODINGS[encoding]), 1)
     else:
         values = _decoded_depth(message, encoding)
-    if values.dtype == np.uint16:
-        return (values / np.float32(units_per_m)).astype(np.float32)
-    return np.where(np.isfinite(values), values, 0).astype(np.float32)
+    return Unit(units_per_m).metres(values)
 
 
 def gray_of(message: Any) -> GrayImage:

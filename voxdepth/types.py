@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .errors import FrameError
+from .units import FAR_M, Unit, median_m
 
 __all__ = [
     "CorrectedDepth",
@@ -55,8 +56,6 @@ SHORTEST_BASELINE_M, LARGEST_BASELINE_M = 1e-3, 10.0
 """Range of the baseline of a stereo pair [m]. One in millimetres lies beyond it."""
 LARGEST_POSITION_M = 1e9
 """Largest coordinate of a camera [m], beyond which 32 bits overflow."""
-FAR_M = 300.0
-"""Depth [m] beyond which a whole image is more likely in millimetres."""
 LARGEST_DISPARITY_SCALE = 1000.0
 """Largest ratio of the widths of matched and given images. The smallest is its inverse."""
 
@@ -188,6 +187,7 @@ class Intrinsics:
 class Frame:
     """One measurement: gray image, depth, and perhaps a pose estimate.
 
+    Depth of which half lies beyond 300 m gets a warning: it may be in millimetres.
     The arrays are copied only if they are not in C order. `DepthCorrector.process` does not use them after it returns,
     and a pipeline not after it delivers the frame.
     """
@@ -211,7 +211,7 @@ class Frame:
         units_per_m: float = 1000.0,
         T_world_cam: FloatArray | None = None,
     ) -> "Frame":
-        """Create a frame from the 16-bit depth of a camera; 0 = invalid.
+        """Create a frame from the 16-bit depth of a camera; 0 and 65535, a saturated depth, are invalid.
 
         `units_per_m` are the steps of the depth in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
 
@@ -220,34 +220,21 @@ class Frame:
         """
         if _kind(depth_mm) != "uint16":
             raise FrameError(f"expected depth as a uint16 array, got {_kind(depth_mm)}; Frame.from_metres takes metres")
-        _require_numbers(Real, units_per_m=units_per_m)
-        if not 1 <= units_per_m <= 1e6:
-            raise FrameError(
-                f"units_per_m must be 1 to 1,000,000, got {units_per_m}: the depth scale of librealsense, in metres, "
-                "is its inverse"
-            )
-        depth_m = depth_mm.astype(np.float32) / np.float32(units_per_m)
+        depth_m = Unit(units_per_m).metres(depth_mm)
         return cls(stamp_s=stamp_s, gray=gray, depth_m=depth_m, T_world_cam=T_world_cam)
 
     @classmethod
     def from_metres(
         cls, *, stamp_s: float, gray: GrayImage, depth_m: npt.NDArray[Any], T_world_cam: FloatArray | None = None
     ) -> "Frame":
-        """Create a frame from depth in metres as floats, as in ROS (REP 118): NaN and infinite values are holes.
-
-        Depth that is nowhere nearer than `FAR_M` gets a warning, because it may be in millimetres.
+        """Create a frame from depth in metres as in ROS (REP 117, REP 118): NaN, +inf and -inf are holes.
 
         Raises:
             FrameError: The depth is not of floating point, a finite one is negative, or the shapes differ.
         """
         if _kind(depth_m) not in ("float16", "float32", "float64"):
             raise FrameError(f"expected metres as an array of floats, got {_kind(depth_m)}; see Frame.from_millimetres")
-        with np.errstate(over="ignore"):  # What is too large for 32 bits becomes infinite.
-            rounded_m = depth_m.astype(np.float32)
-        holed_m = np.where(np.isfinite(rounded_m), rounded_m, np.float32(0))
-        if (holed_m > FAR_M).any() and not ((holed_m > 0) & (holed_m <= FAR_M)).any():
-            warnings.warn(f"no depth is below {FAR_M:g} m: is it in millimetres? Divide it by 1000", stacklevel=2)
-        return cls(stamp_s=stamp_s, gray=gray, depth_m=holed_m, T_world_cam=T_world_cam)
+        return cls(stamp_s=stamp_s, gray=gray, depth_m=Unit(1.0).metres(depth_m), T_world_cam=T_world_cam)
 
     def __post_init__(self) -> None:
         _require_numbers(Real, stamp_s=self.stamp_s)
@@ -283,7 +270,13 @@ class Frame:
         if not (low >= 0 and high < np.inf):
             raise FrameError(
                 f"depth_m must be finite and not negative (0 = invalid), got values from {low} to {high} m; "
-                "replace what is not by 0"
+                "replace what is not by 0, as Frame.from_metres does with NaN and infinity"
+            )
+        if high > FAR_M and (middle_m := median_m(self.depth_m)) > FAR_M:
+            warnings.warn(
+                f"the median of depth_m is {middle_m:g} m: are they millimetres? Divide them by 1000, or use "
+                "Frame.from_millimetres",
+                stacklevel=4,
             )
 
     def require_shape(self, shape: tuple[int, int]) -> None:

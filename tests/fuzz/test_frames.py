@@ -267,7 +267,7 @@ def fed(corrector: DepthCorrector, given: Given) -> tuple[Frame, CorrectedDepth]
         assert {name: content(value) for name, value in given.arguments.items()} == before, "the input was changed"
 
 
-@pytest.mark.filterwarnings("ignore:no depth is below")
+@pytest.mark.filterwarnings("ignore:the median of depth_m is")
 @pytest.mark.slow
 @pytest.mark.usefixtures("compiled")
 @hypothesis.seed(SEED)

@@ -45,7 +45,9 @@ def write_tum(folder: Path, captures: list[Capture]) -> None:
             lists[kind].append(f"{100 + index / 30:.6f} {kind}/{index:03d}.png\n")
     for kind, lines in lists.items():
         (folder / f"{kind}.txt").write_text("".join(lines))
-    camera = {key: value for key, value in vars(captures[0].intrinsics).items() if value is not None}
+    camera = {key: value for key, value in vars(captures[0].intrinsics).items() if value is not None} | {
+        "units_per_m": 5000
+    }
     (folder / "calibration.toml").write_text("".join(f"{key} = {value}\n" for key, value in camera.items()))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from voxdepth.datasets import DATASET_FORMATS, open_dataset
-from voxdepth.errors import ConfigError, DatasetError
+from voxdepth.errors import ConfigError, DatasetError, FrameError
 from voxdepth.types import Intrinsics
 
 CALIBRATION = "fx_px = 7\nfy_px = 7.5\ncx_px = 4.0\ncy_px = 3.0\nwidth_px = 8\nheight_px = 6\n"
@@ -43,6 +43,28 @@ def test_a_calibration_of_optional_fields_alone_completes_the_camera_of_the_form
     (folder / "camera_intrinsic.json").unlink()
     with pytest.raises(DatasetError, match=r"expected the camera in calibration\.toml or camera_intrinsic"):
         open_dataset(folder)
+
+
+def test_a_given_unit_counts_before_the_calibration_and_that_before_the_formats_own(folder: Path) -> None:
+    cv2.imwrite(str(folder / "depth/000000.png"), np.full((6, 8), 1000, np.uint16))
+    for expected_m, file, text in (
+        (1.0, "calibration.toml", ""),
+        (0.1, "camera_intrinsic.json", JSON.replace("}", ', "depth_scale": 10000}')),
+        (0.2, "calibration.toml", "units_per_m = 5000\n"),
+        (0.25, "calibration.toml", CALIBRATION + "units_per_m = 4000\n"),
+    ):
+        (folder / file).write_text(text)
+        np.testing.assert_allclose(open_dataset(folder)[0].depth_m, expected_m, rtol=1e-6)
+    assert open_dataset(folder).intrinsics.fx_px == 7
+    np.testing.assert_allclose(open_dataset(folder, units_per_m=500)[0].depth_m, 2)
+    with pytest.raises(FrameError, match="units_per_m must be a number"):
+        open_dataset(folder, units_per_m=0.001)
+
+
+@pytest.mark.parametrize("within_s", [-0.1, np.inf, np.nan])
+def test_a_tolerance_that_makes_no_sense_is_refused(folder: Path, within_s: float) -> None:
+    with pytest.raises(ConfigError, match="within_s must be a number of seconds"):
+        open_dataset(folder, within_s=within_s)
 
 
 @pytest.mark.parametrize(

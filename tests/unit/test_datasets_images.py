@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from voxdepth.datasets import images
 from voxdepth.datasets.images import (
     image_shape,
+    read_depth,
     read_depth_16,
-    read_depth_m,
     read_depth_raw,
     read_gray,
     read_mask,
@@ -81,21 +81,47 @@ def test_a_jpeg_is_gray_within_what_compression_costs(tmp_path: Path, image: Any
     assert np.abs(read_gray(written(tmp_path, smooth, ".jpg"), SHAPE).astype(int) - 100).max() <= 1
 
 
-def test_metres_read_back_exactly(tmp_path: Path) -> None:
-    assert np.array_equal(read_depth_m(written(tmp_path, DEPTH_M, ".tiff"), SHAPE), DEPTH_M)
+@pytest.mark.parametrize("image", [DEPTH_M, DEPTH_16])
+def test_depth_in_a_tiff_reads_back_exactly(tmp_path: Path, image: Any) -> None:
+    assert np.array_equal(read_depth(written(tmp_path, image, ".tiff"), SHAPE), image)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -1])
-def test_metres_that_no_camera_measures_are_refused(tmp_path: Path, value: float) -> None:
-    depth_m = DEPTH_M.copy()
-    depth_m[2, 3] = value
-    with pytest.raises(DatasetError, match="expected finite values of at least 0"):
-        read_depth_m(written(tmp_path, depth_m, ".tiff"), SHAPE)
+@pytest.mark.parametrize("kind", ["<f2", ">f2", ">f4", ">f8", "<u2", ">u2", "<i4", ">u4"])
+def test_an_array_reads_back_in_the_byte_order_of_this_machine(tmp_path: Path, kind: str) -> None:
+    stored = (100 * DEPTH_M).astype(kind)
+    np.save(tmp_path / "depth.npy", stored)
+    read = read_depth(tmp_path / "depth.npy", SHAPE)
+    assert read.dtype.isnative and np.array_equal(read, stored) and image_shape(tmp_path / "depth.npy") == SHAPE
+
+
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (GRAY, r"at least 16 bits .*depth\.npy, got uint8"),
+        (DEPTH_16[..., None], r"of shape \(H, W\) .* got uint16 of shape \(6, 8, 1\)"),
+        (DEPTH_M > 1, "got bool"),
+        (DEPTH_M[:, :5], r"expected an array of shape \(6, 8\) .* got \(6, 5\)"),
+        (np.array([{}]), "expected an array of NumPy"),
+    ],
+)
+def test_an_array_that_is_no_depth_is_refused(tmp_path: Path, array: Any, message: str) -> None:
+    np.save(tmp_path / "depth.npy", array)
+    with pytest.raises(DatasetError, match=message):
+        read_depth(tmp_path / "depth.npy", SHAPE)
+
+
+@given(st.integers(0, 300))
+def test_an_array_that_is_cut_short_is_refused(tmp_path_factory: pytest.TempPathFactory, kept: int) -> None:
+    path = tmp_path_factory.getbasetemp() / "cut.npy"
+    np.save(path, DEPTH_M)
+    path.write_bytes(path.read_bytes()[:kept])
+    with pytest.raises(DatasetError, match=r"cut\.npy"):
+        read_depth(path, SHAPE)
 
 
 def test_integers_in_a_tiff_are_no_metres(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="float32"):
-        read_depth_m(written(tmp_path, DEPTH_M.astype(np.int32), ".tiff"), SHAPE)
+        read_depth(written(tmp_path, DEPTH_M.astype(np.int32), ".tiff"), SHAPE)
 
 
 def test_a_mask_is_true_where_the_image_is_not_black(tmp_path: Path) -> None:

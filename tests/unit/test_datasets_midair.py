@@ -96,10 +96,18 @@ def test_frames_are_those_with_both_images_25_a_second(tmp_path: Path) -> None:
         write_colour(tmp_path, number)
     for number in (1, 2, 3, 50):
         write_float16(depth_path(tmp_path, "depth", number), float(number))
-    dataset = open_dataset(tmp_path)
+    with pytest.warns(UserWarning, match="1 of 4 depth images have no gray image of their number"):
+        dataset = open_dataset(tmp_path)
     assert [dataset.name(index) for index in range(len(dataset))] == ["000001", "000002", "000050"]
     assert [dataset[index].stamp_s for index in range(3)] == [0.04, 0.08, 2.0]
     assert [dataset[index].depth_m[8, 8] for index in range(3)] == [1, 2, 50]
+
+
+def test_a_unit_is_not_stated_of_depth_that_has_its_own(tmp_path: Path) -> None:
+    write_colour(tmp_path, 0)
+    write_float16(depth_path(tmp_path, "depth", 0), 3.0)
+    with pytest.raises(DatasetError, match="a unit of its own: leave out units_per_m"):
+        open_dataset(tmp_path, units_per_m=1000)
 
 
 def test_given_intrinsics_count_for_rays_and_disparities(tmp_path: Path) -> None:

@@ -53,10 +53,10 @@ def test_an_open3d_recording_reads_back_exactly(tmp_path: Path, gray_folder: str
     assert [dataset.name(0), dataset.name(1)] == ["000000", "000001"]
 
 
-@pytest.mark.parametrize(("scale", "metres"), [(1000, 65.535), (0.001, 65.535), (10000.0, 6.5535), (0.0001, 6.5535)])
+@pytest.mark.parametrize(("scale", "metres"), [(1000, 65.534), (0.001, 65.534), (10000.0, 6.5534), (0.0001, 6.5534)])
 def test_the_depth_scale_is_taken_from_the_metadata(tmp_path: Path, scale: float, metres: float) -> None:
     write(tmp_path, ["0"], ["0"], depth_scale=scale)
-    cv2.imwrite(str(tmp_path / "depth/0.png"), np.full(SHAPE, 65535, np.uint16))
+    cv2.imwrite(str(tmp_path / "depth/0.png"), np.full(SHAPE, 65534, np.uint16))
     assert np.allclose(open_dataset(tmp_path)[0].depth_m, metres, rtol=1e-6)
 
 
@@ -91,10 +91,68 @@ def test_frames_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
 
 def test_streams_with_different_times_are_matched_by_the_nearest(tmp_path: Path) -> None:
     write(tmp_path, ["100.000", "100.033", "100.066"], ["100.034", "100.068", "100.400"])
-    dataset = open_dataset(tmp_path)
-    assert stamps(tmp_path) == [100.033, 100.066]
+    with pytest.warns(UserWarning, match="1 of 3 depth images have no gray image within 20 ms"):
+        dataset = open_dataset(tmp_path)
+    assert [dataset[index].stamp_s for index in range(len(dataset))] == [100.033, 100.066]
     assert np.array_equal(dataset[0].gray, gray_of(0))
     assert np.array_equal(dataset[1].depth_m, (depth_of(2) / 1000).astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "stored"),
+    [
+        (".npy", depth_of(0)),
+        (".npy", depth_of(0).astype(">u2")),
+        (".npy", (depth_of(0) / 1000).astype(">f4")),
+        (".npy", (depth_of(0) / 1000).astype(np.float16)),
+        (".tiff", (depth_of(0) / 1000).astype(np.float32)),
+        (".tif", depth_of(0)),
+    ],
+)
+def test_depth_in_other_files_than_png_has_the_usual_unit_of_its_type(
+    tmp_path: Path, suffix: str, stored: np.ndarray
+) -> None:
+    write(tmp_path, [], ["7"])
+    path = tmp_path / f"depth/7{suffix}"
+    np.save(path, stored) if suffix == ".npy" else cv2.imwrite(str(path), stored)
+    assert np.allclose(open_dataset(tmp_path)[0].depth_m, depth_of(0) / 1000, rtol=1e-3)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".tiff"])
+def test_floats_in_millimetres_are_asked_about(tmp_path: Path, suffix: str) -> None:
+    write(tmp_path, [], ["7"])
+    path, depth_mm = tmp_path / f"depth/7{suffix}", np.full(SHAPE, 1500, np.float32)
+    depth_mm[0, :3] = 90, np.nan, -np.inf
+    np.save(path, depth_mm) if suffix == ".npy" else cv2.imwrite(str(path), depth_mm)
+    with pytest.raises(DatasetError, match=rf"depth/7\{suffix} give no frame: .* got 1500 m with units_per_m = 1;"):
+        open_dataset(tmp_path)[0]
+    assert np.allclose(open_dataset(tmp_path, units_per_m=1000)[0].depth_m[0], [0.09, 0, 0, *[1.5] * 5])
+
+
+@pytest.mark.parametrize("value", [0, 999_999_999, "'1000'", "nan"])
+def test_a_unit_that_makes_no_sense_is_refused(tmp_path: Path, value: object) -> None:
+    write(tmp_path, ["7"], ["7"])
+    (tmp_path / "calibration.toml").write_text(f"units_per_m = {value}\n")
+    with pytest.raises(DatasetError, match=r"calibration\.toml: units_per_m must be a number of 1 to 1,000,000"):
+        open_dataset(tmp_path)
+
+
+def test_a_saturated_depth_is_none(tmp_path: Path) -> None:
+    write(tmp_path, ["7"], ["7"], depth_scale=10_000)
+    cv2.imwrite(str(tmp_path / "depth/7.png"), np.full(SHAPE, 65535, np.uint16))
+    assert not open_dataset(tmp_path)[0].depth_m.any()
+
+
+def test_a_linked_folder_is_read_and_one_that_leads_nowhere_is_named(tmp_path: Path) -> None:
+    place = tmp_path / "walk"
+    place.mkdir()
+    write(place, ["7"], ["7"])
+    (place / "color").rename(tmp_path / "disk")
+    (place / "color").symlink_to(tmp_path / "disk")
+    assert np.array_equal(open_dataset(place)[0].gray, gray_of(0))
+    (tmp_path / "disk").rename(tmp_path / "unmounted")
+    with pytest.raises(DatasetError, match=r"walk/color is a link to .*disk, which is not there"):
+        open_dataset(place)
 
 
 def test_images_that_are_not_aligned_are_refused(tmp_path: Path) -> None:
@@ -110,9 +168,10 @@ def test_images_that_are_not_aligned_are_refused(tmp_path: Path) -> None:
         (["0"], ["1"], "got none among 1 and 1"),
         ([], [], "got none among 0 and 0"),
         (["100.0"], ["200.0"], "got none among 1 and 1"),
-        (["a"], ["a"], r"expected a number at the end of the name of .*a\.png"),
-        (["a1", "b1"], ["1"], "have one number"),
-        (["1", "01"], ["1"], "that increase"),
+        (["1"], ["1699187734.5"], "same numbers or times .* got none among 1 and 1"),
+        (["a"], ["a"], r"expected names that differ in one number or time only, got a\.png"),
+        (["a1", "b1"], ["1"], r"got a1\.png and b1\.png .*each camera into a folder"),
+        (["1", "01"], ["1"], "have one number"),
     ],
 )
 def test_images_that_cannot_be_matched_are_refused(
@@ -210,6 +269,13 @@ def test_a_number_without_its_partner_is_named(tmp_path: Path) -> None:
     write(tmp_path, ["000000", "000002"], ["000000", "000001", "000002"])
     with pytest.raises(DatasetError, match=r"000001\.png alone and 0 others"):
         open_dataset(tmp_path)
+
+
+def test_two_recordings_of_rs_convert_in_one_folder_are_refused(tmp_path: Path) -> None:
+    write_converted(tmp_path, ["1.00"], ["1.00"])
+    (tmp_path / "front_Depth_34.00.raw").write_bytes(depth_of(1).tobytes())
+    with pytest.raises(DatasetError, match=r"several recordings, as front_Depth_34\.00\.raw and out_Depth_1\.00\.raw"):
+        open_dataset(tmp_path, intrinsics=CAMERA)
 
 
 @pytest.mark.parametrize("name", ["rgb.txt", "depth.txt"])

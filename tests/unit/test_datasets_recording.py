@@ -82,10 +82,10 @@ def test_a_damaged_or_missing_image_stops_only_its_frame(folder: Path, name: str
     assert dataset[2].stamp_s == capture_of(2).stamp_s
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
-def test_depth_that_no_camera_measures_is_refused(folder: Path, value: float) -> None:
+@pytest.mark.parametrize(("value", "message"), [(-1.0, "not negative"), (1500.0, "got 1500 m .*state units_per_m")])
+def test_depth_that_no_camera_measures_is_refused(folder: Path, value: float, message: str) -> None:
     cv2.imwrite(str(folder / "depth_raw/000000.tiff"), np.full(CAMERA.shape, value, np.float32))
-    with pytest.raises(DatasetError, match=r"at least 0 in .*depth_raw/000000\.tiff"):
+    with pytest.raises(DatasetError, match=rf"depth_raw/000000\.tiff give no frame: .*{message}"):
         open_dataset(folder)[0]
 
 
@@ -105,9 +105,9 @@ def test_a_damaged_table_is_refused(folder: Path, old: str, new: str, message: s
         open_dataset(folder)
 
 
-def test_given_intrinsics_spare_a_damaged_calibration(folder: Path) -> None:
+def test_what_is_given_spares_a_damaged_calibration(folder: Path) -> None:
     (folder / "calibration.toml").write_bytes(b"\xff")
-    assert len(open_dataset(folder, intrinsics=CAMERA)) == N
+    assert len(open_dataset(folder, intrinsics=CAMERA, units_per_m=1)) == N
 
 
 def test_a_table_of_binary_garbage_is_refused(folder: Path) -> None:

@@ -98,6 +98,34 @@ def test_no_surface_may_be_told_by_zero_or_infinity() -> None:
         assert np.isinf(measured.depth_true_m).all()
 
 
+@pytest.mark.parametrize("decimate", [1, 2, 4])
+@pytest.mark.parametrize("unmeasured", [-np.inf, np.nan])
+def test_what_cannot_be_measured_has_no_depth_and_changes_none_beside_it(unmeasured: float, decimate: int) -> None:
+    camera = DepthCamera(SMALL.model_copy(update={"decimate": decimate}), seed=0)
+    depth_m = np.full(SMALL.full_intrinsics.shape, 4.0, np.float32)
+    depth_m[60:120, 100:200] = unmeasured
+    measured = camera.from_depth(depth_m, frame=0)
+    inside = np.zeros(depth_m.shape, np.bool_)
+    inside[60:120, 100:200] = True
+    inside = inside[decimate // 2 :: decimate, decimate // 2 :: decimate]
+    assert not measured.depth_raw_m[inside].any()
+    assert (measured.invalid_reason[inside] == InvalidReason.OUT_OF_RANGE).all()
+    beside_m = measured.depth_raw_m[~inside]
+    assert (np.abs(beside_m[beside_m > 0] - 4) < 1).all() and (beside_m > 0).mean() > 0.8
+    casts_shadow = measured.occluded[~inside].mean() > 0.025
+    assert casts_shadow == np.isinf(unmeasured), "only what is known to be near hides what is behind it"
+
+
+@pytest.mark.parametrize("depth_m", [-1e-3, -2.0, -1e9])
+def test_a_negative_true_depth_is_refused(depth_m: float) -> None:
+    true_m = np.full(SMALL.full_intrinsics.shape, 4.0, np.float32)
+    true_m[3, 4] = depth_m
+    with pytest.raises(
+        SensorError, match=r"a true depth is at least 0 m, got -.* give 0 or \+inf where there is no surface"
+    ):
+        DepthCamera(SMALL, seed=0).from_depth(true_m, frame=0)
+
+
 def test_what_does_not_fit_is_refused_with_what_to_do() -> None:
     camera, gray = DepthCamera(SMALL, seed=0), np.zeros((180, 320), np.uint8)
     with pytest.raises(SensorError, match=r"the gray image must be uint8 of shape \(180, 320\), got uint8 of shape"):

@@ -115,6 +115,25 @@ def test_compressed_depth_of_16_bits_is_read(format: str) -> None:
     np.testing.assert_array_equal(depth_m, UNITS / np.float32(1000))
 
 
+def test_floats_in_millimetres_are_asked_about_and_read_if_they_are_stated() -> None:
+    depth_mm = np.linspace(400, 9000, 35, dtype=np.float32).reshape(SHAPE)
+    depth_mm[0, :4] = np.nan, -np.inf, np.inf, 3
+    floats = an_image(depth_mm, "32FC1")
+    compressed = a_compressed(bytes(4) + np.array([1e8, -1], "<f4").tobytes() + png(UNITS), "32FC1; compressedDepth")
+    for message_mm in (floats, compressed):
+        with pytest.raises(FrameError, match=r"got \d+(\.\d+)? m with units_per_m = 1; state units_per_m"):
+            depth_of(message_mm)
+    expected_m = depth_mm / np.float32(1000)
+    expected_m[0, :3] = 0
+    np.testing.assert_array_equal(depth_of(floats, 1000), expected_m)
+
+
+def test_a_saturated_depth_is_none() -> None:
+    stored = np.where(np.eye(*SHAPE) > 0, 65535, 1500).astype(np.uint16)
+    for sent in (an_image(stored, "16UC1"), a_compressed(bytes(12) + png(stored), "16UC1; compressedDepth png")):
+        np.testing.assert_array_equal(depth_of(sent), np.where(np.eye(*SHAPE) > 0, 0, np.float32(1.5)))
+
+
 def test_a_png_of_depth_without_a_header_is_read() -> None:
     np.testing.assert_array_equal(
         depth_of(a_compressed(png(UNITS), "16UC1; png compressed ")), UNITS / np.float32(1000)

@@ -187,7 +187,7 @@ class FakeNode:
         return SimpleNamespace(warning=lambda text, throttle_duration_sec: self.warnings.append(text))
 
 
-PARAMETERS: dict[str, Any] = {"corrector": "median", "units_per_m": 1000, "baseline_m": 0}
+PARAMETERS: dict[str, Any] = {"corrector": "median", "units_per_m": 0, "baseline_m": 0}
 
 
 @pytest.fixture
@@ -325,3 +325,14 @@ def test_every_file_that_is_installed_exists() -> None:
     for name in ("package.xml", "launch/voxdepth.launch.py", "config/voxdepth.yaml", "resource/voxdepth_ros"):
         assert (PACKAGE / name).is_file()
         assert name.replace("voxdepth_ros", "{NAME}") in setup or name in setup
+
+
+def test_floats_in_millimetres_are_left_out_until_their_unit_is_stated() -> None:
+    depth_mm = np.full(CAMERA.shape, 2000, np.float32)
+    floats = message("sensor_msgs/msg/Image", image(depth_mm, "32FC1", (S, "left_optical")))
+    with pytest.raises(FrameError, match=r"got 2000 m .* state units_per_m .* parameter of the node"):
+        stream().MessageCorrector(CorrectorSpec(name="raw")).correct(gray_message(S), floats, info_message())
+    stated = stream().MessageCorrector(CorrectorSpec(name="raw"), units_per_m=1000)
+    fields = stated.correct(gray_message(S), floats, info_message())["depth"]
+    made = message("sensor_msgs/msg/Image", {"header": (S, "left"), **fields})
+    np.testing.assert_array_equal(depth_of(made), np.full(CAMERA.shape, 2, np.float32))

@@ -191,9 +191,9 @@ def test_millimetres_and_other_units_become_metres() -> None:
     depth_mm = np.array([[0, 1500, 65535]], np.uint16)
     gray = np.zeros((1, 3), np.uint8)
     frame = Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm)
-    np.testing.assert_allclose(frame.depth_m, [[0, 1.5, 65.535]], rtol=1e-6)
+    np.testing.assert_allclose(frame.depth_m, [[0, 1.5, 0]], rtol=1e-6)
     fine = Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm, units_per_m=5000)
-    np.testing.assert_allclose(fine.depth_m, [[0, 0.3, 13.107]], rtol=1e-6)
+    np.testing.assert_allclose(fine.depth_m, [[0, 0.3, 0]], rtol=1e-6)
     with pytest.raises(FrameError, match=r"Frame\.from_metres"):
         Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm.astype(np.float32))
 
@@ -245,14 +245,32 @@ def test_a_baseline_in_millimetres_is_refused(baseline_m: float) -> None:
         Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=baseline_m)
 
 
-def test_floats_in_millimetres_get_a_warning_and_far_metres_do_not(recwarn: pytest.WarningsRecorder) -> None:
-    far_m = 1000 * DEPTH
-    far_m[0, 0] = 200.0
-    Frame.from_metres(stamp_s=0, gray=GRAY, depth_m=far_m)
-    Frame.from_metres(stamp_s=0, gray=GRAY, depth_m=0 * DEPTH)
-    assert not recwarn.list
-    with pytest.warns(UserWarning, match="in millimetres"):
-        Frame.from_metres(stamp_s=0, gray=GRAY, depth_m=1000 * DEPTH)
+@pytest.mark.parametrize("share_near", [0.0, 0.04, 0.4])
+@pytest.mark.parametrize("make", [Frame, Frame.from_metres])
+def test_floats_in_millimetres_get_a_warning_whatever_a_few_pixels_show(
+    make: Callable[..., Frame], share_near: float
+) -> None:
+    rng = np.random.default_rng(0)
+    depth_mm = rng.uniform(700, 6000, (20, 30)).astype(np.float32)
+    depth_mm[rng.random(depth_mm.shape) < share_near] = 180
+    with pytest.warns(UserWarning, match=r"the median of depth_m is .* millimetres\?"):
+        make(stamp_s=0, gray=np.zeros((20, 30), np.uint8), depth_m=depth_mm)
+
+
+def test_metres_with_some_sky_get_no_warning() -> None:
+    depth_m = np.full((20, 30), 80, np.float32)
+    depth_m[:9], depth_m[9] = 1000, 0
+    Frame(stamp_s=0, gray=np.zeros((20, 30), np.uint8), depth_m=depth_m)
+    Frame(stamp_s=0, gray=GRAY, depth_m=0 * DEPTH)
+
+
+@pytest.mark.parametrize("kind", ["float16", ">f4", ">f8"])
+def test_floats_of_other_sizes_and_orders_of_bytes_are_metres_too(kind: str) -> None:
+    frame = Frame.from_metres(stamp_s=0, gray=GRAY, depth_m=DEPTH.astype(kind))
+    np.testing.assert_allclose(frame.depth_m, DEPTH, rtol=1e-3)
+    stored = (100 * DEPTH).astype(">u2")
+    swapped = Frame.from_millimetres(stamp_s=0, gray=GRAY, depth_mm=stored, units_per_m=100)
+    np.testing.assert_array_equal(swapped.depth_m, stored / np.float32(100))
 
 
 def test_a_pose_that_32_bits_do_not_hold_is_refused() -> None:

@@ -8,7 +8,7 @@ for frame in open_dataset(Path("rgbd_dataset_freiburg1_desk")):
 
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ..errors import ConfigError, DatasetError
 from ..types import Frame, Intrinsics
@@ -59,6 +59,7 @@ def open_dataset(
     depth_topic: str | None = None,
     gray_topic: str | None = None,
     within_s: float = WITHIN_S,
+    units_per_m: float | None = None,
 ) -> Dataset:
     """Open a dataset: a folder, or the file of a bag.
 
@@ -71,14 +72,17 @@ def open_dataset(
         gray_topic: Topic of the gray or colour image in a bag; needed where several of the same camera are there.
         within_s: Largest difference of the times of a depth and a gray image of one frame [s], where they are paired by
             time. Depth images without a gray one are left out with a warning.
+        units_per_m: Steps of a metre in the depth: 1000 for millimetres, 1 for metres, 5000 for TUM RGB-D. It takes
+            precedence over the one of a `calibration.toml`, and that over the one of the format.
 
     Raises:
         ConfigError: There is no such format, topics are named for another format than a bag, or `within_s` is negative.
+        FrameError: `units_per_m` makes no sense.
         DatasetError: The folder is missing or of no known format, or a list or calibration in it is damaged.
         ModuleNotFoundError: It is a bag, and the package `rosbags` is not installed.
     """
     from .bags import SUFFIXES, BagDataset
-    from .files import require_dataset
+    from .files import broken_links, list_folder, require_dataset
     from .midair import MidAirDataset
     from .realsense import RealSenseDataset
     from .recording import RecordingDataset
@@ -95,13 +99,14 @@ def open_dataset(
     try:
         lacking = {name: reader.lacking(path) for name, reader in readers.items()}
         fitting = [name for name, lack in lacking.items() if not lack]
+        options: dict[str, Any] = {"within_s": within_s, "units_per_m": units_per_m}
         if fitting == [BagDataset.format] or (BagDataset.format in fitting and (depth_topic or gray_topic)):
-            return BagDataset(path, intrinsics, depth_topic=depth_topic, gray_topic=gray_topic, within_s=within_s)
+            return BagDataset(path, intrinsics, depth_topic=depth_topic, gray_topic=gray_topic, **options)
         if depth_topic or gray_topic:
             raise ConfigError(f"only bags have topics: {path} is none")
         if fitting:
-            return readers[fitting[0]](path, intrinsics, within_s=within_s)
+            return readers[fitting[0]](path, intrinsics, **options)
     except OSError as error:
         raise DatasetError(f"cannot look into {path} ({error}); check its permissions") from error
     needs = "; ".join(f"{name} lacks {lack}" for name, lack in lacking.items())
-    raise DatasetError(f"{path} holds no dataset that can be read: {needs}")
+    raise DatasetError(f"{path} holds no dataset that can be read: {needs}{broken_links(list_folder(path))}")

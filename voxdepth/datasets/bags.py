@@ -26,10 +26,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DatasetError, FrameError
-from ..ros import DEPTH_ENCODINGS, GRAY_ENCODINGS, MILLIMETRES, Header, are_apart, encoding_of, frame_of, header_of
+from ..ros import DEPTH_ENCODINGS, GRAY_ENCODINGS, Header, are_apart, encoding_of, frame_of, header_of
 from ..types import Frame, Intrinsics
+from ..units import Unit
 from . import WITHIN_S
-from .files import CALIBRATION, calibration_path, choose_intrinsics, list_folder
+from .files import CALIBRATION, calibration_path, choose_intrinsics, choose_unit, list_folder
 from .pairs import matched
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ class BagDataset:
         depth_topic: Topic of the depth; None takes the only one.
         gray_topic: Topic of the gray image; None takes the only one of the same camera.
         within_s: Largest difference of the times of the two images of a frame.
+        units_per_m: Steps of a metre in the depth, which take precedence as the intrinsics do.
 
     Raises:
         DatasetError: The bag is damaged, has no or several images of depth or gray of one camera, no camera or several,
@@ -99,6 +101,7 @@ class BagDataset:
         depth_topic: str | None = None,
         gray_topic: str | None = None,
         within_s: float = WITHIN_S,
+        units_per_m: float | None = None,
     ) -> None:
         found = bag_in(path)
         if found is None:
@@ -108,7 +111,7 @@ class BagDataset:
         depth = images.depth(depth_topic)
         gray = images.gray(gray_topic, depth)
         self.intrinsics = choose_intrinsics(path, intrinsics, lambda: images.camera(depth, gray))
-        self._units_per_m = images.units_per_m(depth)
+        self._units_per_m = choose_unit(path, units_per_m, Unit(images.units_per_m(depth))).units_per_m
         self._depth, self._gray = Stream(found, depth), Stream(found, gray)
         self._frames = _frames(self._depth, self._gray, within_s)
 
@@ -210,10 +213,10 @@ class Images:
             )
         return replace(cameras[0], baseline_m=self._baseline_m(depth) or cameras[0].baseline_m)
 
-    def units_per_m(self, topic: str) -> float:
-        """The steps of a metre in depth of 16 bits."""
+    def units_per_m(self, topic: str) -> float | None:
+        """The steps of a metre in the depth; None where the bag does not state them."""
         unit_m = self._option(topic, "Depth_Units")
-        return float(f"{1 / unit_m:.6g}") if unit_m else MILLIMETRES  # The option is a float of 32 bits.
+        return float(f"{1 / unit_m:.6g}") if unit_m else None  # The option is a float of 32 bits.
 
     def _chosen(self, named: str | None, topics: Sequence[str], what: str, option: str) -> str:
         path = self._bag.path

@@ -1,7 +1,7 @@
 """Reading of folders, lists, calibrations and paths. A `DatasetError` names the file that is damaged, and its fault."""
 
 import tomllib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import MISSING, asdict, fields
 from math import isfinite
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -9,12 +9,15 @@ from typing import Any
 
 from ..errors import DatasetError, FrameError
 from ..types import Intrinsics
+from ..units import Unit
 
 CALIBRATION = "calibration.toml"
 """Fields of `Intrinsics` as TOML: `fx_px = 525.0`, ..., `width_px = 640`; `baseline_m` and
 `disparity_scale` may be left out, or stand alone where the format knows the others."""
 OPTIONAL = {field.name for field in fields(Intrinsics) if field.default is not MISSING}
 """Fields that may be left out."""
+UNITS_PER_M = "units_per_m"
+"""Key of the steps of a metre in the depth, which a `calibration.toml` may state, too."""
 LARGEST_FILE_BYTES = 2**28
 """Larger files are no images or lists of one camera."""
 
@@ -24,7 +27,7 @@ def require_dataset(path: Path, suffixes: Collection[str]) -> None:
     try:
         if path.is_dir() or (path.is_file() and path.suffix in suffixes):
             return
-        found = f"{path} is a file" if path.exists() else f"there is no folder {path}"
+        found = f"{path} is a file" if path.exists() else f"there is no folder {path}{broken_links([path])}"
     except (OSError, ValueError) as error:
         found = f"cannot look into {path} ({error})"
     raise DatasetError(
@@ -45,12 +48,18 @@ def list_images(folder: Path, suffixes: Collection[str]) -> list[Path]:
     return [path for path in list_folder(folder) if path.suffix.lower() in suffixes and not path.name.startswith(".")]
 
 
+def broken_links(paths: Iterable[Path]) -> str:
+    """Name the links among some paths and their folders that lead nowhere, as the end of an error; empty without."""
+    links = {link for path in paths for link in (path, path.parent) if link.is_symlink() and not link.exists()}
+    return "".join(f"; {link} is a link to {link.readlink()}, which is not there" for link in sorted(links))
+
+
 def read_bytes(path: Path) -> bytes:
     """Read a whole plain file of a reasonable size."""
     try:
         if not path.is_file():
             found = "something else" if path.exists() else "none"
-            raise DatasetError(f"expected a file {path}, got {found}; restore it")
+            raise DatasetError(f"expected a file {path}, got {found}{broken_links([path])}; restore it")
         size = path.stat().st_size
         if size > LARGEST_FILE_BYTES:
             raise DatasetError(f"expected at most {LARGEST_FILE_BYTES} bytes in {path}, got {size}; it is no such file")
@@ -72,20 +81,16 @@ def read_text(path: Path) -> str:
 
 
 def path_inside(folder: Path, name: str, source: str) -> Path:
-    """The file that a list names relative to its folder, below which it must lie, without `..` and links that lead out.
+    """The file that a list names relative to its folder, below which it must lie, without `..`; links are followed.
 
     The source, which errors name, is the list and the line.
     """
     parts = (PurePosixPath(name), PureWindowsPath(name))
-    try:
-        leads_out = any(part.is_absolute() or part.drive or ".." in part.parts for part in parts)
-        if not leads_out and (folder / name).resolve().is_relative_to(folder.resolve()):
-            return folder / name
-    except (OSError, RuntimeError, ValueError) as error:  # A loop of links is a RuntimeError.
-        raise DatasetError(f"{source} names {name!r}, which is no usable path ({error})") from error
-    raise DatasetError(
-        f"{source} names {name!r}, which lies outside of {folder}; name files below the folder, relative to it"
-    )
+    if any(part.is_absolute() or part.drive or ".." in part.parts for part in parts):
+        raise DatasetError(
+            f"{source} names {name!r}, which lies outside of {folder}; name files below the folder, relative to it"
+        )
+    return folder / name
 
 
 def calibration_path(dataset: Path) -> Path:
@@ -93,30 +98,53 @@ def calibration_path(dataset: Path) -> Path:
     return (dataset if dataset.is_dir() else dataset.parent) / CALIBRATION
 
 
+def read_calibration(dataset: Path) -> dict[str, object]:
+    """What the `calibration.toml` beside a dataset states; empty without one."""
+    path = calibration_path(dataset)
+    if not path.exists():
+        return {}
+    try:
+        return tomllib.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{path} is no TOML ({error}); write the fields of Intrinsics into it") from error
+
+
+def camera_fields(dataset: Path) -> dict[str, object]:
+    """What the `calibration.toml` beside a dataset states of its camera."""
+    return {name: value for name, value in read_calibration(dataset).items() if name != UNITS_PER_M}
+
+
 def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callable[[], Intrinsics]) -> Intrinsics:
     """The given intrinsics, else those of a `calibration.toml` in the folder, else those that `of_format` returns.
 
     A file that has no more than the fields that may be left out, as the baseline, adds them to those of the format.
     """
-    path = calibration_path(folder)
     if given is not None:
         return given
-    if not path.exists():
-        return of_format()
-    values = _parse_fields(read_text(path), path)
-    return intrinsics_from({**stated(of_format()), **values} if values.keys() <= OPTIONAL else values, path)
+    values = camera_fields(folder)
+    known = stated(of_format()) if values.keys() <= OPTIONAL else {}
+    return intrinsics_from({**known, **values}, calibration_path(folder))
+
+
+def choose_unit(dataset: Path, given: float | None, of_format: Unit) -> Unit:
+    """The unit of the depth that is given, else that of a `calibration.toml` beside a dataset, else that of the format.
+
+    Raises:
+        FrameError: The given number makes no sense.
+        DatasetError: That of the file does not.
+    """
+    if given is not None:
+        return Unit(given)
+    value = read_calibration(dataset).get(UNITS_PER_M)
+    try:
+        return of_format if value is None else Unit(value)  # type: ignore[arg-type]
+    except FrameError as error:
+        raise DatasetError(f"{calibration_path(dataset)}: {error}") from error
 
 
 def stated(intrinsics: Intrinsics) -> dict[str, int | float]:
     """The fields that are not None, by name."""
     return {name: value for name, value in asdict(intrinsics).items() if value is not None}
-
-
-def _parse_fields(text: str, path: Path) -> dict[str, object]:
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{path} is no TOML ({error}); write the fields of Intrinsics into it") from error
 
 
 def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
@@ -125,7 +153,9 @@ def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
     unknown = sorted(values.keys() - kinds.keys())
     missing = sorted(kinds.keys() - values.keys() - OPTIONAL)
     if unknown or missing:
-        raise DatasetError(f"expected {', '.join(kinds)} in {path}; missing: {missing}, unknown: {unknown}")
+        raise DatasetError(
+            f"expected {', '.join(kinds)}, {UNITS_PER_M} in {path}; missing: {missing}, unknown: {unknown}"
+        )
     numbers: dict[str, Any] = {}
     for name, value in values.items():
         number = as_number(value)

@@ -17,9 +17,10 @@ from PIL.PngImagePlugin import PngImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from ..errors import DatasetError
-from ..types import FloatImage, GrayImage, MaskImage
+from ..types import GrayImage, MaskImage
 from .files import read_bytes
 
+ARRAY = ".npy"
 LARGEST_IMAGE_PX = 2**26
 """Images of more than 67 million pixels are refused."""
 _READERS: dict[bytes, Any] = {
@@ -36,7 +37,7 @@ Shape = tuple[int, int]
 
 def image_shape(path: Path) -> Shape:
     """Read the shape (H, W) of an image from its header."""
-    height_px, width_px = _open(read_bytes(path), path).size[::-1]
+    height_px, width_px = _array(path).shape if path.suffix == ARRAY else _open(read_bytes(path), path).size[::-1]
     return height_px, width_px
 
 
@@ -47,6 +48,34 @@ def read_gray(path: Path, shape: Shape) -> GrayImage:
     if image.dtype != np.uint8:
         raise DatasetError(f"expected {wanted} in {path}, got {image.dtype}")
     return np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def read_depth(path: Path, shape: Shape) -> npt.NDArray[Any]:
+    """Read depth as it is stored, shape (H, W): see `read_depth_16`, `read_depth_raw`, an array of NumPy, or a TIFF."""
+    if path.suffix == ".raw":
+        return read_depth_raw(path, shape)
+    if path.suffix == ARRAY:
+        array = _array(path)
+        if array.shape != shape:
+            raise DatasetError(f"expected an array of shape {shape} in {path}, as the camera has, got {array.shape}")
+        return array
+    kinds = {("PNG", "I;16"), ("TIFF", "I;16"), ("TIFF", "I;16B"), ("TIFF", "F")}
+    return _decode(path, shape, "depth as a PNG or TIFF of 16 bits or a TIFF of float32, in 1 channel", kinds)
+
+
+def _array(path: Path) -> npt.NDArray[Any]:
+    """Read an array of NumPy, shape (H, W), of whole numbers or floats of at least 16 bits in any order of bytes."""
+    try:
+        array = np.load(BytesIO(read_bytes(path)), allow_pickle=False)
+    except (ValueError, EOFError, MemoryError) as error:
+        raise DatasetError(f"expected an array of NumPy in {path} ({error}); restore the file") from error
+    kind = getattr(array, "dtype", np.dtype(object))
+    if kind.kind not in "fiu" or kind.itemsize < 2 or array.ndim != 2:
+        raise DatasetError(
+            f"expected whole numbers or floats of at least 16 bits of shape (H, W) in {path}, got {kind} of shape "
+            f"{getattr(array, 'shape', '?')}"
+        )
+    return np.asarray(array, kind.newbyteorder("="))
 
 
 def read_depth_16(path: Path, shape: Shape) -> Depth16:
@@ -69,13 +98,6 @@ def read_mask(path: Path, shape: Shape) -> MaskImage:
     """Read a PNG of up to 8 bits in one channel as a mask, True where it is not 0, shape (H, W), bool."""
     wanted = "a mask as a PNG of up to 8 bits in 1 channel"
     return np.asarray(_decode(path, shape, wanted, {("PNG", "1"), ("PNG", "L")}) != 0)
-
-
-def read_depth_m(path: Path, shape: Shape) -> FloatImage:
-    """Read a TIFF of 32-bit floats in one channel as depth [m], shape (H, W), float32, finite and not negative."""
-    image = np.asarray(_decode(path, shape, "depth as a TIFF of float32 in 1 channel", {("TIFF", "F")}), np.float32)
-    require_depths(image, path)
-    return image
 
 
 def require_depths(depth: npt.NDArray[np.floating[Any]], path: Path) -> None:

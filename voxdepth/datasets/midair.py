@@ -13,7 +13,9 @@ occlusion masks are not 0 where a surface is hidden is concluded from their name
 """
 
 import re
+import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +38,11 @@ class MidAirDataset(PairedImages):
 
     format = "midair"
 
+    def __init__(self, folder: Path, intrinsics: Intrinsics | None = None, **options: Any) -> None:
+        super().__init__(folder, intrinsics, **options)
+        if self._unit.units_per_m is not None:
+            raise DatasetError(f"{folder} is of Mid-Air, whose depth has a unit of its own: leave out units_per_m")
+
     @classmethod
     def lacking(cls, folder: Path) -> str:
         """See `PairedImages`."""
@@ -57,6 +64,9 @@ class MidAirDataset(PairedImages):
                 f"expected images of the same numbers in {folder / COLOUR / trajectory} (JPEG) and {depth_folder} "
                 f"(PNG), got none among {len(colour)} and {len(depth)}; unpack colour and depth of one trajectory"
             )
+        if n_alone := len(depth) - len(common):
+            alone = f"{n_alone} of {len(depth)} depth images have no gray image of their number and are left out"
+            warnings.warn(alone, stacklevel=2)
         return [Pair(stamp_s=number / RATE_HZ, gray=colour[number], depth=depth[number]) for number in common]
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:

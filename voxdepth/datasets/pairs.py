@@ -14,9 +14,10 @@ import numpy as np
 from ..errors import DatasetError, FrameError
 from ..ros import TIMES_S, Header
 from ..types import FloatImage, Frame, Intrinsics
+from ..units import Unit
 from . import WITHIN_S
-from .files import choose_intrinsics
-from .images import read_gray
+from .files import choose_intrinsics, choose_unit
+from .images import read_depth, read_gray
 
 MAX_CANDIDATES = 1000
 """Largest number of images within the tolerance of another one; beyond it the times cannot be those of a camera."""
@@ -47,6 +48,7 @@ class PairedImages(ABC):
         folder: Folder of the dataset.
         intrinsics: Intrinsics that take precedence over those of the folder and of the format.
         within_s: Largest difference of the times of two images of one frame, where images are paired by time.
+        units_per_m: Steps of a metre in the depth; they take precedence as the intrinsics do.
 
     Raises:
         DatasetError: The folder is not of this format, a list or calibration in it is missing or damaged, there is no
@@ -57,13 +59,24 @@ class PairedImages(ABC):
     assumed = ""
     """What the format takes for granted of this camera, in words; empty if it knows it."""
 
-    def __init__(self, folder: Path, intrinsics: Intrinsics | None = None, *, within_s: float = WITHIN_S) -> None:
+    _unit = Unit()
+    """Unit of the depth, as far as the format knows it."""
+
+    def __init__(
+        self,
+        folder: Path,
+        intrinsics: Intrinsics | None = None,
+        *,
+        within_s: float = WITHIN_S,
+        units_per_m: float | None = None,
+    ) -> None:
         self._within_s = within_s
         pairs = self._find_pairs(folder)
         if not pairs:
             raise DatasetError(f"expected frames in {folder}, got none; is the export complete?")
         require_increasing([pair.stamp_s for pair in pairs], f"the frames of {folder}")
         self.intrinsics = choose_intrinsics(folder, intrinsics, lambda: self._known_intrinsics(folder, pairs[0]))
+        self._unit = choose_unit(folder, units_per_m, self._unit)
         self._pairs = tuple(pairs)
         stems = [pair.depth.stem for pair in pairs]
         are_sorted = all(before < after for before, after in pairwise(stems))
@@ -82,9 +95,14 @@ class PairedImages(ABC):
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
         """Intrinsics that the format defines or describes, for a folder without a `calibration.toml`."""
 
-    @abstractmethod
     def _read_depth_m(self, pair: Pair) -> FloatImage:
         """Depth along the optical axis [m], shape (H, W), float32; 0 = invalid."""
+        return self._unit.metres(read_depth(pair.depth, self.intrinsics.shape))
+
+    def _matched(self, depth: Stream[Path], gray: Stream[Path], depth_source: str, gray_source: str) -> list[Pair]:
+        """The frames of images of nearest time, see `matched`."""
+        frames = matched(depth, gray, depth_source, gray_source, within_s=self._within_s)
+        return [Pair(stamp_s=stamp_s, gray=gray, depth=depth) for stamp_s, depth, gray in frames]
 
     def __len__(self) -> int:
         """Number of frames."""

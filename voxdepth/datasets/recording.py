@@ -8,9 +8,8 @@ frame without a row is incomplete.
 from pathlib import Path
 
 from ..errors import DatasetError
-from ..types import FloatImage, Intrinsics
+from ..types import Intrinsics
 from .files import CALIBRATION, read_text
-from .images import read_depth_m
 from .pairs import Pair, PairedImages, parse_stamp
 
 FRAMES, GRAY, DEPTH = "frames.csv", "gray_left", "depth_raw"
@@ -35,9 +34,6 @@ class RecordingDataset(PairedImages):
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
         raise DatasetError(f"expected a {CALIBRATION} with the camera in {folder}; restore it, or give the intrinsics")
-
-    def _read_depth_m(self, pair: Pair) -> FloatImage:
-        return read_depth_m(pair.depth, self.intrinsics.shape)
 
 
 def _read_stamps(path: Path) -> list[float]:

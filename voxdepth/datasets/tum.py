@@ -8,19 +8,22 @@ doi:10.1109/IROS.2012.6385773); the images of freiburg1 and freiburg2 have a len
 """
 
 import re
+import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
-
-import numpy as np
+from typing import Any
 
 from ..errors import DatasetError
-from ..types import FloatImage, Intrinsics
+from ..types import Intrinsics
+from ..units import Unit
 from .files import CALIBRATION, path_inside, read_text
-from .images import image_shape, read_depth_16
-from .pairs import Pair, PairedImages, matched, parse_stamp, require_increasing
+from .images import image_shape
+from .pairs import Pair, PairedImages, parse_stamp, require_increasing
 
 COLOUR_LIST, DEPTH_LIST, ASSOCIATIONS = "rgb.txt", "depth.txt", "associations.txt"
-UNITS_PER_M = 5000
+UNIT = Unit(5000, least_m=0.4)
+"""Of the benchmark, whose camera measures nothing nearer."""
 _SHAPE = (480, 640)
 _FOCAL_AND_CENTRE_PX = {
     "1": (517.3, 516.5, 318.6, 255.3),
@@ -36,6 +39,16 @@ class TumDataset(PairedImages):
 
     format = "tum"
 
+    def __init__(self, folder: Path, intrinsics: Intrinsics | None = None, **options: Any) -> None:
+        self._unit = UNIT if _camera_of(folder) else replace(UNIT, is_known=False)
+        super().__init__(folder, intrinsics, **options)
+        if not self._unit.is_known:
+            warnings.warn(
+                f"{folder} is taken to have depth in steps of 1/{UNIT.units_per_m:g} m, as TUM RGB-D has: state "
+                f"units_per_m in {CALIBRATION} or as --units-per-m, 1000 for millimetres",
+                stacklevel=2,
+            )
+
     @classmethod
     def lacking(cls, folder: Path) -> str:
         """See `PairedImages`."""
@@ -45,7 +58,7 @@ class TumDataset(PairedImages):
         return f"{' and '.join(missing)} (or {ASSOCIATIONS})" if missing else ""
 
     def _find_pairs(self, folder: Path) -> list[Pair]:
-        return _listed_pairs(folder) if (folder / ASSOCIATIONS).exists() else _matched_pairs(folder, self._within_s)
+        return _listed_pairs(folder) if (folder / ASSOCIATIONS).exists() else self._matched_lists(folder)
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
         height_px, width_px = shape = image_shape(first.depth)
@@ -54,21 +67,21 @@ class TumDataset(PairedImages):
                 f"the images of {folder} are {width_px}x{height_px}, and only the camera of 640x480 is known; "
                 f"write its intrinsics into {folder / CALIBRATION}"
             )
-        camera = _CAMERA.search(folder.resolve().name)
+        camera = _camera_of(folder)
         if camera is None:
-            self.assumed = f"is taken for a sequence of TUM RGB-D: a focal length of 525 px, depth in 1/{UNITS_PER_M} m"
+            self.assumed = "is taken for a sequence of TUM RGB-D with a focal length of 525 px"
         fx_px, fy_px, cx_px, cy_px = _FOCAL_AND_CENTRE_PX[camera[1]] if camera else _ROS_DEFAULT_PX
         return Intrinsics(fx_px=fx_px, fy_px=fy_px, cx_px=cx_px, cy_px=cy_px, width_px=width_px, height_px=height_px)
 
-    def _read_depth_m(self, pair: Pair) -> FloatImage:
-        return read_depth_16(pair.depth, self.intrinsics.shape).astype(np.float32) / np.float32(UNITS_PER_M)
+    def _matched_lists(self, folder: Path) -> list[Pair]:
+        paths = folder / DEPTH_LIST, folder / COLOUR_LIST
+        depth, colour = ([_entry(words, path, source) for words, source in _lines(path, 2)] for path in paths)
+        return self._matched(depth, colour, str(paths[0]), str(paths[1]))
 
 
-def _matched_pairs(folder: Path, within_s: float) -> list[Pair]:
-    paths = folder / DEPTH_LIST, folder / COLOUR_LIST
-    depth, colour = ([_entry(words, path, source) for words, source in _lines(path, 2)] for path in paths)
-    frames = matched(depth, colour, *map(str, paths), within_s=within_s)
-    return [Pair(stamp_s=stamp_s, gray=gray, depth=depth) for stamp_s, depth, gray in frames]
+def _camera_of(folder: Path) -> re.Match[str] | None:
+    """The camera of the benchmark that the name of a folder tells, or that of what it is a link to."""
+    return _CAMERA.search(folder.name) or _CAMERA.search(folder.resolve().name)
 
 
 def _listed_pairs(folder: Path) -> list[Pair]:

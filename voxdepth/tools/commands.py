@@ -13,6 +13,7 @@ from .options import (
     DEFAULT_CORRECTOR,
     DepthTopic,
     GrayTopic,
+    UnitsPerM,
     Within,
     counter,
     parsed_size,
@@ -56,6 +57,7 @@ def correct(
     depth_topic: DepthTopic = None,
     gray_topic: GrayTopic = None,
     within: Within = 20.0,
+    units_per_m: UnitsPerM = None,
     rosbag2: Annotated[bool, typer.Option("--rosbag2", help="Write a folder of ROS 2 in place of images.")] = False,
 ) -> None:
     """Correct the depth of a recorded sequence; the result appears when it is complete.
@@ -79,7 +81,13 @@ def correct(
         require_installed("rerun")
     output = _output(out, rosbag2)
     restrict_opencv()
-    opened = Opener(format=format.value, depth_topic=depth_topic, gray_topic=gray_topic, within_ms=within)
+    opened = Opener(
+        format=format.value,
+        depth_topic=depth_topic,
+        gray_topic=gray_topic,
+        within_ms=within,
+        units_per_m=units_per_m,
+    )
     dataset = opened(folder)
     correction = _planned(folder, dataset, spec, frames, output)
     console, start = Console(), time.perf_counter()

@@ -9,7 +9,7 @@ import typer
 
 from .errors import ToolError
 from .extensions import extensions
-from .options import DepthTopic, GrayTopic, Within, counter
+from .options import DepthTopic, GrayTopic, UnitsPerM, Within, counter
 
 if TYPE_CHECKING:
     from .evaluation.kinds import Opened
@@ -53,6 +53,7 @@ def evaluate(
     depth_topic: DepthTopic = None,
     gray_topic: GrayTopic = None,
     within: Within = 20.0,
+    units_per_m: UnitsPerM = None,
 ) -> None:
     """Compare all methods on the same frames: errors, coverage, flicker, latency; tables, figures and a report.
 
@@ -69,7 +70,7 @@ def evaluate(
     from voxdepth.tools.recorded import Opener, restrict_opencv
 
     restrict_opencv()
-    opened = Opener(depth_topic=depth_topic, gray_topic=gray_topic, within_ms=within)
+    opened = Opener(depth_topic=depth_topic, gray_topic=gray_topic, within_ms=within, units_per_m=units_per_m)
     plan = _planned(sequences or [], data or [], opened, methods, frames, seed, out)
     console = Console()
     try:

@@ -34,6 +34,14 @@ Within = Annotated[
     typer.Option(min=0, metavar="MS", help="Largest difference of the times of a depth and a gray image of one frame."),
 ]
 """For sequences whose images are paired by time."""
+UnitsPerM = Annotated[
+    float | None,
+    typer.Option(
+        metavar="N",
+        help="Steps of a metre in the depth: 1000 for millimetres, 1 for metres. Default: what calibration.toml, the "
+        "data or their format say.",
+    ),
+]
 
 
 def parsed_size(text: str | None) -> tuple[int, int] | None:

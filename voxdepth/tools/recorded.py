@@ -27,12 +27,19 @@ class Opener:
     depth_topic: str | None = None
     gray_topic: str | None = None
     within_ms: float = 20.0
+    units_per_m: float | None = None
     _told: set[Path] = field(default_factory=set)
 
     def __call__(self, path: Path) -> Dataset:
         """Open a folder or a bag."""
-        depth, gray, within_s = self.depth_topic, self.gray_topic, self.within_ms / 1000
-        dataset = open_dataset(path, self.format, depth_topic=depth, gray_topic=gray, within_s=within_s)
+        dataset = open_dataset(
+            path,
+            self.format,
+            depth_topic=self.depth_topic,
+            gray_topic=self.gray_topic,
+            within_s=self.within_ms / 1000,
+            units_per_m=self.units_per_m,
+        )
         for assumption in _assumptions(path, dataset) if path not in self._told else ():
             self._told.add(path)
             typer.echo(f"{path} {assumption}", err=True)

@@ -42,14 +42,14 @@ class VoxDepthNode(Node):
 
     def __init__(self) -> None:
         super().__init__("voxdepth")
-        values = {"corrector": "temporal", "config": "", "baseline_m": 0.0, "units_per_m": 1000.0, "slop_s": 0.02}
+        values = {"corrector": "temporal", "config": "", "baseline_m": 0.0, "units_per_m": 0.0, "slop_s": 0.02}
         any_type = ParameterDescriptor(dynamic_typing=True)  # 5000 is a number as well as 5000.0.
         given = {name: self.declare_parameter(name, value, any_type).value for name, value in values.items()}
         config = tomllib.loads(Path(given["config"]).read_text(encoding="utf-8")) if given["config"] else {}
         self._corrector = MessageCorrector(
             CorrectorSpec(name=given["corrector"], config=config),
             baseline_m=float(given["baseline_m"]) or None,
-            units_per_m=float(given["units_per_m"]),
+            units_per_m=float(given["units_per_m"]) or None,
         )
         self._latest: Latest[tuple[Image, Image, CameraInfo]] = Latest()
         self._info: CameraInfo | None = None

@@ -20,10 +20,12 @@ class MessageCorrector:
     Args:
         spec: The corrector.
         baseline_m: Baseline of the stereo pair [m]; None takes that of the `CameraInfo`, if it has one.
-        units_per_m: Steps of a metre in depth of 16 bits.
+        units_per_m: Steps of a metre in the depth; None takes 1000 for 16 bits and 1 for floats if the depths fit that.
     """
 
-    def __init__(self, spec: CorrectorSpec, *, baseline_m: float | None = None, units_per_m: float = 1000.0) -> None:
+    def __init__(
+        self, spec: CorrectorSpec, *, baseline_m: float | None = None, units_per_m: float | None = None
+    ) -> None:
         self._spec, self._baseline_m, self._units_per_m = spec, baseline_m, units_per_m
         self._camera: Intrinsics | None = None
         self._corrector: DepthCorrector
@@ -39,8 +41,8 @@ class MessageCorrector:
             Fields of the images `depth`, `source` and `confidence`, but for their headers.
 
         Raises:
-            FrameError: A message is damaged, of another encoding or size, or as old as that before; or the corrector
-                does not suit the camera.
+            FrameError: A message is damaged, of another encoding, size or unit, or as old as that before; or the
+                corrector does not suit the camera.
         """
         camera = Intrinsics.from_camera_info(info, baseline_m=self._baseline_m)
         frame = frame_of(gray, depth, units_per_m=self._units_per_m)

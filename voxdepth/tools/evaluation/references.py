@@ -13,6 +13,7 @@ import numpy as np
 from ...datasets import Dataset
 from ...datasets.images import read_depth_16
 from ...types import ASSUMED_BASELINE_M, FloatImage, Intrinsics, MaskImage
+from ...units import MILLIMETRES, Unit
 
 TRUE_DEPTH, TRUE_DEPTHS = "depth_true_mm.png", "depth_true"
 """The true depth of the first frame, and the folder of that of all frames."""
@@ -128,8 +129,7 @@ class TrueHoles:
             path = self._folder / TRUE_DEPTH
         truth_m = np.zeros_like(depth_m)
         if path.exists():
-            truth_mm = read_depth_16(path, depth_m.shape)
-            truth_m[truth_mm > 0] = truth_mm[truth_mm > 0] / np.float32(1000)
+            truth_m = Unit(MILLIMETRES).metres(read_depth_16(path, depth_m.shape))
         return Referenced(depth_m, truth_m, np.asarray(depth_m == 0))
 
 
