@@ -8,6 +8,7 @@ import typer
 
 from voxdepth.tools.options import DepthTopic, GrayTopic, counter
 
+from ..threads import use_one_thread
 from .options import Seed
 
 if TYPE_CHECKING:
@@ -59,6 +60,7 @@ def evaluate(
     such a recording are scored by later frames. Writes results.csv, results.parquet and report.html. Exits 1 if a
     method failed; the oracle does where there is no true pose, and does not count.
     """
+    use_one_thread()
     from rich.console import Console
 
     from voxdepth.tools.recorded import Opener, restrict_opencv
@@ -151,6 +153,7 @@ def experiment(
     `confidence` fits the confidence of all correctors but the default in some five minutes, and writes
     confidence/confidence.toml, which takes effect as voxdepth/confidence.toml.
     """
+    use_one_thread()
     import sys
 
     import cv2

@@ -8,7 +8,7 @@ from typer.core import TyperGroup
 
 from voxdepth.tools.options import INTERRUPTED
 
-from ..quiet import import_noisy_libraries, use_one_thread
+from ..threads import use_one_thread
 from .options import Workers
 
 if TYPE_CHECKING:
@@ -40,9 +40,8 @@ app = typer.Typer(
 
 @app.callback()
 def start() -> None:
-    """Keep the processes on one thread each, and the libraries silent."""
+    """Keep the processes on one thread each."""
     use_one_thread()
-    import_noisy_libraries()
 
 
 @app.command()

@@ -20,8 +20,8 @@ from queue import SimpleQueue
 from typing import Any, Protocol
 
 from ..errors import ScenarioError
-from ..quiet import import_noisy_libraries, use_one_thread
 from ..results.provenance import simulation_versions
+from ..threads import use_one_thread
 from .design import RunSpec
 from .one_run import FlyOne, attempt, run_one
 from .store import Completion, Failure
@@ -273,7 +273,6 @@ def _require_equal(worker: str, theirs: Mapping[str, str], ours: Mapping[str, st
 def _attempt_on_cluster(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Completion:
     """Fly a run in a worker, and end the process at the time limit, since a thread cannot be stopped."""
     _require_equal(platform.node(), simulation_versions(), versions)  # The worker may have joined after the check.
-    import_noisy_libraries()
     watchdog = threading.Timer(time_limit_s, os._exit, [1])
     watchdog.daemon = True
     watchdog.start()
