@@ -8,7 +8,7 @@ from sim.errors import SimError
 from swarm.errors import SwarmError
 from voxdepth.tools.extensions import Extension
 
-from .commands import evaluate, general, sensor, study, swarm, train
+from .commands import evaluate, general, sensor, study, swarm
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.freespace, swarm.picture)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
-    ("Corrector", (evaluate.evaluate, evaluate.experiment, sensor.regress, train.train)),
+    ("Corrector", (evaluate.evaluate, evaluate.experiment, sensor.regress)),
     ("General", (general.list_,)),
 )
 
