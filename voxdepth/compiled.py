@@ -7,12 +7,10 @@ import gc
 import hashlib
 import logging
 import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, update_wrapper
 from importlib.util import find_spec
-from multiprocessing import parent_process
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar, cast
@@ -26,8 +24,6 @@ READABLE_IMAGE = numba.types.Array(numba.float32, 2, "C", readonly=True)
 """Type of an image of floats that is only read; the caller may have locked it."""
 FLOAT_IMAGE = numba.float32[:, ::1]
 BYTE_IMAGE = numba.uint8[:, ::1]
-BAR_WIDTH = 30
-"""Characters of the bar that shows how many functions have been compiled."""
 Function = TypeVar("Function", bound=Callable[..., Any])
 _LOGGER = logging.getLogger(__name__)
 _LOCK = Lock()
@@ -95,25 +91,15 @@ def named_tuple(kind: type[Any], *types: Any) -> Any:
 def compile_all() -> None:
     """Compile the functions of all imported modules, or read them from the disk, where an earlier call left them."""
     with _LOCK, _without_garbage_collection():
-        total = 0
+        has_said_so = False
         while _waiting:
             with kept_back() as hand_on:  # LLVM calls Python, and an exception there is lost, or crashes the process.
                 had_to_compile = _waiting[0].compile()
-            if had_to_compile or total:
-                total = total or len(_waiting)
-                _tell(total - len(_waiting) + 1, total)
+            if had_to_compile and not has_said_so:
+                _LOGGER.warning("compiling %d functions for this machine; this takes some seconds, once", len(_waiting))
+                has_said_so = True
             _waiting.pop(0)
             hand_on()
-
-
-def _tell(done: int, total: int) -> None:
-    """Draw a bar in a terminal, and elsewhere, or in a worker, say once what takes so long."""
-    if sys.stderr is not None and sys.stderr.isatty() and parent_process() is None:
-        bar, end = "#" * (BAR_WIDTH * done // total), "\n" if done == total else ""
-        sys.stderr.write(f"\rcompiling for this machine, once [{bar:{BAR_WIDTH}}] {done} of {total}{end}")
-        sys.stderr.flush()
-    elif done == 1:
-        _LOGGER.warning("compiling %d functions for this machine; this takes some seconds, once", total)
 
 
 @contextmanager

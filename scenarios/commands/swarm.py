@@ -138,14 +138,6 @@ def _progress(console: "Console", duration_s: float) -> Iterator[Callable[[float
         TextColumn("flying"), BarColumn(), TextColumn("{task.completed:5.1f} of at most {task.total:.0f} s"),
         TextColumn("real-time factor {task.fields[factor]:.2f}"), TimeElapsedColumn(),
     )  # fmt: skip
-    bar = Progress(*columns, console=console)
-    task = bar.add_task("", total=duration_s, factor=0.0)
-
-    def show(time_s: float, factor: float) -> None:
-        bar.start()  # Not before there is a flight, so that it does not cover the bar of what is compiled first.
-        bar.update(task, completed=time_s, factor=factor)
-
-    try:
-        yield show
-    finally:
-        bar.stop()
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("", total=duration_s, factor=0.0)
+        yield lambda time_s, factor: bar.update(task, completed=time_s, factor=factor)

@@ -224,7 +224,7 @@ class MissionRecorder(Recorder):
         self._log(f"world/contact/{self._contacts}", mark)
         if self._contacts == 0 and self._stream is not None and self._world is not None:
             views = blueprint(self._world.n_drones, self._leaders, self._rows, contact)
-            self._stream.send_blueprint(views, make_active=False)
+            self._stream.send_blueprint(views)
         self._contacts += 1
         self._log("events", rr.TextLog(contact_text(contact), level=rr.TextLogLevel.ERROR))
         self._add_state(f"drone/{contact.drone}/state", "collided")

@@ -1,7 +1,6 @@
 """Compiled functions, and the folder that keeps them: a small package is compiled by processes of its own."""
 
 import os
-import pty
 import subprocess
 import sys
 from pathlib import Path
@@ -86,15 +85,13 @@ class Package:
     def write_steps(self, source: str) -> None:
         (self._loops / "steps.py").write_text(source)
 
-    def start(
-        self, code: str = CALL, stderr: int = subprocess.PIPE, **variables: str | Path
-    ) -> "subprocess.Popen[str]":
+    def start(self, code: str = CALL, **variables: str | Path) -> "subprocess.Popen[str]":
         """A process that calls the package, with these variables of its environment."""
         places = {"HOME": self._folder / "home", "PYTHONPATH": os.pathsep.join([str(self._folder), str(REPOSITORY)])}
         kept = {name: value for name, value in os.environ.items() if name not in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR")}
         environment = kept | {name: str(value) for name, value in (places | variables).items()}
         command = [sys.executable, "-c", code]
-        return subprocess.Popen(command, env=environment, text=True, stdout=subprocess.PIPE, stderr=stderr)
+        return subprocess.Popen(command, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
     def run(self, code: str = CALL, **variables: str | Path) -> tuple[float, str]:
         """What the process has computed, and what it has said."""
@@ -160,20 +157,6 @@ def test_without_a_folder_to_write_to_every_process_compiles(package: Package, t
         result, said = package.run(HOME=tmp_path / "file/home", XDG_CACHE_HOME=tmp_path / "file/cache")
         assert result == 12
         require_one_line(said)
-
-
-@pytest.mark.parametrize(("code", "times"), [(CALL, 1), (CALL_AT_ONCE, 1), (CALL, 0)], ids=["all", "a call", "kept"])
-def test_a_terminal_shows_a_bar_while_something_is_compiled(package: Package, code: str, times: int) -> None:
-    if not times:
-        package.run()
-    terminal, end = pty.openpty()
-    process = package.start(code, stderr=end)
-    assert process.wait(timeout=120) == 0
-    os.close(end)
-    said = os.read(terminal, 10_000).decode() if times else ""
-    os.close(terminal)
-    assert [line.split("] ")[1] for line in said.split("\r") if "]" in line] == ["1 of 2", "2 of 2"] * times
-    assert said.count("compiling for this machine, once") == 2 * times
 
 
 def test_the_first_call_compiles_for_the_declared_types(package: Package) -> None:
