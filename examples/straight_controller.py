@@ -1,6 +1,6 @@
-"""A controller of your own, as small as can be. It looks at nothing, so it flies into the first tower.
+"""A controller of your own, as small as can be. It looks at nothing, so it flies into the first pillar.
 
-cp scenarios/data/scenarios/city.toml mine.toml    # and add to [mission]: controller = "straight_controller:create"
+cp scenarios/data/scenarios/pillars.toml mine.toml    # and add to [mission]: controller = "straight_controller:create"
 PYTHONPATH=examples voxdepth run mine.toml
 """
 

@@ -8,12 +8,12 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
+from swarm.controllers import load_controller
 from swarm.types import Outcome
 
 from .config import Run, images_of, load_run
 from .errors import ScenarioError
 from .flight import Finished, fly
-from .quiet import import_noisy_libraries
 
 T = TypeVar("T")
 
@@ -32,10 +32,12 @@ def fly_all(runs: Sequence[Run], *, workers: int) -> Iterator[Finished]:
 def in_processes(function: Callable[[Run], T], runs: Sequence[Run], *, workers: int) -> Iterator[T]:
     """Call a module-level function for each run in worker processes, and yield its results in order.
 
-    A process that dies is a `ScenarioError`.
+    A process that dies is a `ScenarioError`, and a controller that cannot be loaded a `MissionError`.
     """
+    for controller in dict.fromkeys(run.scenario.mission.controller for run in runs):
+        load_controller(controller)
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=import_noisy_libraries) as pool:
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
         try:
             yield from pool.map(function, runs)
         except BrokenProcessPool as error:

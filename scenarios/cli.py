@@ -1,8 +1,6 @@
 """The commands of the testbed, which extend the command line of the library."""
 
-from collections.abc import Callable
-from functools import wraps
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,7 +9,6 @@ from swarm.errors import SwarmError
 from voxdepth.tools.extensions import Extension
 
 from .commands import experiment, general, sensor, study, swarm
-from .quiet import import_noisy_libraries
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,19 +29,8 @@ def add_commands(app: typer.Typer) -> None:
     """Add all commands to the command line."""
     for panel, commands in PANELS:
         for command in commands:
-            app.command(name=command.__name__.rstrip("_"), rich_help_panel=panel)(_prepared(command))
+            app.command(name=command.__name__.rstrip("_"), rich_help_panel=panel)(command)
     app.add_typer(study.app, rich_help_panel="Swarm")
-
-
-def _prepared(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command that first keeps the libraries silent that it will import."""
-
-    @wraps(command)
-    def run(*args: Any, **options: Any) -> Any:
-        import_noisy_libraries()
-        return command(*args, **options)
-
-    return run
 
 
 def checks() -> "Sequence[Finding]":
@@ -56,7 +42,6 @@ def checks() -> "Sequence[Finding]":
 
 def sequences(names: "Sequence[str]", seed: int | None) -> "Sequence[Requested]":
     """Find shipped sequences and groups of them by name; they are recorded when they are opened."""
-    import_noisy_libraries()
     from .evaluation import Shipped
     from .sequences import load_sequence, names_of
 

@@ -8,8 +8,6 @@ import numpy as np
 from voxdepth.tools.doctor import Finding, own_packages
 from voxdepth.types import Intrinsics
 
-from .quiet import import_noisy_libraries
-
 INSTALL = "pip install -c constraints.txt -e '.[all]' in the checkout"
 
 
@@ -19,7 +17,6 @@ def examine() -> list[Finding]:
 
 
 def _renderers() -> list[Finding]:
-    import_noisy_libraries()
     from sim.render import RENDERER_NAMES
 
     needed = [name for name in RENDERER_NAMES if name != "egl"]

@@ -60,7 +60,7 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         chosen["seed"] = Chosen(seed, f"--seed {seed}")
         changed["seed"] = seed
     try:
-        return model.model_validate(changed)
+        return model.model_validate(changed, context={"folder": path.parent})
     except pydantic.ValidationError as error:
         _validated(model, path, data, field)  # An error of the file itself is told as such.
         culprits = dict.fromkeys(choice.where for choice in _concerned(chosen, first_key(error, field)))
@@ -88,7 +88,7 @@ def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path,
 
 def _validated(model: type[Loaded], path: Path, data: dict[str, Any], field: str) -> Loaded:
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context={"folder": path.parent})
     except pydantic.ValidationError as error:
         raise ScenarioError(f"{path}: {first_problem(error, field)}") from error
 

@@ -36,6 +36,8 @@ NUMBERED: Any = {"markeredgecolor": "black", "markersize": 10, "linestyle": "", 
 NUMBER: Any = {"ha": "center", "va": "center_baseline", "fontsize": 7, "fontweight": "bold", "zorder": 5}
 CROSS: Any = {"marker": "x", "markersize": 9, "markeredgewidth": 2, "linestyle": ""}
 """How the parts of the map look, and what the legend calls them."""
+FIRST: Any = {"xytext": (0, 40), "textcoords": "offset points", "ha": "center", "color": "red", "zorder": 7}
+FIRST |= {"arrowprops": {"arrowstyle": "->", "color": "red"}, "bbox": {"facecolor": "white", "edgecolor": "red"}}
 BELOW: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, 0), "borderaxespad": 5.5, "fontsize": 8}
 """Place of the legend, below the numbers and the name of the axis."""
 LEGEND_COLUMNS = 5
@@ -64,6 +66,9 @@ def flight_figure(run: Run, finished: Finished) -> "Figure":
         trajectory = result.trajectories[contact.drone]
         x, y, _ = trajectory.position_m[int(np.searchsorted(trajectory.time_s, contact.time_s, side="right")) - 1]
         axes.plot(x, y, color="red", zorder=6, label="collision", **CROSS)
+        if contact is result.contacts[0]:
+            hit = f"{contact.time_s:.1f} s: drone {contact.drone} hit {contact.other}"
+            axes.annotate(hit, (x, y), **FIRST)
     _frame(axes, teams, result)
     axes.set_title(f"{run.title}: {result.outcome} after {float(result.metrics['sim_time_s'] or 0):.1f} s", fontsize=10)
     named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # one of each

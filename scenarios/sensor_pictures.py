@@ -1,16 +1,16 @@
 """Pictures of sequences and scenes: the contact sheet of a recording, and every kind of scene."""
 
 from pathlib import Path
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 
-from sim.bodies import SceneSpec, Weather
+from sim.bodies import Weather
 from sim.flights import Walk
 from sim.free_space import traversability
 from sim.recording import Recording
 from sim.render import create_renderer
-from sim.scenes import AnyScene, RoomSpec
+from sim.scenes import GROWN
 from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture, InvalidReason
 from sim.world import World
@@ -36,8 +36,6 @@ from .images import (
 PANEL_PX = 300
 ROWS = 3
 GAP_PX = 6
-SPECS: tuple[type[SceneSpec], ...] = tuple(spec for spec in get_args(get_args(AnyScene)[0]) if spec is not RoomSpec)
-"""Kinds of scenes that drones fly through, which a room is not."""
 PATH_FRACTIONS = (0.15, 0.6)
 """Places along the path from which the pictures are taken."""
 CAMERA_HEIGHT_M = 1.7
@@ -108,7 +106,7 @@ def make_gallery(seed: int, out: Path) -> Table:
     """
     require_picture(out)
     rows, pictures = [], []
-    for spec_type in SPECS:
+    for spec_type in GROWN:
         kind = str(spec_type.model_fields["kind"].default)
         scene = spec_type(weather=Weather(shadows=True)).build(seed)
         with World(scene, np.empty((0, 3))) as world:

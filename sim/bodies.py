@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from voxdepth.types import FloatArray
 
@@ -87,9 +87,11 @@ Shape = Box | Cylinder | Sphere | Mesh | Heightfield
 class Surface:
     """Appearance of a body."""
 
-    albedo: float = 0.5
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    albedo: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Share of the light that is reflected, 0..1."""
-    texture: float = 1.0
+    texture: Annotated[float, Field(ge=0)] = 1.0
     """Strength of the texture; a stereo camera cannot match a textureless surface, which has 0."""
     pattern: Pattern = "plain"
     gloss: float = 0.0
@@ -268,4 +270,5 @@ class SceneSpec(Model, ABC):
 
 def _require_positive(what: str, *lengths_m: float) -> None:
     if not all(0 < length < np.inf for length in lengths_m):
-        raise SceneError(f"{what} must be positive and finite, got {', '.join(f'{x:g}' for x in lengths_m)} m")
+        shown = ", ".join(f"{x:g}" for x in lengths_m)
+        raise SceneError(f"{what} must be positive and finite, got {shown} m: give it a size, or leave it out")

@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pybullet
 
 from voxdepth.types import FloatArray
 
 from .bodies import Heightfield, Mesh
+from .engine import pybullet
 from .errors import SceneError
+from .render.meshes import is_closed
 from .world import World
 
 RAYS_PER_CALL = 8192
@@ -79,7 +80,7 @@ def _is_inside_surfaces(world: World, points_m: FloatArray) -> npt.NDArray[np.bo
     """Whether points, shape (n, 3), lie inside a mesh or below a heightfield.
 
     PyBullet knows the inside of convex solids only, and treats meshes and heightfields as surfaces. A point is inside
-    such a body if an odd number of its surfaces is overhead.
+    such a body if an odd number of its surfaces is overhead. A mesh that is not closed has no inside.
     """
     surfaces = [body for body, described in world.bodies.items() if isinstance(described.shape, Mesh | Heightfield)]
     if not surfaces:
@@ -93,7 +94,9 @@ def _is_inside_surfaces(world: World, points_m: FloatArray) -> npt.NDArray[np.bo
         rows = rows[hit]
         starts_m = (starts_m + fraction[:, None] * (ends_m - starts_m))[hit] + (0, 0, RAY_OFFSET_M)
         odd[rows, body[hit]] ^= True  # Each row has one ray, so no pair occurs twice.
-    return np.asarray(odd[:, surfaces].any(axis=1))
+    hits = {body: world.bodies[body].shape for body in surfaces if odd[:, body].any()}
+    closed = [body for body, shape in hits.items() if not isinstance(shape, Mesh) or is_closed(shape)]
+    return np.asarray(odd[:, closed].any(axis=1))
 
 
 def _first_hits(world: World, from_m: FloatArray, to_m: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:

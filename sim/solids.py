@@ -7,12 +7,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pybullet
 
 from voxdepth.types import FloatArray
 
 from . import frames
 from .bodies import Body, Box, Cylinder, Heightfield, Mesh, Shape, Sphere, Surface
+from .engine import pybullet
 from .errors import SimError
 from .seeds import Purpose, stream
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pybullet
 
 from voxdepth.types import FloatArray, MaskImage
 
 from . import frames
 from .bodies import Body, Cylinder, Mover, Scene, Surface
 from .drone import GRAVITY_M_S2, AirframeConfig, VelocityController, Wind
+from .engine import pybullet
 from .errors import SceneError
 from .solids import apply_texture, create_body, create_shapes
 from .types import BodyPose, Contact, DroneState, VelocityCommand

@@ -5,6 +5,7 @@ import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from multiprocessing import parent_process
 from typing import Protocol
 
 import numpy as np
@@ -82,6 +83,6 @@ def load_controller(name: str) -> Factory:
 
 @cache
 def _announce(name: str) -> None:
-    """Log the name of a controller that is not ours, once in a process."""
-    if not name.startswith("swarm."):
+    """Log the name of a controller that is not ours, once: not in a worker, whose parent loads it first."""
+    if not name.startswith("swarm.") and parent_process() is None:
         _LOGGER.warning("this mission runs the code of %s: stop it if you do not know that", name)

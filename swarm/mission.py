@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from sim.frames import R_BODY_CAM
+from sim.free_space import is_inside
 from sim.rig import StereoRig
 from sim.types import Capture, Contact, DroneState, VelocityCommand
 from sim.world import PHYSICS_HZ, World
@@ -36,7 +37,7 @@ class Mission:
     captures per second, `camera_hz`, must divide `config.control_hz`.
 
     Raises:
-        MissionError: The rates do not divide each other, or a goal is inside of a body.
+        MissionError: The rates do not divide each other, or a start or a goal is inside of a body.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class Mission:
         self._ticks_per_frame = _whole_ratio(config.control_hz, camera_hz, "rate_hz", "control_hz")
         self.world = world
         self._teams = config.teams()
-        self._require_free_goals()
+        self._require_free_ends()
         self._config = config
         self._rig = rig
         self._recorder = recorder
@@ -225,12 +226,15 @@ class Mission:
             prior=config.pose_prior.kind,
         )
 
-    def _require_free_goals(self) -> None:
-        for team in self._teams:
-            if self.world.clearance_at_m(team.goal_m.tolist()) < self.world.airframe.radius_m:
-                raise MissionError(
-                    f"the goal {team.goal_m.tolist()} m is inside a building or the ground; move it into the open"
-                )
+    def _require_free_ends(self) -> None:
+        """Refuse goals in or at a body, and starts in one; the world has refused starts at one."""
+        for what, at_m, radius_m in (
+            *((f"start of drone {i}", state.position_m, 0.0) for i, state in enumerate(self.world.states)),
+            *(("goal", team.goal_m, self.world.airframe.radius_m) for team in self._teams),
+        ):
+            if self.world.clearance_at_m(at_m.tolist()) < radius_m or is_inside(self.world, at_m):
+                place_m = at_m.round(6).tolist()
+                raise MissionError(f"the {what} {place_m} m is inside a building or the ground; move it into the open")
 
 
 class TerminationConditions:

@@ -8,11 +8,8 @@ from collections.abc import Generator
 import hypothesis
 import pytest
 
-from scenarios.quiet import import_noisy_libraries
-
 hypothesis.settings.register_profile("steady", deadline=None, derandomize=True, max_examples=30)
 hypothesis.settings.load_profile("steady")
-import_noisy_libraries()
 if threading.current_thread() is threading.main_thread():
     # A shell's background jobs ignore Ctrl-C, and so would everything that the tests start and interrupt.
     signal.signal(signal.SIGINT, signal.default_int_handler)

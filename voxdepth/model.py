@@ -35,7 +35,7 @@ def first_key(error: ValidationError, field: str) -> str:
     """Return the dotted key of the first problem as the file has it; empty where it is of the whole field."""
     place = _by_weight(error)[0]["loc"]
     keys = place[1:] if place[:1] == (field,) else place
-    if keys[:1] in (("scene",), ("flight",)):  # Pydantic adds the kind of these to the path.
+    if keys[:1] == ("flight",):  # Pydantic adds its kind to the path.
         keys = (keys[0], *keys[2:])
     return ".".join(str(key) for key in keys)
 

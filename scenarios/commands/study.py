@@ -8,7 +8,6 @@ from typer.core import TyperGroup
 
 from voxdepth.tools.options import INTERRUPTED, use_one_thread
 
-from ..quiet import import_noisy_libraries
 from .options import Workers
 
 if TYPE_CHECKING:
@@ -40,9 +39,8 @@ app = typer.Typer(
 
 @app.callback()
 def start() -> None:
-    """Keep the processes on one thread each, and the libraries silent."""
+    """Keep the processes on one thread each."""
     use_one_thread()
-    import_noisy_libraries()
 
 
 @app.command()

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 
 from sim.bodies import Body, Mover
 from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw, rotation_from_quaternion, rotation_from_yaw
-from sim.render.meshes import mesh_of_shape, moved
+from sim.render.meshes import mesh_of_shape, moved, normals
 from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
@@ -47,6 +47,8 @@ from .columns import (
 
 CHUNK_S = 2.0
 """Simulated time after which everything is written to the file: a run that is killed loses no more of its recording."""
+AROUND_CONTACT_S = (-3.0, 1.0)
+"""The seconds around the first contact that a recording shows first."""
 CONTACT_COLOR = (230, 20, 20)
 CLOUD_STEP_PX = 4
 """Every n-th pixel of every n-th row of the corrected depth is a point of the cloud."""
@@ -208,9 +210,12 @@ class MissionRecorder(Recorder):
             [self._newest_m[contact.drone]],
             radii=[0.4],
             colors=[CONTACT_COLOR],
-            labels=[f"{contact.drone} hit {contact.other}"],
+            labels=[f"{self._name(contact.drone)} hit {contact.other}"],
         )
         self._log(f"world/contact/{self._contacts}", mark)
+        if self._contacts == 0 and self._stream is not None and self._world is not None:
+            views = blueprint(self._world.n_drones, self._leaders, self._rows, contact)
+            self._stream.send_blueprint(views)
         self._contacts += 1
         self._log("events", rr.TextLog(contact_text(contact), level=rr.TextLogLevel.ERROR))
         self._add_state(f"drone/{contact.drone}/state", "collided")
@@ -264,12 +269,10 @@ class MissionRecorder(Recorder):
         """Record a body as triangles with a normal each. What is behind it can be seen through it."""
         mesh = moved(mesh_of_shape(body.shape), rotation_from_yaw(body.yaw_rad), np.array(body.position_m))
         corners_m = mesh.vertices_m[mesh.triangles]
-        normals = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         gray = int(255 * body.surface.albedo)
         shown = rr.Mesh3D(
             vertex_positions=corners_m.reshape(-1, 3),
-            vertex_normals=np.repeat(normals, 3, axis=0),
+            vertex_normals=np.repeat(normals(mesh), 3, axis=0),
             albedo_factor=(gray, gray, gray, OPACITY),
         )
         self._log(path, shown, static=True)
@@ -361,8 +364,13 @@ class MissionRecorder(Recorder):
             self._add(f"world/choice/{drone}", arrows, (state.position_m, 1.5 * decision.direction))
 
 
-def blueprint(n_drones: int, leaders: set[int], rows: Callable[[int], list[rrb.Horizontal]]) -> rrb.Blueprint:
-    """Return the layout that is saved with the recording; `rows` returns those of the tab of a drone."""
+def blueprint(
+    n_drones: int, leaders: set[int], rows: Callable[[int], list[rrb.Horizontal]], first: Contact | None = None
+) -> rrb.Blueprint:
+    """Return the layout that is saved with the recording; `rows` returns those of the tab of a drone.
+
+    With a first contact it opens at the drone that had it, and repeats the seconds before and after it.
+    """
     curves = [
         rrb.TimeSeriesView(
             name=name,
@@ -382,8 +390,13 @@ def blueprint(n_drones: int, leaders: set[int], rows: Callable[[int], list[rrb.H
         rrb.Vertical(*rows(drone), name=f"leader {drone}" if drone in leaders else f"drone {drone}")
         for drone in range(n_drones)
     ]
-    cameras = rrb.Tabs(*tabs, name="cameras")
-    return layout(rrb.Horizontal(left, cameras, column_shares=[3, 2]), "sim_time")
+    time: dict[str, Any] = {}
+    if first is not None:
+        tabs[first.drone].name = f"{tabs[first.drone].name} hits {first.other}"
+        around = rrb.components.AbsoluteTimeRange(*(int(1e9 * (first.time_s + s)) for s in AROUND_CONTACT_S))
+        time = {"loop_mode": "selection", "time_selection": around}
+    cameras = rrb.Tabs(*tabs, name="cameras", active_tab=first.drone if first else 0)
+    return layout(rrb.Horizontal(left, cameras, column_shares=[3, 2]), "sim_time", **time)
 
 
 def _world_view(n_drones: int, leaders: set[int]) -> rrb.Spatial3DView:

@@ -23,7 +23,6 @@ from voxdepth.tools.options import use_one_thread
 
 from ..errors import ScenarioError
 from ..provenance import simulation_versions
-from ..quiet import import_noisy_libraries
 from .design import RunSpec
 from .one_run import FlyOne, attempt, run_one
 from .store import Completion, Failure
@@ -275,7 +274,6 @@ def _require_equal(worker: str, theirs: Mapping[str, str], ours: Mapping[str, st
 def _attempt_on_cluster(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Completion:
     """Fly a run in a worker, and end the process at the time limit, since a thread cannot be stopped."""
     _require_equal(platform.node(), simulation_versions(), versions)  # The worker may have joined after the check.
-    import_noisy_libraries()
     watchdog = threading.Timer(time_limit_s, os._exit, [1])
     watchdog.daemon = True
     watchdog.start()

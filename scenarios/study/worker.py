@@ -17,9 +17,6 @@ def serve(pipe: "Connection") -> None:
     """
     ignore_interrupts()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    from ..quiet import import_noisy_libraries
-
-    import_noisy_libraries()
     from .one_run import attempt
 
     pipe.send(READY)

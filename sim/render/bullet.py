@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pybullet
 
 from voxdepth.types import FloatArray, Intrinsics
 
 from .. import frames
 from ..bodies import Body, Mesh
+from ..engine import pybullet
 from ..errors import RenderError
 from ..solids import apply_texture, create_body
 from ..types import Camera, Images

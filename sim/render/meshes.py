@@ -6,12 +6,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import pybullet
 
 from voxdepth.types import FloatArray
 
 from .. import frames
 from ..bodies import Box, Cylinder, Heightfield, Mesh, Shape, Sphere
+from ..engine import pybullet
 from ..errors import RenderError
 from ..solids import origin_height_m
 from ..types import IdImage

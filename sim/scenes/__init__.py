@@ -1,19 +1,56 @@
-"""Kinds of scenes; each is built from a seed and a configuration, which sets its difficulty."""
+"""Kinds of scenes; each is built from a seed and a configuration, which sets its difficulty.
 
-from typing import Annotated
+Another distribution adds a kind through the entry-point group `voxdepth.scenes`, whose entries map a kind to a subclass
+of `SceneSpec` with that `kind`. Its code is loaded when a scenario names it, and it cannot replace a kind of ours.
+"""
 
-from pydantic import Field
+from importlib.metadata import entry_points
+from typing import Annotated, Any
 
+from pydantic import PlainValidator, SerializeAsAny, ValidationInfo
+
+from ..bodies import SceneSpec
 from .city import CitySpec
 from .corridor import CorridorSpec
 from .forest import ForestSpec
 from .gap import GapSpec
 from .lawn import LawnSpec
+from .listed import ListedSpec
 from .plains import PlainsSpec
 from .room import RoomSpec
 
-AnyScene = Annotated[
-    CitySpec | ForestSpec | CorridorSpec | GapSpec | PlainsSpec | LawnSpec | RoomSpec, Field(discriminator="kind")
-]
+ENTRY_POINTS = "voxdepth.scenes"
+"""Group of the entry points by which other distributions add kinds of scenes."""
+GROWN: tuple[type[SceneSpec], ...] = (CitySpec, ForestSpec, CorridorSpec, GapSpec, PlainsSpec, LawnSpec)
+"""Those that grow from a seed and that drones fly through."""
+OTHERS: tuple[type[SceneSpec], ...] = (RoomSpec, ListedSpec)
+KINDS: dict[Any, type[SceneSpec]] = {spec.model_fields["kind"].default: spec for spec in GROWN + OTHERS}
 
-__all__ = ["AnyScene", "CitySpec", "CorridorSpec", "ForestSpec", "GapSpec", "LawnSpec", "PlainsSpec", "RoomSpec"]
+
+def _spec_of(scene: Any, info: ValidationInfo) -> SceneSpec:
+    """A specification, or that of a table with its `kind`."""
+    if isinstance(scene, SceneSpec):
+        return scene
+    kind = scene.get("kind") if isinstance(scene, dict) else None
+    spec = KINDS.get(kind) or _loaded(kind)
+    return spec.model_validate(scene, context=info.context)
+
+
+def _loaded(kind: Any) -> type[SceneSpec]:
+    """The specification of a kind of another distribution."""
+    others = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
+    if kind not in others:
+        raise ValueError(f"expected a kind, one of {', '.join((*KINDS, *sorted(others)))}, got {kind!r}: set `kind`")
+    try:
+        spec: type[SceneSpec] = others[kind].load()
+    except Exception as error:  # foreign code may raise anything
+        origin = f"{others[kind].value!r} ({type(error).__name__}: {error})"
+        raise ValueError(f"cannot load {kind!r} from {origin}: repair or uninstall what offers it") from error
+    return spec
+
+
+AnyScene = Annotated[SceneSpec, PlainValidator(_spec_of), SerializeAsAny()]
+
+__all__ = [
+    "AnyScene", "CitySpec", "CorridorSpec", "ForestSpec", "GapSpec", "LawnSpec", "ListedSpec", "PlainsSpec", "RoomSpec"
+]  # fmt: skip

@@ -13,6 +13,7 @@ from scenarios.config import images_of, load_run
 from scenarios.flight import flying
 from scenarios.rerun.mission import CHUNK_S, HEADING_M, MissionRecorder, cloud
 from sim.frames import rotation_from_quaternion
+from sim.types import Contact
 from swarm.recorder import CaptureRecorder
 from tests.helpers import promised_entities
 from voxdepth.registry import PAPER
@@ -106,6 +107,25 @@ def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
     assert bodies == {f"/world/scene/{body.name}" for body in scene.bodies}
     timelines = {name for chunk in chunks(recording, "/metrics/clearance_m") for name in chunk.timeline_names}
     assert timelines == {"step", "sim_time"}
+
+
+@pytest.mark.parametrize("drone", [0, 1, None])
+def test_a_recording_opens_at_the_first_contact(tmp_path: Path, drone: int | None) -> None:
+    run = load_run("city", 0, {"mission.drones": 2, "mission.duration_s": 0.5, **images_of(96, 54)})
+    settings: Any = {"recording_id": "test", "title": "a test", "image_every": IMAGE_EVERY}
+    recorder = MissionRecorder(tmp_path / "run.rrd", run.scenario.rig, **settings)
+    with flying(run, recorder, recorded=True) as mission:
+        mission.tick()
+        for other in ("tower-1-2", "later") if drone is not None else ():
+            hit = Contact(time_s=4.0, drone=drone or 0, other=other, kind="building", speed_m_s=1.0)
+            recorder.contact(mission.world.steps, hit)
+    recorder.close()
+    reader = rr.chunk.RrdReader(tmp_path / "run.rrd")
+    newest = reader.stream(store=reader.blueprints()[-1]).to_chunks()
+    text = str([chunk.to_record_batch().to_pydict() for chunk in newest])
+    names = [f"{role} hits tower-1-2" for role in ("leader 0", "drone 1")]
+    assert [name in text for name in names] == [drone == 0, drone == 1]
+    assert (str({"min": 1_000_000_000, "max": 5_000_000_000}) in text) == (drone is not None)
 
 
 def test_a_flight_by_the_paper_s_method_holds_its_stages(tmp_path: Path) -> None:

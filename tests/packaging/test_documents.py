@@ -168,6 +168,22 @@ def test_the_example_of_a_sequence_can_be_loaded(tmp_path: Path) -> None:
     assert planned.sequence.rig.noise.flicker.dropout == 0.05
 
 
+def test_the_example_of_a_listed_world_is_flown(tmp_path: Path) -> None:
+    from scenarios.config import images_of, load_run
+    from scenarios.flight import fly
+    from swarm.types import Outcome
+
+    _, text = blocks(ROOT / "docs" / "scenes.md", "toml")
+    route = "[[mission.routes]]\nstart_m = [0.0, 0.0, 3.0]\ngoal_m = [4.0, 0.0, 3.0]\n"
+    (tmp_path / "mine.toml").write_text(f'name = "mine"\ndescription = "a world"\n{text}\n{route}')
+    quick = {"mission.drones": 1, "rig.depth": "truth", "corrector": "raw", **images_of(64, 48)}
+    run = load_run(str(tmp_path / "mine.toml"), 0, quick)
+    scene = run.scenario.scene.build(0)
+    assert [body.name.partition("-")[0] for body in scene.bodies] == ["ground", "wall", "mast", *["table"] * 5]
+    assert [mover.body.name for mover in scene.movers] == ["balloon"]
+    assert fly(run).result.outcome is Outcome.SUCCESS
+
+
 def test_the_example_of_a_study_can_be_loaded(tmp_path: Path) -> None:
     from scenarios.study.design import expand, load_study
 

@@ -9,6 +9,7 @@ from scenarios import batch
 from scenarios.batch import check_acceptance, in_processes
 from scenarios.config import Run, load_run
 from scenarios.errors import ScenarioError
+from swarm.controllers import _announce, load_controller
 from swarm.types import Outcome
 
 
@@ -26,6 +27,22 @@ def test_results_come_in_order_and_a_process_that_dies_is_told() -> None:
     assert list(in_processes(seed_of, runs, workers=2)) == [0, 1, 2, 3, 4]
     with pytest.raises(ScenarioError, match="fewer workers"):
         list(in_processes(die, runs, workers=2))
+
+
+def load(run: Run) -> bool:
+    return callable(load_controller(run.scenario.mission.controller))
+
+
+@pytest.mark.slow
+def test_a_controller_of_one_s_own_is_named_once_whatever_the_number_of_workers(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    _announce.cache_clear()
+    own = {"mission.controller": "examples.straight_controller:create"}
+    assert all(in_processes(load, [load_run("city", seed, own) for seed in range(4)], workers=2))
+    assert (
+        "runs the code of" not in capfd.readouterr().err
+    )  # That of the workers: pytest keeps the log of this process.
 
 
 @pytest.mark.parametrize(("shares", "kept"), [((0.3, 0.5), True), ((0.3, 0.6), False), ((None, None), None)])

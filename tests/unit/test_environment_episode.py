@@ -3,11 +3,11 @@
 from contextlib import closing
 
 import numpy as np
-import pybullet
 import pytest
 
 from scenarios.config import Run, Scenario
 from scenarios.flight import fly
+from sim.engine import pybullet
 from sim.frames import R_BODY_CAM, quaternion_from_yaw
 from sim.sensor import RigConfig
 from sim.types import Capture, DroneState

@@ -1,6 +1,7 @@
 """The map of a flight."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -117,6 +118,12 @@ def test_a_collision_is_a_red_cross(folders: list[Path], tmp_path: Path) -> None
     draw_flight(tmp_path / "hit.png", blind, flown)
     assert pure_red(tmp_path / "hit.png") > 30
     assert pure_red(folders[0] / "flight.png") == 0
+    first = flown.result.contacts[0]
+    for other, kind in (("tower-0-4", "building"), ("ground", "ground"), ("mover-2", "mover")):
+        contacts = (replace(first, other=other, kind=kind), replace(first, other="later"))
+        (axes,) = flight_figure(blind, replace(flown, result=replace(flown.result, contacts=contacts))).axes
+        notes = [text.get_text() for text in axes.texts if "hit" in text.get_text()]
+        assert notes == [f"{first.time_s:.1f} s: drone 0 hit {other}"]
 
 
 def pure_red(path: Path) -> int:

@@ -1,12 +1,12 @@
 """Bodies that move back and forth, and the world that contains them."""
 
 import numpy as np
-import pybullet
 import pytest
 from pydantic import ValidationError
 
 from sim import frames
 from sim.bodies import Body, Box, Mover, MovingSphere, Scene, shuttle
+from sim.engine import pybullet
 from sim.render import create_renderer
 from sim.types import BodyPose, VelocityCommand
 from sim.world import World

@@ -198,7 +198,6 @@ def test_they_agree_on_turned_meshes_and_heightfields() -> None:
 
 
 EGL_CHECK = """
-from scenarios.quiet import import_noisy_libraries; import_noisy_libraries()
 import numpy as np
 from sim.errors import RenderError
 from sim.render import create_renderer

@@ -96,6 +96,16 @@ class TestLoading:
         load_controller(DEFAULT_CONTROLLER)
         assert not caplog.records
 
+    def test_workers_leave_the_word_about_foreign_code_to_their_parent(
+        self, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(controllers, "parent_process", object)
+        for name in ("nowhere.at_all:factory", "examples.nothing:create", "examples.straight_controller:no_such_name"):
+            controllers._announce.cache_clear()
+            with pytest.raises(MissionError):
+                load_controller(name)
+        assert not caplog.records
+
     @pytest.mark.parametrize("name", ["", "swarm.agents", "swarm.agents:", ":create_agent"])
     def test_half_a_name_is_refused_with_an_example(self, name: str) -> None:
         with pytest.raises(MissionError, match=r"'module:factory', as in 'swarm.agents:create_agent', got"):

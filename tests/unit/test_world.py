@@ -1,5 +1,8 @@
 """Flight, contacts and distances in the physical world."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -23,6 +26,12 @@ def fly(world: World, commands: list[VelocityCommand], seconds: float) -> None:
     world.apply(commands)
     for _ in range(int(seconds * 240)):
         world.step()
+
+
+@pytest.mark.parametrize("module", ["sim.world", "sim.free_space", "sim.render.bullet"])
+def test_pybullet_is_silent_whatever_is_imported_first(module: str) -> None:
+    said = subprocess.run([sys.executable, "-c", f"import {module}"], capture_output=True, check=True)
+    assert (said.stdout, said.stderr) == (b"", b"")
 
 
 def test_a_drone_hovers_where_it_starts() -> None:

@@ -89,11 +89,11 @@ class RecordingFile:
             raise self._error
 
 
-def layout(content: Any, timeline: str) -> rrb.Blueprint:
-    """Return a blueprint with collapsed panels around the content, which plays from its beginning."""
+def layout(content: Any, timeline: str, **time: Any) -> rrb.Blueprint:
+    """Return a blueprint with collapsed panels around the content, which plays it all, or as `time` says."""
     return rrb.Blueprint(
         content,
-        rrb.TimePanel(timeline=timeline, state="collapsed", play_state="playing"),
+        rrb.TimePanel(timeline=timeline, state="collapsed", play_state="playing", **time),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="hidden"),
         auto_views=False,

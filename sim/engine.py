@@ -1,24 +1,19 @@
-"""Libraries without their messages at start (PyBullet's build time)."""
+"""The physics engine PyBullet, without what it writes to the terminal."""
 
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 
-
-@cache
-def import_noisy_libraries() -> None:
-    """Import PyBullet without its output; errors are raised as usual."""
-    with _terminal_silenced():
-        import pybullet  # noqa: F401
+__all__ = ["pybullet", "silenced"]
 
 
 @contextmanager
-def _terminal_silenced() -> Iterator[None]:
+def silenced() -> Iterator[None]:
     """Redirect stdout and stderr to the null device at the level of file descriptors, which C code uses."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
     kept = [os.dup(1), os.dup(2)]
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
@@ -30,3 +25,7 @@ def _terminal_silenced() -> Iterator[None]:
             os.dup2(copy, target)
             os.close(copy)
         os.close(nowhere)
+
+
+with silenced():  # It prints when it was built.
+    import pybullet

@@ -1,0 +1,3 @@
+"""The files that come with PyBullet."""
+
+def getDataPath() -> str: ...
