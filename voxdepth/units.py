@@ -16,7 +16,7 @@ SATURATED = 65535
 LEAST_M, FAR_M = 0.01, 300.0
 """Range of the median depth of an image [m]; outside of it the values are more likely in another unit."""
 SAMPLES = 10_000
-"""Number of pixels that a median is taken of."""
+"""Number of pixels of which the valid ones have the median."""
 
 
 @dataclass(frozen=True)
@@ -63,5 +63,6 @@ class Unit:
 
 def median_m(depth_m: npt.NDArray[np.float32]) -> float:
     """The median of the valid depths [m], or nearly; 0 without one."""
-    valid = depth_m[depth_m > 0]
-    return float(np.median(valid[:: max(1, valid.size // SAMPLES)])) if valid.size else 0.0
+    sampled = depth_m.ravel()[:: max(1, depth_m.size // SAMPLES)]
+    valid = sampled[sampled > 0]
+    return float(np.quantile(valid, 0.5, method="lower")) if valid.size else 0.0

@@ -52,6 +52,7 @@ def test_no_hole_is_left_not_even_at_the_border(method: InpaintingName) -> None:
     assert (result.source == Source.INPAINTED).sum() == 50 * 70 - 100
 
 
+@pytest.mark.filterwarnings("ignore:the median of depth_m")
 @pytest.mark.parametrize("method", INPAINTING)
 def test_the_largest_number_of_32_bits_is_a_depth_and_does_not_overflow(method: InpaintingName) -> None:
     depth_m = np.full((8, 8), np.finfo(np.float32).max)
