@@ -1,7 +1,5 @@
 """Regression test of a depth corrector: errors under each noise term alone, at three levels, against golden values."""
 
-import pkgutil
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
@@ -12,9 +10,9 @@ import numpy as np
 from sim.testing import FRAMES, LEVELS, TERMS, Level, Term, noisy_sequence
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.errors import PluginError
 from voxdepth.metrics import DepthErrors, Flicker, depth_errors
-from voxdepth.model import Model
+from voxdepth.model import Model, explained
 from voxdepth.soundness import first_fault
 from voxdepth.tools.files import write
 from voxdepth.tools.table import Column, Table
@@ -71,25 +69,6 @@ class Difference(NamedTuple):
         return self.measured is None or (self.golden is not None and self.measured > self.golden)
 
 
-def find_corrector(name: str) -> CorrectorFactory:
-    """Return the factory of a registered corrector, perhaps with a setting, or of your own as `package.module:factory`.
-
-    A name, setting, module or factory that does not exist is a `ConfigError` or a `ScenarioError`.
-    """
-    if ":" not in name.partition("[")[0]:
-        return CorrectorSpec.of(name).create
-    if (here := str(Path.cwd())) not in sys.path:  # An installed command has its own folder there instead.
-        sys.path.insert(0, here)
-    try:
-        factory: CorrectorFactory = pkgutil.resolve_name(name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ScenarioError(
-            f"cannot find the corrector {name!r}: {error}; expected package.module:factory, where factory(intrinsics) "
-            "returns a DepthCorrector"
-        ) from error
-    return factory
-
-
 def measure(make: CorrectorFactory, progress: Callable[[str], None], *, frames: int = FRAMES) -> Cases:
     """Measure all cases; `progress` receives the name of each case before it runs."""
     cases: Cases = {}
@@ -117,7 +96,7 @@ def corrected(make: CorrectorFactory, case: str, frames: int = FRAMES) -> Iterat
             result = corrector.process(frame)
             _require_depth(result, frame)
         except Exception as error:  # A user's corrector may raise anything; the message says where.
-            text = str(error) if isinstance(error, ScenarioError) else f"{type(error).__name__}: {error}"
+            text = str(error) if isinstance(error, ScenarioError | PluginError) else f"{type(error).__name__}: {error}"
             raise ScenarioError(f"the corrector failed on {case}, frame {k}: {text}") from error
         yield capture, result
 
@@ -176,14 +155,14 @@ def golden_path(folder: Path, corrector: str) -> Path:
 def read_golden(path: Path) -> Cases:
     """Read a golden file; one that is missing, damaged or of other sequences is a `ScenarioError`."""
     try:
-        golden = Golden.model_validate_json(path.read_bytes(), strict=True)
+        with explained(Golden, ValueError):
+            golden = Golden.model_validate_json(path.read_bytes(), strict=True)
         if any(metrics.keys() != TOLERANCES.keys() for metrics in golden.cases.values()):
             raise ValueError(f"expected the metrics {', '.join(TOLERANCES)} of every case")
     except FileNotFoundError as error:
         raise ScenarioError(f"there are no golden metrics at {path}: write them with --update") from error
     except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())[:160]
-        raise ScenarioError(f"cannot read the golden metrics {path}: {reason}; write new ones with --update") from error
+        raise ScenarioError(f"cannot read the golden metrics {path}: {error}; write new ones with --update") from error
     if (golden.seed, golden.frames) != (SEED, FRAMES):
         found = f"{path} are of seed {golden.seed} and {golden.frames} frames, expected {SEED} and {FRAMES}"
         raise ScenarioError(f"the golden metrics {found}: write new ones with --update")

@@ -4,10 +4,10 @@ import json
 from contextlib import suppress
 from typing import Any
 
-from pydantic import Field, ValidationError, field_validator, model_serializer, model_validator
+from pydantic import Field, field_validator, model_serializer, model_validator
 
 from .errors import ConfigError
-from .model import Model, first_problem
+from .model import Model, explained
 from .registry import create_corrector, require_known, resolve_config
 from .types import DepthCorrector, Intrinsics
 
@@ -54,10 +54,8 @@ class CorrectorSpec(Model):
     @classmethod
     def of(cls, text: str) -> "CorrectorSpec":
         """Return the corrector that a text names; a wrong name, key or value is a `ConfigError`."""
-        try:
+        with explained(cls, ConfigError):
             return cls.model_validate(text)
-        except ValidationError as error:
-            raise ConfigError(first_problem(error, "corrector")) from error
 
     def resolved_config(self) -> Any:
         """Return the whole configuration of the corrector, or None where only the name is given.

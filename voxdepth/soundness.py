@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .types import Source
+from .types import CorrectedDepth, Source
 
 KINDS = {
     "depth_m": (np.float32, "float32"),
@@ -13,6 +13,13 @@ KINDS = {
     "source": (np.uint8, "uint8"),
 }
 """Types of the images of a `CorrectedDepth`, and what they are called."""
+
+
+def fault_of(corrected: object, shape: tuple[int, ...]) -> str | None:
+    """Return what was expected of the correction of a frame of a shape, and what came; None if all is well."""
+    if isinstance(corrected, CorrectedDepth):
+        return first_fault({name: getattr(corrected, name) for name in KINDS}, shape)
+    return f"expected a CorrectedDepth, got {type(corrected).__name__}; CorrectedDepth.of makes one"
 
 
 def first_fault(images: Mapping[str, object], shape: tuple[int, ...]) -> str | None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from voxdepth.tools.options import DepthTopic, GrayTopic, counter
+from voxdepth.tools.options import Baseline, DepthTopic, GrayTopic, counter
 
 from .options import Seed
 
@@ -51,6 +51,7 @@ def evaluate(
     ] = (Path("evaluation")),
     depth_topic: DepthTopic = None,
     gray_topic: GrayTopic = None,
+    baseline: Baseline = None,
 ) -> None:
     """Compare all methods on the same frames: errors, coverage, flicker, latency; tables, figures and a report.
 
@@ -68,7 +69,7 @@ def evaluate(
     from ..evaluation.suite import evaluate as run_plan
 
     restrict_opencv()
-    opened = Opener(depth_topic=depth_topic, gray_topic=gray_topic)
+    opened = Opener(depth_topic=depth_topic, gray_topic=gray_topic, baseline_m=baseline)
     plan = _planned(sequences or [], data or [], opened, methods, frames, seed, out)
     console = Console()
     try:

@@ -74,11 +74,13 @@ def regress(
     """
     from rich.console import Console
 
+    from voxdepth.corrector_spec import CorrectorSpec
+
     from .. import regression
     from ..rerun.frames import record_case
 
     console = Console()
-    make = regression.find_corrector(corrector)
+    make = CorrectorSpec.of(corrector).create
     path = regression.golden_path(golden, corrector)
     before = None if update else regression.read_golden(path)
     with console.status("") as status:

@@ -214,7 +214,7 @@ def _print_status(data: "StudyData") -> None:
 
     from ..study.run import Progress
 
-    typer.echo(f"study {data.study.name}: {data.study.description}")
+    typer.echo(f"study {data.study.name}: {data.study.description}".removesuffix(": "))
     Console().print(Progress(data).table().rich())
     for failure in list(data.failures.values())[:5]:
         typer.echo(f"{failure.kind} in run {data.runs[failure.key].short_key}: {failure.last_line}")

@@ -18,7 +18,7 @@ from voxdepth.registry import (
 from voxdepth.types import DepthCorrector, Intrinsics
 
 from ..errors import ScenarioError
-from ..regression import CorrectorFactory, find_corrector
+from ..regression import CorrectorFactory
 
 ORACLE = "true-pose"
 """Splats the last frames by their TRUE poses: an upper bound of what memory can achieve, and not a corrector."""
@@ -67,8 +67,6 @@ def find_method(name: str) -> Method:
     """
     if name == ORACLE:
         return Method(name=name, make=_oracle, sees_true_pose=True)
-    if ":" in name:
-        return Method(name=name, make=find_corrector(name), is_foreign=True)
     corrector, setting = parse_corrector(name)
     config = resolve_config(corrector, setting) if setting else config_of(corrector)
     return Method(

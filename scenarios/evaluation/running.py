@@ -9,6 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from voxdepth.errors import PluginError
 from voxdepth.soundness import first_fault
 from voxdepth.types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
 
@@ -82,7 +83,8 @@ def _method_errors(what: str) -> Iterator[None]:
     try:
         yield
     except (Exception, SystemExit) as error:
-        raise MethodError(" ".join(f"{what}: {type(error).__name__}: {error}".split())) from error
+        told = str(error) if isinstance(error, PluginError) else f"{what}: {type(error).__name__}: {error}"
+        raise MethodError(" ".join(told.split())) from error
 
 
 @contextmanager

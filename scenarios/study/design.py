@@ -11,13 +11,17 @@ import pydantic
 from pydantic import Field
 
 from sim.depth_noise import SensorModelName
+from swarm.task import DEFAULT_CONTROLLER
+from voxdepth import registry
 from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.errors import VoxDepthError
 from voxdepth.model import Model
-from voxdepth.tools.errors import ToolError
+from voxdepth.plugins import digest_of, source_of
 
 from ..config import Run, images_of, load_run
 from ..errors import ScenarioError
 from ..files import Name, load_alone
+from ..results.provenance import DIGEST_DIGITS, simulation_versions
 
 FIRST_PILOT_SEED = 1000
 """Seeds from here on belong to pilots, which may be used to choose scenes and controllers."""
@@ -117,13 +121,13 @@ class Study(Model):
     """A study as its file describes it."""
 
     name: Name
-    description: str
+    description: str = ""
     scenarios: tuple[str, ...] = Field(strict=False, min_length=1)
     """Shipped scenarios by name, or paths of TOML files, relative to the study's file."""
     seeds: Seeds
     pilot: bool = False
     """Whether this is a pilot, which may be used to choose scenes and controllers. Its seeds start at 1000."""
-    time_limit_s: float = Field(gt=0)
+    time_limit_s: float = Field(default=1800.0, gt=0)
     """Wall-clock time after which a run is stopped and counts as an error."""
     changes: Mapping[str, Any] = Field(default={}, strict=False)
     """Values to set in every scenario for every arm, by dotted key."""
@@ -238,12 +242,32 @@ def load_study(name_or_path: str) -> Study:
     return study.model_copy(update={"scenarios": tuple(scenarios)})
 
 
+def sources_of(run: Run) -> dict[str, str]:
+    """Return the digests of the controller and the corrector of a run that are not ours, by their `module:factory`.
+
+    Raises:
+        ScenarioError: One of them has no source file.
+    """
+    scenario = run.scenario
+    named = (scenario.mission.controller, registry.code_of(scenario.corrector.name))
+    digests = {}
+    for name in (name for name in named if name not in (None, DEFAULT_CONTROLLER)):
+        if (file := source_of(name)) is None:
+            raise ScenarioError(
+                f"cannot find the module of {name!r}: put it into the current folder or one that PYTHONPATH names"
+            )
+        digests[name] = digest_of(file)[:DIGEST_DIGITS]
+    return digests
+
+
 def key_of(run: Run) -> str:
-    """Return the SHA-256 of the canonical JSON of a run, as 64 hexadecimal digits.
+    """Return the SHA-256 of the canonical JSON of a run and of the user's code that it flies, in hexadecimal digits.
 
     Equal runs have equal keys, whatever their arms are called.
     """
     content = {"format": KEY_FORMAT, "run": run.model_dump(mode="json")}
+    if sources := sources_of(run):
+        content["sources"] = sources
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -257,14 +281,32 @@ def expand(study: Study) -> list[RunSpec]:
     names = [load_run(scenario, 0, {}).scenario.name for scenario in study.scenarios]
     if len(set(names)) < len(names):
         raise ScenarioError(f"the scenarios of a study must have different names, got {', '.join(names)}")
+    cells = [(scenario, arm, theta) for scenario in study.scenarios for arm in study.arms for theta in arm.levels]
+    _require_valid(study, cells)
     return [
         _spec(study, scenario, arm, theta, seed)
         for seed in study.seeds.first_seeds()
-        for scenario in study.scenarios
-        for arm in study.arms
+        for scenario, arm, theta in cells
         if seed in study.seeds.first_seeds(arm.seeds)
-        for theta in arm.levels
     ]
+
+
+def _require_valid(study: Study, cells: Iterable[tuple[str, Arm, float | None]]) -> None:
+    """Raise one error for all arms that set what their scenarios do not take."""
+    told = dict[str, None]()
+    for scenario, arm, theta in cells:
+        try:
+            _spec(study, scenario, arm, theta, study.seeds.first)
+        except VoxDepthError as error:
+            told[f"arm {arm.name!r}: {error}"] = None
+    if told:
+        raise ScenarioError(f"the study {study.name!r}: {'; '.join(told)}")
+
+
+def versions_of(specs: Iterable[RunSpec]) -> dict[str, str]:
+    """Return `simulation_versions`, and the digests of the user's code that runs fly, see `sources_of`."""
+    runs = {(s.run.scenario.mission.controller, s.run.scenario.corrector.name): s.run for s in specs}
+    return simulation_versions() | {name: own for run in runs.values() for name, own in sources_of(run).items()}
 
 
 def by_importance(study: Study, specs: Iterable[RunSpec], waiting: Iterable[RunSpec]) -> list[RunSpec]:
@@ -285,8 +327,5 @@ def digest(study: Study, specs: Sequence[RunSpec]) -> str:
 
 
 def _spec(study: Study, scenario: str, arm: Arm, theta: float | None, seed: int) -> RunSpec:
-    try:
-        run = load_run(scenario, seed, {**study.changes, **arm.changes_at(theta)})
-    except ToolError as error:
-        raise ScenarioError(f"arm {arm.name!r} of the study {study.name!r}: {error}") from error
+    run = load_run(scenario, seed, {**study.changes, **arm.changes_at(theta)})
     return RunSpec(scenario=run.scenario.name, arm=arm.name, theta=theta, run=run, key=key_of(run))

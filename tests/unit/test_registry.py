@@ -91,7 +91,7 @@ def test_a_configuration_reaches_its_corrector() -> None:
         ("temporal", VoxDepthConfig(), "TemporalConfig, got .* VoxDepthConfig"),
         ("voxdepth", TemporalConfig(), "VoxDepthConfig, got .* TemporalConfig"),
         ("voxdepth", {"window_frames": 0}, "'voxdepth': window_frames: "),
-        ("temporal", {"windows": 3}, "'temporal': unknown key 'windows'; "),
+        ("temporal", {"windows": 3}, "'temporal': unknown key 'windows'"),
     ],
 )
 def test_a_wrong_configuration_is_refused(name: str, config: Any, message: str) -> None:
@@ -258,9 +258,9 @@ def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_termi
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"fil": "none"}, "unknown key 'fil'; did you mean fill"),
-        ({"max_evidence": 8.0}, "unknown key 'max_evidence'; did you mean fusion.max_evidence; `voxdepth config"),
-        ({"fusion": {"max_evidnce": 8.0}}, "'fusion.max_evidnce'; did you mean fusion.max_evidence"),
+        ({"fil": "none"}, "unknown key 'fil' (did you mean fill"),
+        ({"max_evidence": 8.0}, "unknown key 'max_evidence' (did you mean fusion.max_evidence?); `voxdepth config"),
+        ({"fusion": {"max_evidnce": 8.0}}, "'fusion.max_evidnce' (did you mean fusion.max_evidence?)"),
         ({"zzz": 1}, "unknown key 'zzz'; `voxdepth config temporal` prints all"),
     ],
 )

@@ -2,13 +2,14 @@
 
 import tomllib
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, asdict, fields
 from math import isfinite
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from types import MappingProxyType
 from typing import Any
 
-from ..errors import DatasetError, FrameError
+from ..errors import DatasetError, FrameError, did_you_mean, similar
 from ..types import Intrinsics
 
 CALIBRATION = "calibration.toml"
@@ -16,6 +17,15 @@ CALIBRATION = "calibration.toml"
 `disparity_scale` may be left out, or stand alone where the format knows the others."""
 OPTIONAL = {field.name for field in fields(Intrinsics) if field.default is not MISSING}
 """Fields that may be left out."""
+WANTED = {
+    "fx_px": "focal length along x [px]",
+    "fy_px": "focal length along y [px]",
+    "cx_px": "column of the principal point [px], near half of the width",
+    "cy_px": "row of the principal point [px], near half of the height",
+    "width_px": "width of the images [px]",
+    "height_px": "height of the images [px]",
+}
+"""Fields that may not, and what they are."""
 LARGEST_FILE_BYTES = 2**28
 """Larger files are no images or lists of one camera."""
 
@@ -105,7 +115,10 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
     if not path.exists():
         return of_format()
     values = _parse_fields(read_text(path), path)
-    return intrinsics_from({**stated(of_format()), **values} if values.keys() <= OPTIONAL else values, path)
+    if values.keys() <= OPTIONAL:
+        with suppress(DatasetError):  # What is missing is told below.
+            values = {**stated(of_format()), **values}
+    return intrinsics_from(values, path)
 
 
 def stated(intrinsics: Intrinsics) -> dict[str, int | float]:
@@ -126,20 +139,28 @@ def _parse_fields(text: str, path: Path) -> dict[str, object]:
 
 
 def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
-    """Intrinsics of the fields that the file `path` gives; those that have a default may be left out."""
+    """Intrinsics of the fields that the file `path` gives; those that have a default may be left out.
+
+    A `DatasetError` tells all problems at once, with the missing lines as a note.
+    """
     kinds = {field.name: field.type for field in fields(Intrinsics)}
-    unknown = sorted(values.keys() - kinds.keys())
-    missing = sorted(kinds.keys() - values.keys() - OPTIONAL)
-    if unknown or missing:
-        raise DatasetError(f"expected {', '.join(kinds)} in {path}; missing: {missing}, unknown: {unknown}")
+    found = [f"unknown key {name!r}{did_you_mean(*similar(name, kinds))}" for name in values if name not in kinds]
     numbers: dict[str, Any] = {}
-    for name, value in values.items():
+    for name, value in ((name, value) for name, value in values.items() if name in kinds):
         number = as_number(value)
         if number is None or (kinds[name] is int and type(value) is not int):
             wanted = "a whole number" if kinds[name] is int else "a finite number"
             got = str(value)[:80] if isinstance(value, str | int | float) else f"a {type(value).__name__}"
-            raise DatasetError(f"expected {wanted} for {name} in {path}, got {got}")
-        numbers[name] = int(number) if kinds[name] is int else number
+            found.append(f"expected {wanted} for {name}, got {got}")
+        else:
+            numbers[name] = int(number) if kinds[name] is int else number
+    if missing := [name for name in WANTED if name not in values]:
+        found.append(f"it lacks {', '.join(missing)}: add these lines with the values of your camera")
+    if found:
+        error = DatasetError(f"{path}: {'; '.join(found)}")
+        for name in missing:
+            error.add_note(f"{name} = {0 if kinds[name] is int else 'nan'}  # {WANTED[name]}")
+        raise error
     try:
         return Intrinsics(**numbers)
     except FrameError as error:

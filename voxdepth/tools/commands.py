@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .errors import ToolError
-from .options import CORRECTOR_HELP, DEFAULT_CORRECTOR, DepthTopic, GrayTopic, counter, parsed_size, require_installed
+from .options import (
+    CORRECTOR_HELP,
+    DEFAULT_CORRECTOR,
+    Baseline,
+    DepthTopic,
+    GrayTopic,
+    counter,
+    parsed_size,
+    require_installed,
+)
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -46,6 +55,7 @@ def correct(
     frames: Annotated[int | None, typer.Option(min=1, help="Number of frames to correct. Default: all.")] = None,
     depth_topic: DepthTopic = None,
     gray_topic: GrayTopic = None,
+    baseline: Baseline = None,
     rosbag2: Annotated[bool, typer.Option("--rosbag2", help="Write a folder of ROS 2 in place of images.")] = False,
 ) -> None:
     """Correct the depth of a recorded sequence; the result appears when it is complete.
@@ -69,7 +79,7 @@ def correct(
         require_installed("rerun")
     output = _output(out, rosbag2)
     restrict_opencv()
-    dataset = Opener(format=format.value, depth_topic=depth_topic, gray_topic=gray_topic)(folder)
+    dataset = Opener(format=format.value, depth_topic=depth_topic, gray_topic=gray_topic, baseline_m=baseline)(folder)
     correction = _planned(folder, dataset, spec, frames, output)
     console, start = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
@@ -141,10 +151,8 @@ def _planned(
 
 def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
     """Return a corrector with the configuration in its text or in a TOML file, perhaps that of an earlier result."""
-    import pydantic
-
     from ..corrector_spec import CorrectorSpec, parse_corrector
-    from ..model import first_problem
+    from ..model import explained
     from ..registry import config_of
     from .files import read_toml
 
@@ -160,10 +168,8 @@ def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
             if made_by != name:
                 raise ToolError(f"{config} configures the corrector {made_by!r}: ask for that with --corrector")
             given = given["config"]
-    try:
+    with explained(CorrectorSpec, ToolError, f"{config or '--corrector'}: "):
         return CorrectorSpec(name=name, config=given)
-    except pydantic.ValidationError as error:
-        raise ToolError(f"{config or '--corrector'}: {first_problem(error, 'corrector')}") from error
 
 
 def _print_report(console: "Console", report: Mapping[str, Any]) -> None:

@@ -29,6 +29,13 @@ GrayTopic = Annotated[
     typer.Option(metavar="TOPIC", help="Topic of the gray image in a bag. Default: the only one of the same camera."),
 ]
 
+Baseline = Annotated[
+    float | None,
+    typer.Option(
+        "--baseline", metavar="M", help="Distance of the stereo cameras in metres. Default: what PATH states."
+    ),
+]
+
 
 def parsed_size(text: str | None) -> tuple[int, int] | None:
     """Return width and height of an image size, None when none is given."""
