@@ -10,7 +10,6 @@ from . import rules
 from .controllers import Agent, Role
 from .mapping_pilot import MappingPilot
 from .pilot import Decision, Pilot, Situation
-from .reactive_pilot import ReactivePilot
 from .rules import Corridor
 from .task import MissionConfig
 from .vectors import length
@@ -28,9 +27,8 @@ def create_agent(role: Role, config: MissionConfig) -> Agent:
 
 
 def create_pilot(role: Role, config: MissionConfig) -> Pilot:
-    """Create the control layer of the policy on holes."""
-    make_pilot = MappingPilot if config.pilot.holes == "evidenced" else ReactivePilot
-    return make_pilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m, role.camera)
+    """Create the control layer that avoids what the camera shows."""
+    return MappingPilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m, role.camera)
 
 
 def _blind_pilot(role: Role, config: MissionConfig) -> Pilot:

@@ -1,6 +1,6 @@
 """What one depth image proves: how far each direction is free, and where it shows a surface."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,8 @@ SAMPLED_ROWS = 120
 """Larger images are sampled so that about this number of rows is read."""
 NO_DEPTH = np.float32(np.inf)
 """In place of the depths of pixels that are left out."""
+
+Holes = Literal["free", "evidenced"]
 
 
 class EvidenceConfig(Model):
@@ -41,6 +43,9 @@ class EvidenceConfig(Model):
     surface_percentile: float = Field(default=8.0, ge=0, le=100)
     """Percentile of these depths at which a cell shows a surface."""
 
+    free_range_m: float = Field(default=40.0, gt=0)
+    """Range up to which a hole is free where holes are free space."""
+
     @model_validator(mode="after")
     def _check(self) -> "EvidenceConfig":
         if self.min_surface_confidence > self.min_confidence:
@@ -61,10 +66,15 @@ class Evidence(NamedTuple):
 
 
 class InverseSensorModel:
-    """Reads from the depth images of one camera what they prove: evidence for the voxels of an occupancy grid."""
+    """Reads from the depth images of one camera what they prove: evidence for the voxels of an occupancy grid.
 
-    def __init__(self, intrinsics: Intrinsics, config: EvidenceConfig) -> None:
+    With `evidenced` holes, free space needs trusted depth. With `free` ones, every depth is trusted, and a hole is free
+    space, as a planner takes it that ray-casts a pixel without depth to its largest range (EGO-Planner, RA-L 2021).
+    """
+
+    def __init__(self, intrinsics: Intrinsics, config: EvidenceConfig, holes: Holes = "evidenced") -> None:
         self._config, i = config, intrinsics
+        self._holes_are_free = holes == "free"
         self.row_edges = _edges(i.height_px, i.fy_px, config.cell_deg)
         self.col_edges = _edges(i.width_px, i.fx_px, config.cell_deg)
         narrowest_px = min(np.diff(edges).min() for edges in (self.row_edges, self.col_edges))
@@ -89,6 +99,9 @@ class InverseSensorModel:
         depth_m, confidence = (
             image[:: self._step, :: self._step] for image in (corrected.depth_m, corrected.confidence)
         )
+        if self._holes_are_free:
+            depth_m = np.where(depth_m > 0, depth_m, np.float32(c.free_range_m))
+            confidence = np.ones_like(depth_m)
         shown_m = np.where((depth_m > 0) & (confidence >= np.float32(c.min_surface_confidence)), depth_m, NO_DEPTH)
         trusted_m = np.where(confidence >= np.float32(c.min_confidence), shown_m, NO_DEPTH)
         surface_m, _ = self._quantile(shown_m, c.surface_percentile / 100)

@@ -5,7 +5,6 @@ the rules, other drones, or the path around an obstacle. A drone looks where it 
 does not know, and goes round what stays unknown although it looks. Its map is built by its odometry.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ from sim.types import VelocityCommand
 from voxdepth.geometry import inverse_rigid
 from voxdepth.types import FloatArray
 
-from .braking import braking_speed
 from .cost_map import NO_DISCS, CostMap, PlannedPath
 from .errors import MissionError
 from .evidence import Evidence, InverseSensorModel
@@ -88,7 +86,7 @@ class MappingPilot(Pilot):
         self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float, camera: OnboardCamera
     ) -> None:
         super().__init__(config, control_hz, start_yaw_rad, radius_m)
-        self._sensor = InverseSensorModel(camera.intrinsics, config.evidence)
+        self._sensor = InverseSensorModel(camera.intrinsics, config.evidence, config.holes)
         self._voxels = VoxelMap(config.map, self._sensor, camera.intrinsics)
         self._width_m, self._half_height_m = radius_m + config.keep_m, radius_m + config.keep_above_m
         if 2 * self._half_height_m > config.map.height_m:
@@ -96,8 +94,6 @@ class MappingPilot(Pilot):
                 f"a drone of radius {radius_m} m that keeps {config.keep_above_m} m above and below does not fit "
                 f"into a map of height_m = {config.map.height_m}: make it at least {2 * self._half_height_m:g}"
             )
-        c = config.avoidance
-        self._stopping_speed = partial(braking_speed, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s)
         self._local: LocalMap | None = None
         self._path: PlannedPath | None = None
         """The path by the newest image; None until one is needed."""
@@ -198,7 +194,7 @@ class MappingPilot(Pilot):
         if speed < 1e-3:
             return np.zeros(2), np.zeros(2)
         c, straight = self._config, wanted[:2] / speed
-        needed_m = c.response_s * speed + speed**2 / (2 * c.avoidance.max_decel_m_s2) + AHEAD_M
+        needed_m = c.response_s * speed + speed**2 / (2 * c.braking.decel_m_s2) + AHEAD_M
         if local.costs.free_length_m(at_m, straight, needed_m) >= min(needed_m, left_m):
             return straight, straight
         if self._path is None:
@@ -227,7 +223,7 @@ class MappingPilot(Pilot):
         limits = level_limits(all_limits, climb_m_s)
         level = clamp_to_limits(velocity[:2], limits)
         reacted_m = at_m + self._config.response_s * local.to_odom(situation.own.velocity_m_s)
-        level = local.costs.safe_velocity(level, reacted_m, limits, self._stopping_speed)
+        level = local.costs.safe_velocity(level, reacted_m, limits, self._config.braking.speed_m_s)
         return shortened(np.array([*level, climb_m_s]), all_limits)
 
     def _safe_climb(self, local: LocalMap, at_m: FloatArray, climb_m_s: float, left_m: float) -> float:

@@ -2,7 +2,7 @@
 
 `Perception` turns a `Capture` into a `Frame` without true depth and corrects it. Nothing else in this package builds a
 `Frame`. Some truth remains, though no depth: routes and formations are flown with true positions, detections of other
-drones and the controller without a map are placed by true poses, drones know how many of theirs have dropped out, and
+drones are placed by true poses, drones know how many of theirs have dropped out, and
 the pose prior `true` passes the true pose to the corrector, as an oracle.
 """
 

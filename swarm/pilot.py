@@ -1,7 +1,6 @@
 """The control layer of every drone: it turns a wanted velocity into a safe command."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -10,25 +9,21 @@ from sim.types import DroneState, VelocityCommand
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
+from .braking import BrakingConfig
 from .cost_map import CostMap
-from .evidence import EvidenceConfig
+from .evidence import EvidenceConfig, Holes
 from .nearby import ApproachLimits, NearbyConfig, clamp_to_limits, neighbour_limits
-from .obstacles import AvoidanceConfig
-from .types import Histogram, Motion, Neighbours, Percept
+from .types import Motion, Neighbours, Percept
 from .vectors import length
 from .voxel_map import MapConfig
-
-Holes = Literal["free", "fixed_range", "evidenced"]
 
 
 class PilotConfig(Model):
     """Turn rate, response time and avoidance of a drone."""
 
     holes: Holes = "evidenced"
-    """What a drone makes of pixels without trusted depth. With `free` they are free space, and with `fixed_range` a
-    surface at `avoidance.histogram.unknown_range_m`; the drone steers by its newest image in both cases. With
-    `evidenced` they prove nothing: the drone keeps a map, and flies only where it knows that it can stop in free
-    space."""
+    """What a drone makes of pixels without trusted depth: with `evidenced` they prove nothing, and with `free` they are
+    free space."""
     yaw_rate_rad_s: float = Field(default=1.5, gt=0)
     """Largest yaw rate."""
     response_s: float = Field(default=0.4, ge=0)
@@ -38,7 +33,9 @@ class PilotConfig(Model):
     """Gap that a drone with a map keeps to everything that is not known to be free."""
     keep_above_m: float = Field(default=0.15, ge=0)
     """The same gap above and below the drone."""
-    avoidance: AvoidanceConfig = AvoidanceConfig()
+    turns_above_m_s: float = Field(default=0.4, ge=0)
+    """A drone that wants to fly no faster than this keeps its heading."""
+    braking: BrakingConfig = BrakingConfig()
     nearby: NearbyConfig = NearbyConfig()
     evidence: EvidenceConfig = EvidenceConfig()
     map: MapConfig = MapConfig()
@@ -79,8 +76,8 @@ class Decision:
     """Velocity before avoidance, shape (3,); None for a controller that does not tell it."""
     direction: FloatArray | None = None
     """Unit vector of the direction that avoidance chose, also when the speed is 0; shape (3,)."""
-    view: Histogram | CostMap | None = None
-    """What avoidance made of the newest images."""
+    view: CostMap | None = None
+    """What the pilot made of its images; None without a map."""
 
 
 class Pilot:
@@ -129,6 +126,7 @@ class Pilot:
             situation.own.position_m,
             situation.neighbours,
             self._config.nearby,
+            self._config.braking,
             self._radius_m,
             reaction_distance_m=self._config.reaction_distance_m(situation.own),
             response_s=self._config.response_s,
@@ -139,7 +137,7 @@ class Heading:
     """The heading of a drone, turned at a limited rate."""
 
     def __init__(self, config: PilotConfig, control_hz: float, start_yaw_rad: float) -> None:
-        self._still_m_s = config.avoidance.blind_speed_m_s
+        self._still_m_s = config.turns_above_m_s
         self._max_turn_rad = config.yaw_rate_rad_s / control_hz
         self.yaw_rad = start_yaw_rad
 

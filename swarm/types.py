@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.types import Contact
-from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
+from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics
 
 MetricValue = float | int | None
 """A metric of a mission; None where it is undefined."""
@@ -59,37 +59,12 @@ class Detection:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Histogram:
-    """Free range by direction from the centre of the drone, on a coarse grid over the image."""
-
-    camera_m: FloatArray
-    """Position of the camera, world frame, shape (3,)."""
-    origin_m: FloatArray
-    """Centre of the drone, world frame, shape (3,)."""
-    range_m: FloatArray
-    """Distance from the centre to the nearest surface of each cell, shape (rows, cols)."""
-    unknown: MaskImage
-    """Cells with too few trusted pixels, shape (rows, cols)."""
-    directions_world: FloatArray
-    """Unit vector through each cell in the world frame at the time of capture, shape (rows, cols, 3)."""
-    to_surface_world: FloatArray
-    """Unit vector from the centre of the drone, which lies behind the camera, to the surface of each cell."""
-    forward_world: FloatArray
-    """Optical axis in the world frame, shape (3,)."""
-
-    @property
-    def surfaces_m(self) -> FloatArray:
-        """Point of the nearest surface of each cell, world frame, shape (rows, cols, 3)."""
-        return self.origin_m + self.range_m[..., None] * self.to_surface_world
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Percept:
     """Result of the perception of one drone for one capture."""
 
     stamp_s: float
     true_T_world_cam: FloatArray
-    """True pose of the camera, shape (4, 4): it places detections, and the controller without a map uses it."""
+    """True pose of the camera, shape (4, 4): it places detections."""
     T_odom_cam: FloatArray
     """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth
@@ -104,20 +79,6 @@ class OnboardCamera:
     intrinsics: Intrinsics
     mount_cam_m: FloatArray
     """Position of the camera relative to the centre of the drone, in the camera frame, shape (3,)."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Choice:
-    """Direction and velocity that obstacle avoidance chose."""
-
-    velocity_m_s: FloatArray
-    """Shape (3,), world frame."""
-    direction: FloatArray
-    """Unit vector of the chosen direction, also when the speed is 0; shape (3,)."""
-    cell: tuple[int, int] | None
-    """Chosen cell of the histogram; None when the wanted direction is outside of the image."""
-    free_m: float
-    """Distance that the centre of the drone can travel in that direction before the drone touches a surface."""
 
 
 class Outcome(StrEnum):

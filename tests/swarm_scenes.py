@@ -7,8 +7,7 @@ import numpy as np
 
 from sim.frames import R_BODY_CAM, pose
 from sim.types import Capture, DroneState
-from swarm.obstacles import HistogramBuilder, HistogramConfig
-from swarm.types import Detection, Histogram, Motion, Neighbours, OnboardCamera, Percept
+from swarm.types import Detection, Motion, Neighbours, OnboardCamera, Percept
 from tests.helpers import CAMERA
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame
@@ -78,14 +77,6 @@ def percept_of(
     )
 
 
-def histogram(
-    depth_m: FloatImage, T_world_cam: FloatArray = AT_ORIGIN, unknown_range_m: float = HistogramConfig().unknown_range_m
-) -> Histogram:
-    """What a drone makes of a depth image."""
-    builder = HistogramBuilder(CAMERA, HistogramConfig(), MOUNT_CAM_M, unknown_range_m)
-    return builder.build(corrected(depth_m), T_world_cam)
-
-
 def capture(stamp_s: float, **changes: Any) -> Capture:
     """An image of a wall at 3 m that is measured at 4 m, without drones."""
     fields: dict[str, Any] = {
@@ -107,7 +98,7 @@ def capture(stamp_s: float, **changes: Any) -> Capture:
 def stopping_distance_m(speed_m_s: float, *, decel_m_s2: float, gain_per_s: float, reaction_s: float = 0.0) -> float:
     """Return the distance to a stop along the braking curve after `reaction_s` at constant speed.
 
-    Without a reaction time this is the inverse of `braking_speed`.
+    Without a reaction time this is the inverse of `BrakingConfig.speed_m_s`.
     """
     a, p = decel_m_s2, gain_per_s
     braking_m = speed_m_s / p if speed_m_s < a / p else (speed_m_s**2 + (a / p) ** 2) / (2 * a)

@@ -82,11 +82,6 @@ def labelled_points(rows: Sequence[tuple[FloatArray, npt.NDArray[np.uint8]]]) ->
     return rr.Points3D.columns(positions=positions, class_ids=classes).partition(lengths)
 
 
-def gray_images(rows: Sequence[npt.NDArray[np.uint8]]) -> rr.ComponentColumnList:
-    """Columns of gray images, whose format is written apart."""
-    return rr.Image.columns(buffer=[image.tobytes() for image in rows])
-
-
 def words(rows: Sequence[str]) -> rr.ComponentColumnList:
     """Columns of states."""
     return rr.StateChange.columns(state=rows)

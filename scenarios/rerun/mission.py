@@ -23,7 +23,7 @@ from swarm.mission import DROPPED, contact_text
 from swarm.pilot import Decision
 from swarm.recorder import Recorder
 from swarm.team import Team
-from swarm.types import Histogram, Outcome
+from swarm.types import Outcome
 from swarm.voxel_map import STATES
 from voxdepth.colors import FAR_M
 from voxdepth.tools.files import as_tool_error
@@ -45,7 +45,6 @@ from .columns import (
     Columns,
     ColumnWriter,
     arrows,
-    gray_images,
     labelled_points,
     places,
     plane_arrows,
@@ -66,7 +65,6 @@ STATE_COLORS = {
     "free": (120, 180, 120),
     "avoiding": (90, 150, 220),
     "exploring": (230, 190, 70),
-    "braking": (230, 190, 70),
     "blocked": (225, 110, 50),
     "blind": (150, 110, 180),
     "waiting": (150, 150, 150),
@@ -118,7 +116,7 @@ class MissionRecorder(Recorder):
         self._image_every = image_every
         self._rows = stage_rows if has_stages else depth_rows
         self._captures: Counter[int] = Counter()
-        self._views: dict[int, Histogram | CostMap] = {}
+        self._views: dict[int, CostMap] = {}
         """Newest view of each drone that was recorded."""
         self._maps: Counter[int] = Counter()
         self._states: dict[str, str] = {}
@@ -343,23 +341,12 @@ class MissionRecorder(Recorder):
             T_world_cam = self._camera_poses[drone, template.stamp_s]
             self._log(f"world/voxels/{drone}", voxel_cloud(template, T_world_cam))
 
-    def _log_histogram(self, drone: int, histogram: Histogram) -> None:
-        """Record the free ranges as an image: free cells are bright, unknown ones dark."""
-        free = np.clip(histogram.range_m / 15.0, 0.05, 1)
-        shown = np.where(histogram.unknown, 0, 255 * free).astype(np.uint8)
-        if not self._maps[drone]:
-            format = rr.components.ImageFormat(*shown.shape[::-1], color_model="L", channel_datatype="U8")
-            self._log(f"histogram/{drone}", rr.Image.from_fields(format=format), static=True)
-        self._add(f"histogram/{drone}", gray_images, shown)
-
-    def _log_view(self, drone: int, state: DroneState, view: Histogram | CostMap | None) -> None:
-        """Record what avoidance made of a new image: the histogram of every one, and the map of some."""
+    def _log_view(self, drone: int, state: DroneState, view: CostMap | None) -> None:
+        """Record the map that the pilot made of some of its images."""
         if view is None or view is self._views.get(drone):
             return
         self._views[drone] = view
-        if isinstance(view, Histogram):
-            self._log_histogram(drone, view)
-        elif self._maps[drone] % self._image_every == 0:
+        if self._maps[drone] % self._image_every == 0:
             self._log_map(drone, state, view)
         self._maps[drone] += 1
 
@@ -459,10 +446,7 @@ def stage_rows(drone: int) -> list[rrb.Horizontal]:
 
 
 def _camera_rows(drone: int) -> list[rrb.Horizontal]:
-    known = rrb.Tabs(
-        rrb.Spatial2DView(name="map", origin=f"world/map/{drone}"),
-        rrb.Spatial2DView(name="histogram", origin=f"histogram/{drone}"),
-    )
+    known = rrb.Spatial2DView(name="map", origin=f"world/map/{drone}")
     true, raw, corrected = (_image(drone, f"depth, {name}", f"colors/{name}") for name in ("true", "raw", "corrected"))
     return [
         rrb.Horizontal(_image(drone, "gray", "gray"), known),

@@ -13,7 +13,6 @@ from swarm.cost_map import CostMap
 from swarm.pilot import Decision, PilotConfig
 from swarm.recorder import Recorder
 from swarm.team import Team
-from swarm.types import Histogram
 from swarm.voxel_map import STATES
 from voxdepth.errors import no_such
 from voxdepth.geometry import back_project
@@ -113,18 +112,13 @@ class CollisionProbe(Recorder):
     """Keeps the recent images of every camera, and diagnoses the first collision of drones with these pilots."""
 
     def __init__(self, pilot: PilotConfig) -> None:
-        self._pilot, self._is_mapped = pilot, pilot.holes == "evidenced"
+        self._min_confidence = pilot.evidence.min_confidence if pilot.holes == "evidenced" else 0.0
+        """Confidence from which these drones trust a pixel."""
         self._observations: defaultdict[int, deque[Observation]] = defaultdict(deque)
         self._decisions: defaultdict[int, deque[tuple[float, Decision]]] = defaultdict(deque)
         self._world: World | None = None
         self.diagnosis: Diagnosis | None = None
         """Diagnosis of the first collision; None before it."""
-
-    @property
-    def _min_confidence(self) -> float:
-        """Confidence from which these drones trust a pixel."""
-        pilot = self._pilot
-        return pilot.evidence.min_confidence if self._is_mapped else pilot.avoidance.histogram.min_confidence
 
     def start(self, world: World, teams: Sequence[Team]) -> None:
         """Keep the world of the mission."""
@@ -184,9 +178,9 @@ class CollisionProbe(Recorder):
         )
 
 
-def held_at(view: Histogram | CostMap | None, place_m: FloatArray) -> str | None:
+def held_at(view: CostMap | None, place_m: FloatArray) -> str | None:
     """Return what a map holds at a place of the world, shape (3,); None without a map."""
-    if not isinstance(view, CostMap):
+    if view is None:
         return None
     T = view.T_odom_world
     return STATES[view.state_at(T[:3, :3] @ place_m + T[:3, 3])]

@@ -79,7 +79,6 @@ def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
         "/drone/1/speed_m_s": 20,
         "/world/map/1": 5,
         "/world/map/1/drone": 5,
-        "/histogram/1": 0,
         "/metrics/clearance_m": 20,
         "/metrics/formation_error_m": 20,
         "/events": 1,
@@ -107,12 +106,6 @@ def test_a_flight_by_the_paper_s_method_holds_its_stages(tmp_path: Path) -> None
     assert rows_of(path, "/drone/1/corrector/phase") >= 1
     promised = promised_entities("run.rrd")
     assert [entity for entity in promised if not rows_of(path, f"/{entity}")] == []
-
-
-def test_a_drone_without_a_map_has_its_histograms_recorded(tmp_path: Path) -> None:
-    path = recorded(tmp_path / "run.rrd", **{"mission.pilot.holes": "fixed_range", "mission.duration_s": 0.5})
-    assert rows_of(path, "/histogram/1") == 5
-    assert rows_of(path, "/world/map/1") == 0
 
 
 def test_with_several_swarms_the_first_is_followed(tmp_path: Path) -> None:

@@ -10,57 +10,39 @@ from scenarios.files import shipped_names
 from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig
-from swarm.braking import braking_speed
+from swarm.braking import BrakingConfig
 from swarm.metrics import MissionMetrics, separation_m
 from swarm.nearby import NearbyConfig, neighbour_limits
-from swarm.obstacles import Avoidance, AvoidanceConfig
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
-from tests.swarm_scenes import FORWARD, RADIUS_M, flat, histogram, near, state, stopping_distance_m
+from tests.swarm_scenes import RADIUS_M, near, state, stopping_distance_m
 
-AVOIDANCE = AvoidanceConfig()
-NEARBY = NearbyConfig()
-TRUTH = RigConfig(width_px=160, height_px=120, depth="truth")
+NEARBY, BRAKING = NearbyConfig(), BrakingConfig()
 WRONG = 0.1
 """Relative error of depth beyond which a drone should not have to rely on it."""
 
 
-def speed_m_s(clearance_m: float) -> float:
-    """What the controller allows towards a surface at a clearance."""
-    room_m = clearance_m - AVOIDANCE.clearance_m
-    return float(braking_speed(room_m, AVOIDANCE.max_decel_m_s2, AVOIDANCE.brake_gain_per_s))
-
-
-@pytest.mark.parametrize("gap_m", [0.3, 0.6, 0.64, 0.66, 0.7, 1.0, 2.0, 4.0])
-def test_world_report_and_controller_mean_the_same_by_clearance(gap_m: float) -> None:
+@pytest.mark.parametrize("gap_m", [0.3, 0.6, 1.0, 4.0])
+def test_world_and_report_mean_the_same_by_clearance(gap_m: float) -> None:
     team = Team.of(Route(start_m=(0.0, 0.0, 0.0), goal_m=(30.0, 0.0, 0.0)), range(1), FormationConfig())
     with world_of(wall(gap_m + RADIUS_M), starts_m=team.starts_m) as world:
-        (image,) = StereoRig(world, create_renderer("raycast", world, threads=1), TRUTH, seed=0).capture([0], 0)
         assert world.clearance_m(0) == pytest.approx(gap_m, abs=1e-3)
         metrics = MissionMetrics(world, [team], goal_radius_m=1.5)
         assert metrics.sample(world.states)["clearance_m"] == world.clearance_m(0)
         assert metrics.summary((), [0])["min_clearance_m"] == world.clearance_m(0)
-    straight_on = Avoidance(AVOIDANCE.model_copy(update={"goal_weight": 1000.0}), RADIUS_M)
-    choice = straight_on.choose(5 * FORWARD, histogram(image.depth_raw_m), None)
-    assert choice.free_m - RADIUS_M == pytest.approx(gap_m, rel=0.01)
-    assert np.linalg.norm(choice.velocity_m_s) == pytest.approx(speed_m_s(gap_m), abs=0.06)
-    assert bool(choice.velocity_m_s.any()) is (gap_m > AVOIDANCE.clearance_m)
 
 
-@given(st.floats(0.0, 6.0))
-def test_the_controller_stands_still_exactly_at_its_clearance(clearance_m: float) -> None:
-    """All around the drone there is a sphere of surfaces at one clearance."""
-    h = histogram(flat(9.0))
-    around = type(h)(**{**vars(h), "range_m": np.full_like(h.range_m, clearance_m + RADIUS_M)})
-    speed = float(np.linalg.norm(Avoidance(AVOIDANCE, RADIUS_M).choose(9 * FORWARD, around, None).velocity_m_s))
-    assert speed == pytest.approx(speed_m_s(clearance_m), abs=1e-9)
-    assert (speed < 1e-9) == (clearance_m <= AVOIDANCE.clearance_m + 1e-9)
+@given(st.floats(0.0, 20.0))
+def test_the_braking_curve_is_the_speed_from_which_a_drone_stops_within_a_distance(distance_m: float) -> None:
+    speed = float(BRAKING.speed_m_s(distance_m))
+    needed_m = stopping_distance_m(speed, decel_m_s2=BRAKING.decel_m_s2, gain_per_s=BRAKING.gain_per_s)
+    assert needed_m == pytest.approx(distance_m, abs=1e-9)
 
 
 @given(st.floats(0.0, 1.9))
 def test_drones_stop_before_each_other_at_the_separation_that_is_reported(gap_m: float) -> None:
     apart_m = gap_m + 2 * RADIUS_M
-    limits = neighbour_limits(np.zeros(3), near(((apart_m, 0, 0), (0, 0, 0))), NEARBY, RADIUS_M)
+    limits = neighbour_limits(np.zeros(3), near(((apart_m, 0, 0), (0, 0, 0))), NEARBY, BRAKING, RADIUS_M)
     (speed,) = limits.speed_m_s
     reported_m = separation_m([state(0, 0, 0), state(apart_m, 0, 0)], RADIUS_M)
     assert reported_m == pytest.approx(gap_m)
@@ -73,13 +55,19 @@ def test_two_drones_in_the_world_have_the_clearance_that_is_their_separation() -
 
 
 def median_error(scenario: Scenario, distance_m: float) -> float:
-    """Median relative error of the raw stereo depth of a textured wall that the camera looks at; a hole is wrong."""
+    """Median relative error of the raw stereo depth of textured walls that the camera looks at; a hole is wrong.
+
+    The walls stand a little before and behind the distance, because disparities tend to whole pixels.
+    """
     rig_config = scenario.rig.model_copy(update={"depth": "stereo", "noise": RigConfig().noise})
-    with world_of(wall(distance_m + rig_config.mount_forward_m), starts_m=[[0, 0, 0.0]]) as world:
-        rig = StereoRig(world, create_renderer("raycast", world, threads=1), rig_config, seed=0)
-        (image,) = rig.capture([0], 0)
-    error = np.abs(image.depth_raw_m - image.depth_true_m) / image.depth_true_m
-    return float(np.median(np.where(image.depth_raw_m > 0, error, np.inf)))
+    errors = []
+    for place_m in distance_m * np.array([0.95, 1.0, 1.05]):
+        with world_of(wall(place_m + rig_config.mount_forward_m), starts_m=[[0, 0, 0.0]]) as world:
+            rig = StereoRig(world, create_renderer("raycast", world, threads=1), rig_config, seed=0)
+            (image,) = rig.capture([0], 0)
+        error = np.abs(image.depth_raw_m - image.depth_true_m) / image.depth_true_m
+        errors.append(np.where(image.depth_raw_m > 0, error, np.inf))
+    return float(np.median(errors))
 
 
 def sight_needed_m(scenario: Scenario, speed_m_s: float) -> float:
@@ -87,14 +75,14 @@ def sight_needed_m(scenario: Scenario, speed_m_s: float) -> float:
 
     To the reaction belongs the time by which the airframe follows its commands late.
     """
-    avoidance, airframe = scenario.mission.pilot.avoidance, scenario.airframe
+    pilot, airframe = scenario.mission.pilot, scenario.airframe
     stop_m = stopping_distance_m(
         speed_m_s,
-        decel_m_s2=avoidance.max_decel_m_s2,
-        gain_per_s=avoidance.brake_gain_per_s,
+        decel_m_s2=pilot.braking.decel_m_s2,
+        gain_per_s=pilot.braking.gain_per_s,
         reaction_s=1 / scenario.rig.rate_hz + scenario.latency_s + 1 / airframe.velocity_gain_per_s,
     )
-    return stop_m + airframe.radius_m + avoidance.clearance_m - scenario.rig.mount_forward_m
+    return stop_m + airframe.radius_m + pilot.keep_m - scenario.rig.mount_forward_m
 
 
 @pytest.mark.slow
@@ -114,6 +102,5 @@ def test_a_drone_brakes_no_harder_than_it_can_and_looks_as_far_as_it_must(name: 
     fastest_m_s = max(mission.cruise_speed_m_s, mission.follower_speed_m_s)
     assert fastest_m_s <= scenario.airframe.max_speed_m_s
     assert mission.cruise_speed_m_s < mission.follower_speed_m_s
-    assert mission.pilot.avoidance.max_decel_m_s2 <= scenario.airframe.max_accel_m_s2
-    assert mission.pilot.nearby.decel_m_s2 <= scenario.airframe.max_accel_m_s2
-    assert sight_needed_m(scenario, fastest_m_s) <= mission.pilot.avoidance.horizon_m
+    assert mission.pilot.braking.decel_m_s2 <= scenario.airframe.max_accel_m_s2
+    assert sight_needed_m(scenario, fastest_m_s) <= mission.pilot.map.reach_m

@@ -11,18 +11,17 @@ from swarm import controllers
 from swarm.agents import Follower, Leader, Track, create_agent
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.errors import MissionError
-from swarm.pilot import Decision, Heading, Holes, Pilot, PilotConfig, Situation
-from swarm.reactive_pilot import ReactivePilot, state_of
+from swarm.mapping_pilot import MappingPilot
+from swarm.pilot import Heading, Pilot, PilotConfig, Situation
 from swarm.task import MissionConfig
 from swarm.team import Route
-from swarm.types import Choice, Histogram, Motion, Neighbours, Percept
+from swarm.types import Motion, Neighbours, Percept
 from tests.swarm_scenes import (
     FORWARD,
     NOBODY,
     ONBOARD,
     RADIUS_M,
     flat,
-    histogram,
     near,
     neighbours_of,
     percept_of,
@@ -32,14 +31,13 @@ from tests.swarm_scenes import (
 OPEN, WALL, HOLES = percept_of(flat(40.0)), percept_of(flat(0.3)), percept_of(flat(0.0))
 STILL = (0.0, 0.0, 0.0)
 LEFT = np.array([0.0, 1.0, 0.0])
-REACTIVE = PilotConfig(holes="fixed_range")
 
 
 def mission(**rules: Any) -> MissionConfig:
-    """A leader and two followers that fly along x at an altitude of 0, which their zone allows, without maps."""
+    """A leader and two followers that fly along x at an altitude of 0, which their zone allows."""
     zone = {"min_altitude_m": -5.0, "max_altitude_m": 5.0}
     route = Route(start_m=(0.0, 0.0, 0.0), goal_m=(50.0, 0.0, 0.0))
-    return MissionConfig.model_validate({"routes": [route], "drones": 3, "pilot": REACTIVE, "rules": zone | rules})
+    return MissionConfig.model_validate({"routes": [route], "drones": 3, "rules": zone | rules})
 
 
 def agent(drone: int, config: MissionConfig) -> Agent:
@@ -149,12 +147,11 @@ class TestSwitches:
         seeing = agent(drone, mission()).decide(ahead)
         blind = agent(drone, mission(avoidance=False)).decide(ahead)
         assert seeing.view is not None
-        assert np.linalg.norm(seeing.command.velocity_m_s) < 0.01
         assert blind.view is None
         assert seeing.state != "blind"
+        assert blind.state == "blind"
         if drone == 1:
-            assert blind.state == "blind"
-            assert blind.command.velocity_m_s[0] > 2
+            assert np.linalg.norm(seeing.command.velocity_m_s) < 0.8 * np.linalg.norm(blind.command.velocity_m_s)
 
     def test_the_leader_confines_and_migrates_by_the_same_switches(self) -> None:
         both = near(((-2.6, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL))
@@ -220,64 +217,9 @@ class TestAgents:
 
     def test_no_pilot_flies_into_a_neighbour(self) -> None:
         ahead = situation(neighbours=near(((1.0, 0, 0), STILL)))
-        for pilot in (ReactivePilot(REACTIVE, 20, 0.0, RADIUS_M, ONBOARD), Pilot(REACTIVE, 20, 0.0, RADIUS_M)):
+        for pilot in (MappingPilot(PilotConfig(), 20, 0.0, RADIUS_M, ONBOARD), Pilot(PilotConfig(), 20, 0.0, RADIUS_M)):
             command = pilot.fly(2 * FORWARD, ahead).command
             assert abs(command.velocity_m_s[0]) < 1e-6
-
-
-def choice(velocity_m_s: np.ndarray, direction: np.ndarray, cell: tuple[int, int] | None = (3, 7)) -> Choice:
-    return Choice(velocity_m_s=velocity_m_s, direction=direction, cell=cell, free_m=9.0)
-
-
-class TestReactivePilot:
-    def flown(self, holes: Holes, percept: Percept) -> Decision:
-        pilot = ReactivePilot(PilotConfig(holes=holes), 20, 0.0, RADIUS_M, ONBOARD)
-        return pilot.fly(2.5 * FORWARD, situation(percept=percept))
-
-    @pytest.mark.parametrize(
-        ("chosen", "word"),
-        [
-            (choice(0.2 * FORWARD, FORWARD, None), "blind"),
-            (choice(2 * FORWARD, FORWARD), "free"),
-            (choice(1 * FORWARD, FORWARD), "braking"),
-            (choice(2 * LEFT, LEFT), "avoiding"),
-        ],
-    )
-    def test_its_state_is_a_word(self, chosen: Choice, word: str) -> None:
-        assert state_of(chosen, 2 * FORWARD) == word
-
-    def test_it_shows_the_histogram_of_the_newest_image(self) -> None:
-        view = self.flown("fixed_range", WALL).view
-        assert isinstance(view, Histogram)
-        np.testing.assert_array_equal(view.range_m, histogram(flat(0.3)).range_m)
-
-    def test_an_image_is_read_once(self) -> None:
-        pilot = ReactivePilot(REACTIVE, 20, 0.0, RADIUS_M, ONBOARD)
-        first, second = (pilot.fly(2.5 * FORWARD, situation(percept=WALL)).view for _ in range(2))
-        assert first is second
-        assert pilot.fly(2.5 * FORWARD, situation(percept=percept_of(flat(0.3), stamp_s=0.1))).view is not first
-
-    def test_what_it_flies_before_it_responds_is_not_there_to_brake(self) -> None:
-        """Flying at 2 m/s it brakes as one that stands 0.8 m nearer to the wall."""
-        wall = percept_of(flat(5.0))
-        speeds_m_s = [
-            ReactivePilot(REACTIVE, 20, 0.0, RADIUS_M, ONBOARD)
-            .fly(9 * FORWARD, situation(at=at, velocity=velocity, percept=wall))
-            .command.velocity_m_s[0]
-            for at, velocity in (
-                ((0.0, 0.0, 0.0), STILL),
-                ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0)),
-                ((2.0 * REACTIVE.response_s, 0.0, 0.0), STILL),
-            )
-        ]
-        assert speeds_m_s[1] < speeds_m_s[0] - 0.2
-        assert speeds_m_s[1] == pytest.approx(speeds_m_s[2])
-
-    def test_holes_are_free_or_a_surface_at_a_fixed_range(self) -> None:
-        np.testing.assert_allclose(self.flown("free", HOLES).command.velocity_m_s, 2.5 * FORWARD)
-        fixed = self.flown("fixed_range", HOLES)
-        assert 0 < np.linalg.norm(fixed.command.velocity_m_s) < 2.1
-        assert fixed.state != "free"
 
 
 class TestHeading:

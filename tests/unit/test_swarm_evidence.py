@@ -162,3 +162,15 @@ def test_every_cell_of_a_large_image_is_read_however_small_it_is() -> None:
 def test_free_space_needs_no_less_confidence_than_a_surface() -> None:
     with pytest.raises(ValidationError, match="needs no more confidence than free space"):
         EvidenceConfig(min_confidence=0.3, min_surface_confidence=0.5)
+
+
+@pytest.mark.parametrize("confidence", [0.0, 1.0])
+def test_where_holes_are_free_space_they_count_as_far_depths_and_every_depth_is_trusted(confidence: float) -> None:
+    depth_m = flat(6.0)
+    depth_m[:, : CAMERA.width_px // 2] = 0
+    reader = InverseSensorModel(CAMERA, EXACT, "free")
+    read = reader.read(image(depth_m, confidence))
+    far_m = flat(6.0)
+    far_m[depth_m == 0] = EXACT.free_range_m
+    np.testing.assert_array_equal(read, InverseSensorModel(CAMERA, EXACT).read(image(far_m)))
+    assert read.free_m.min() > 5

@@ -239,8 +239,9 @@ def test_no_command_approaches_another_drone_faster_than_allowed(seed: int) -> N
     flight.neighbours = neighbours_of({i: Motion(m, np.zeros(3)) for i, m in enumerate(at_m, start=1)})
     flight.flies(rng.uniform(-3, 3, 3) * [1, 1, 0.3], 0.1, np.array([20.0, 0.0, 0.0]))
     limits = neighbour_limits(
-        np.zeros(3), flight.neighbours, flight.config.nearby, RADIUS_M, response_s=flight.config.response_s
-    )
+        np.zeros(3), flight.neighbours, flight.config.nearby, flight.config.braking, RADIUS_M,
+        response_s=flight.config.response_s,
+    )  # fmt: skip
     command = flight.decisions[0].command.velocity_m_s
     assert (limits.towards @ command <= np.maximum(limits.speed_m_s, 0) + 1e-9).all()
 

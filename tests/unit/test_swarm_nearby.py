@@ -1,33 +1,24 @@
-"""Surfaces that were seen a moment ago, and limits on the way to what is near."""
+"""Limits on the way to other drones."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.frames import R_BODY_CAM, pose
+from swarm.braking import BrakingConfig
 from swarm.nearby import (
     ApproachLimits,
     NearbyConfig,
-    SurfaceMemory,
     clamp_to_limits,
     level_limits,
     neighbour_limits,
     shortened,
 )
-from swarm.types import Neighbours
-from tests.swarm_scenes import FORWARD, NOBODY, RADIUS_M, flat, histogram, near, turn
+from tests.swarm_scenes import FORWARD, RADIUS_M, near, turn
 
-CONFIG = NearbyConfig()
+CONFIG, BRAKING = NearbyConfig(), BrakingConfig()
 SEEDS = st.integers(0, 10_000)
 STILL = (0.0, 0.0, 0.0)
-
-
-def memory_of_a_wall(neighbours: Neighbours = NOBODY) -> SurfaceMemory:
-    memory = SurfaceMemory(CONFIG, RADIUS_M)
-    for stamp_s in (0.0, 0.1):
-        memory.remember(stamp_s, histogram(flat(1.5)), neighbours)
-    return memory
 
 
 def compatible(seed: int) -> tuple[np.ndarray, ApproachLimits, np.ndarray]:
@@ -41,66 +32,11 @@ def compatible(seed: int) -> tuple[np.ndarray, ApproachLimits, np.ndarray]:
     return 3 * wanted / np.linalg.norm(wanted), ApproachLimits(towards, speed_m_s), allowed_m_s
 
 
-class TestMemory:
-    def test_what_is_seen_once_is_not_believed(self) -> None:
-        memory = SurfaceMemory(CONFIG, RADIUS_M)
-        memory.remember(0.0, histogram(flat(1.5)), NOBODY)
-        memory.remember(0.1, histogram(flat(30.0)), NOBODY)
-        assert len(memory.limits(np.zeros(3)).towards) == 0
-
-    def test_what_is_seen_to_be_gone_is_forgotten(self) -> None:
-        memory = memory_of_a_wall()
-        assert len(memory.limits(np.zeros(3)).towards) > 0
-        memory.remember(0.2, histogram(flat(30.0)), NOBODY)
-        assert len(memory.limits(np.zeros(3)).towards) == 0
-
-    def test_a_wall_that_left_the_view_still_stops_the_drone(self) -> None:
-        at = np.array([0.9, 0.0, 0.0])
-        velocity = clamp_to_limits(2 * FORWARD, memory_of_a_wall().limits(at))
-        assert velocity[0] < 0.1
-        away = clamp_to_limits(-2 * FORWARD, memory_of_a_wall().limits(at))
-        np.testing.assert_allclose(away, -2 * FORWARD, atol=0.2)
-
-    def test_too_near_it_backs_off(self) -> None:
-        velocity = clamp_to_limits(np.zeros(3), memory_of_a_wall().limits(np.array([1.2, 0.0, 0.0])))
-        assert velocity[0] < -0.1
-
-    def test_it_forgets(self) -> None:
-        memory = memory_of_a_wall()
-        backwards = histogram(flat(30.0), pose(np.diag([-1.0, -1.0, 1.0]) @ R_BODY_CAM, np.zeros(3)))
-        for stamp_s, remembered in ((CONFIG.memory_s - 0.1, True), (CONFIG.memory_s + 1, False)):
-            memory.remember(stamp_s, backwards, NOBODY)
-            assert bool(len(memory.limits(np.array([1.2, 0, 0])).towards)) is remembered
-
-    def test_without_memory_nothing_outlives_its_image(self) -> None:
-        memory = SurfaceMemory(NearbyConfig(memory_s=0.0), RADIUS_M)
-        backwards = histogram(flat(30.0), pose(np.diag([-1.0, -1.0, 1.0]) @ R_BODY_CAM, np.zeros(3)))
-        for stamp_s, seen in ((0.0, histogram(flat(1.5))), (0.1, histogram(flat(1.5))), (0.2, backwards)):
-            memory.remember(stamp_s, seen, NOBODY)
-        assert len(memory.limits(np.array([1.2, 0, 0])).towards) == 0
-
-    def test_the_far_and_the_unknown_are_not_remembered(self) -> None:
-        for depth in (flat(CONFIG.radius_m + 0.5), flat(0.0)):
-            memory = SurfaceMemory(CONFIG, RADIUS_M)
-            for stamp_s in (0.0, 0.1):
-                memory.remember(stamp_s, histogram(depth), NOBODY)
-            assert len(memory.limits(FORWARD).towards) == 0
-
-    def test_other_drones_are_not_remembered_as_walls(self) -> None:
-        depth = flat(30.0)
-        depth[50:70, 70:90] = 1.5
-        for others, remembered in ((NOBODY, True), (near(((1.7, 0, 0), STILL)), False)):
-            memory = SurfaceMemory(CONFIG, RADIUS_M)
-            for stamp_s in (0.0, 0.1):
-                memory.remember(stamp_s, histogram(depth), others)
-            assert bool(len(memory.limits(np.zeros(3)).towards)) is remembered
-
-
 class TestNeighbourLimits:
     def test_neighbours_are_not_approached_but_followed(self) -> None:
-        still = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), STILL)), CONFIG, RADIUS_M)
+        still = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), STILL)), CONFIG, BRAKING, RADIUS_M)
         assert clamp_to_limits(2 * FORWARD, still)[0] == pytest.approx(0.0, abs=1e-9)
-        moving = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (2, 0, 0))), CONFIG, RADIUS_M)
+        moving = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (2, 0, 0))), CONFIG, BRAKING, RADIUS_M)
         assert clamp_to_limits(2 * FORWARD, moving)[0] == pytest.approx(2.0)
 
     @given(st.floats(1.0, 4.0), st.floats(0.5, 3.5))
@@ -113,7 +49,7 @@ class TestNeighbourLimits:
             reached_m = np.array([0.4 * own_m_s, 0.0, 0.0])
             other = near(((ahead_m - own_m, 0, 0), (ahead_m_s, 0, 0)))
             limits = neighbour_limits(
-                np.zeros(3), other, CONFIG, RADIUS_M, reaction_distance_m=reached_m, response_s=0.4
+                np.zeros(3), other, CONFIG, BRAKING, RADIUS_M, reaction_distance_m=reached_m, response_s=0.4
             )
             wanted = clamp_to_limits(4.0 * FORWARD, limits)[0]
             own_m_s += (1 - np.exp(-1 / 8)) * (wanted - own_m_s)
@@ -122,19 +58,22 @@ class TestNeighbourLimits:
         assert least_m > 2 * RADIUS_M + 0.35
 
     def test_one_that_comes_nearer_is_fled(self) -> None:
-        coming = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (-1, 0, 0))), CONFIG, RADIUS_M)
+        coming = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (-1, 0, 0))), CONFIG, BRAKING, RADIUS_M)
         assert clamp_to_limits(np.zeros(3), coming)[0] == pytest.approx(-1.0)
 
     def test_the_far_do_not_matter(self) -> None:
-        far = neighbour_limits(np.zeros(3), near(((CONFIG.drone_radius_m + 0.1, 0, 0), (-9, 0, 0))), CONFIG, RADIUS_M)
+        other = near(((CONFIG.drone_radius_m + 0.1, 0, 0), (-9, 0, 0)))
+        far = neighbour_limits(np.zeros(3), other, CONFIG, BRAKING, RADIUS_M)
         np.testing.assert_array_equal(clamp_to_limits(2 * FORWARD, far), 2 * FORWARD)
 
     @given(st.floats(0.3, 2.9), st.floats(-np.pi, np.pi))
     def test_they_do_not_know_north(self, distance_m: float, angle: float) -> None:
         rotation = turn(angle)
         others = np.array([[distance_m, 0.0, 0.2], [0.0, 1.2, 0.0]])
-        limits = neighbour_limits(np.zeros(3), near(*((tuple(at), STILL) for at in others)), CONFIG, RADIUS_M)
-        there = neighbour_limits(np.zeros(3), near(*((tuple(rotation @ at), STILL) for at in others)), CONFIG, RADIUS_M)
+        limits, there = (
+            neighbour_limits(np.zeros(3), near(*((tuple(at), STILL) for at in places)), CONFIG, BRAKING, RADIUS_M)
+            for places in (others, others @ rotation.T)
+        )
         np.testing.assert_allclose(there.speed_m_s, limits.speed_m_s, atol=1e-9)
         np.testing.assert_allclose(
             clamp_to_limits(rotation @ (2 * FORWARD), there), rotation @ clamp_to_limits(2 * FORWARD, limits), atol=1e-4
