@@ -22,7 +22,7 @@ PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.freespace, swarm.picture)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
     ("Corrector", (evaluate.evaluate, evaluate.experiment, sensor.regress, train.train)),
-    ("General", (general.list_,)),
+    ("General", (general.new, general.list_)),
 )
 ON_ONE_THREAD = (evaluate.evaluate, evaluate.experiment)
 

@@ -1,5 +1,6 @@
 """The interface of controllers, and loading one by its name `module:factory`."""
 
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -60,8 +61,11 @@ def load_controller(name: str) -> Factory:
     Raises:
         PluginError: See `plugins.load`.
     """
-    factory: Factory = load("controller", name, SIGNATURE)
-    return factory if name == DEFAULT_CONTROLLER else lambda role, config: PluginAgent(name, factory, role, config)
+    if name == DEFAULT_CONTROLLER:
+        ours: Factory = pkgutil.resolve_name(name)
+        return ours
+    factory = load("controller", name, SIGNATURE)
+    return lambda role, config: PluginAgent(name, factory, role, config)
 
 
 class PluginAgent:

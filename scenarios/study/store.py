@@ -326,8 +326,8 @@ class Store:
         changed = [one for one in before | now if before.get(one) != now.get(one)]
         if edited := [one for one in changed if ":" in one and one in before and one in now]:
             raise ScenarioError(
-                f"the code of {' and '.join(edited)} has changed since {self._folder} was begun, so results may differ: "
-                "take the change back, or use another --out"
+                f"the code of {' and '.join(edited)} has changed since {self._folder} was begun, so results may "
+                "differ: take the change back, or use another --out"
             )
         if meta["digest"] != digest(study, specs):
             raise ScenarioError(

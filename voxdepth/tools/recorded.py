@@ -49,6 +49,6 @@ def _assumptions(path: Path, dataset: Dataset) -> Iterator[str]:
         yield f"{assumed}; state the camera in {calibration_path(path)} if it is another one"
     if dataset.intrinsics.baseline_m is None:
         yield (
-            f"states no baseline of its camera, {ASSUMED_BASELINE_M:g} m is assumed: state it in metres by --baseline or as "
-            f"baseline_m in {calibration_path(path)}"
+            f"states no baseline of its camera, {ASSUMED_BASELINE_M:g} m is assumed: state it in metres by "
+            f"--baseline, or as baseline_m in {calibration_path(path)}"
         )
