@@ -106,7 +106,10 @@ def test_what_cannot_be_loaded_is_told_with_its_line(load: Any, text: str, told:
         ("None", "expected a CorrectedDepth, got NoneType"),
         ("good.depth_m", "expected a CorrectedDepth, got ndarray"),
         ("replace(good, depth_m=good.depth_m[::2])", "expected depth_m as float32 of shape (16, 24), got float32 of"),
-        ("replace(good, depth_m=good.depth_m.astype(np.float64))", "expected depth_m as float32 of shape (16, 24), got"),
+        (
+            "replace(good, depth_m=good.depth_m.astype(np.float64))",
+            "expected depth_m as float32 of shape (16, 24), got",
+        ),
         ("replace(good, confidence=good.confidence * 2)", "expected confidence in 0..1"),
         ("good if frame.nothing else None", "line 10: AttributeError"),
         ("exit()", "line 10: SystemExit"),
@@ -114,7 +117,7 @@ def test_what_cannot_be_loaded_is_told_with_its_line(load: Any, text: str, told:
 )
 def test_a_faulty_corrector_is_told_with_its_file(result: str, told: str, module: Write, tmp_path: Path) -> None:
     name = module(CORRECTOR.format(result=result))
-    with pytest.raises(PluginError, match="for a frame at 2.5 s") as error:
+    with pytest.raises(PluginError, match=r"for a frame at 2\.5 s") as error:
         create_corrector(f"{name}:Mine", CAMERA).process(frame(2.5))
     assert str(error.value).startswith(f"the corrector '{name}:Mine' ({tmp_path / name}.py) ")
     assert told in str(error.value)
@@ -151,7 +154,10 @@ def test_a_corrector_in_stages_keeps_them_and_is_checked(module: Write) -> None:
     [
         ("None", "expected a Decision with a VelocityCommand, got NoneType"),
         ("Decision(command=np.zeros(3), state='free')", "expected a Decision with a VelocityCommand, got ndarray"),
-        (COMMAND.format(velocity="np.zeros(2)", yaw="0.0"), "expected velocity_m_s as finite numbers of shape (3,), got"),
+        (
+            COMMAND.format(velocity="np.zeros(2)", yaw="0.0"),
+            "expected velocity_m_s as finite numbers of shape (3,), got",
+        ),
         (COMMAND.format(velocity="np.full(3, np.nan)", yaw="0.0"), "expected velocity_m_s as finite numbers"),
         (COMMAND.format(velocity="np.zeros(3)", yaw="'north'"), "expected yaw_rad as finite numbers of shape (), got"),
         ("1 / 0", "line 8: ZeroDivisionError"),
@@ -183,7 +189,9 @@ def test_a_study_is_not_continued_after_an_edit_of_the_code_that_it_flies(
         name, edited = f"{name}_all.core", tmp_path / f"{name}_all" / "__init__.py"
     else:
         edited = tmp_path / f"{name}.py"
-    own = {"changes": {"mission.controller": f"{name}:Mine"}} if place == "controller" else {"corrector": f"{name}:Mine"}
+    own = (
+        {"changes": {"mission.controller": f"{name}:Mine"}} if place == "controller" else {"corrector": f"{name}:Mine"}
+    )
     planned = flown_by(**own)
     before = [spec.key for spec in expand(planned)]
     run_study(planned, tmp_path / "out", Serial(fake), unseen)

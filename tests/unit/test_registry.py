@@ -156,7 +156,7 @@ def test_another_distribution_adds_a_corrector(foreign: Path, monkeypatch: pytes
         latency_s("theirs")
     monkeypatch.setattr(sys.modules["theirs_good"].make, "latency_s", 0.25, raising=False)
     assert latency_s("theirs") == 0.25
-    assert type(create_corrector("theirs", CAMERA)).__name__ == "Theirs"
+    assert type(create_corrector("theirs", CAMERA).bare).__name__ == "Theirs"
     with pytest.raises(ConfigError, match="'theirs' takes no configuration"):
         create_corrector("theirs", CAMERA, TemporalConfig())
 
@@ -260,7 +260,7 @@ def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_termi
     [
         ({"fil": "none"}, "unknown key 'fil' (did you mean fill"),
         ({"max_evidence": 8.0}, "unknown key 'max_evidence' (did you mean fusion.max_evidence?); `voxdepth config"),
-        ({"fusion": {"max_evidnce": 8.0}}, "'fusion.max_evidnce' (did you mean fusion.max_evidence?)"),
+        ({"fusion": {"max_evidnce": 8.0}}, "'fusion.max_evidnce' (did you mean fusion.max_evidence"),
         ({"zzz": 1}, "unknown key 'zzz'; `voxdepth config temporal` prints all"),
     ],
 )

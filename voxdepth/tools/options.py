@@ -16,7 +16,10 @@ DEFAULT_CORRECTOR = "temporal"
 """The same word as in the registry, which is not imported for `--help`."""
 NAMES_HELP = "voxdepth is VoxDepth (the paper), and temporal (ours) is the default"
 """What the names of the two methods mean that are no baselines."""
-CORRECTOR_HELP = rf"Depth corrector by name, perhaps with a setting as in temporal\[fill=all], or your own as module:factory: {NAMES_HELP}."
+CORRECTOR_HELP = (
+    rf"Depth corrector by name, perhaps with a setting as in temporal\[fill=all]: {NAMES_HELP}. Your own as "
+    "module:factory."
+)
 """Without the backslash the setting would be taken for the markup of Rich."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""

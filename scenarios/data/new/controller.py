@@ -1,6 +1,6 @@
-"""A controller of your own. Fly it: voxdepth run city --drones 3 --controller NAME:create
+"""A controller of your own; docs/scenarios.md says what it may know.
 
-docs/scenarios.md says what a controller may know and must return.
+Fly it: voxdepth run city --drones 3 --controller NAME:create
 """
 
 from swarm.agents import create_pilot

@@ -1,6 +1,7 @@
-"""A depth corrector of your own. Fly by it: voxdepth run city --drones 3 --corrector NAME:Corrector
+"""A depth corrector of your own.
 
-Compare it with others on rendered sequences: voxdepth evaluate --methods raw,temporal,NAME:Corrector
+Fly by it: voxdepth run city --drones 3 --corrector NAME:Corrector
+Compare it with others on rendered images: voxdepth evaluate --methods raw,temporal,NAME:Corrector
 """
 
 import cv2
