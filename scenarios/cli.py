@@ -10,7 +10,7 @@ from sim.errors import SimError
 from swarm.errors import SwarmError
 from voxdepth.tools.extensions import Extension
 
-from .commands import evaluate, general, sensor, study, swarm, train
+from .commands import evaluate, general, sensor, study, swarm
 from .quiet import import_noisy_libraries, use_one_thread
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.freespace, swarm.picture)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
-    ("Corrector", (evaluate.evaluate, evaluate.experiment, sensor.regress, train.train)),
+    ("Corrector", (evaluate.evaluate, evaluate.experiment, sensor.regress)),
     ("General", (general.new, general.list_)),
 )
 ON_ONE_THREAD = (evaluate.evaluate, evaluate.experiment)

@@ -35,7 +35,7 @@ def summary_tables(finished: Finished, run: Run) -> list[Table]:
         *(("", f"{contact.time_s:.2f} s: {contact_text(contact)}") for contact in result.contacts[:3]),
         ("minimum separation [m]", NUMBER.text(m["min_separation_m"])),
         ("minimum clearance [m]", NUMBER.text(m["min_clearance_m"])),
-        ("near misses", str(m["near_misses"])),
+        ("unsafe commitments", str(m["unsafe_commitments"])),
         ("progress of the leader [m]", NUMBER.text(m["leader_progress_m"])),
         ("formation error, mean [m]", NUMBER.text(m["formation_error_mean_m"])),
     ]

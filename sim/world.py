@@ -217,6 +217,22 @@ class World:
         """Distance from a point to the nearest body except drones, at most `horizon_m`; negative inside a body."""
         return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, None)
 
+    def is_clear(self, way_m: FloatArray, radius_m: float) -> bool:
+        """Whether a sphere that moves along a polyline of points, shape (n, 3), touches no fixed body on it.
+
+        The sphere is tried every half radius.
+        """
+        low, high = (way_m.min(axis=0) - radius_m).tolist(), (way_m.max(axis=0) + radius_m).tolist()
+        near = pybullet.getOverlappingObjects(low, high, physicsClientId=self.client) or ()
+        bodies = [body for body, _ in near if body in self.bodies]
+        if not bodies:
+            return True
+        steps = np.ceil(np.linalg.norm(np.diff(way_m, axis=0), axis=1) / (radius_m / 2)).astype(np.int64)
+        ends = zip(way_m[:-1], way_m[1:], steps.tolist(), strict=True)
+        parts = [np.linspace(start, end, n, endpoint=False) for start, end, n in ends]
+        places_m = np.concatenate([*parts, way_m[-1:]])
+        return all(self._apart_m(body, at_m, radius_m, 0.0) > 0 for at_m in places_m for body in bodies)
+
     @property
     def moving_ids(self) -> list[int]:
         """Ids of all bodies that can move: drones, then movers."""
@@ -292,24 +308,28 @@ class World:
         reach = horizon_m + radius_m
         low, high = (at_m - reach).tolist(), (at_m + reach).tolist()
         nearest = horizon_m
-        if probe_radius_m not in self._probes:
-            self._probes[probe_radius_m] = pybullet.createCollisionShape(
-                pybullet.GEOM_SPHERE, radius=probe_radius_m, physicsClientId=self.client
-            )
         for body, _ in pybullet.getOverlappingObjects(low, high, physicsClientId=self.client) or ():
             if body == own_body or (own_body is None and body in self.drone_ids):
                 continue
-            points: Any = pybullet.getClosestPoints(
-                body,
-                -1,
-                horizon_m,
-                collisionShapeA=-1,
-                collisionShapeB=self._probes[probe_radius_m],
-                collisionShapePositionB=at_m.tolist(),
-                physicsClientId=self.client,
+            nearest = min(nearest, self._apart_m(body, at_m, probe_radius_m, horizon_m))
+        return min(horizon_m, nearest + probe_radius_m - radius_m)
+
+    def _apart_m(self, body: int, at_m: FloatArray, radius_m: float, horizon_m: float) -> float:
+        """Signed distance from a sphere to a body; +inf beyond `horizon_m`."""
+        if radius_m not in self._probes:
+            self._probes[radius_m] = pybullet.createCollisionShape(
+                pybullet.GEOM_SPHERE, radius=radius_m, physicsClientId=self.client
             )
-            nearest = min([nearest, *(point[8] for point in points)])
-        return min(horizon_m, float(nearest) + probe_radius_m - radius_m)
+        points: Any = pybullet.getClosestPoints(
+            body,
+            -1,
+            horizon_m,
+            collisionShapeA=-1,
+            collisionShapeB=self._probes[radius_m],
+            collisionShapePositionB=at_m.tolist(),
+            physicsClientId=self.client,
+        )
+        return min((float(point[8]) for point in points), default=np.inf)
 
     def _require_free_starts(self) -> None:
         pybullet.performCollisionDetection(physicsClientId=self.client)

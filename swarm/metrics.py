@@ -11,19 +11,17 @@ from sim.world import World
 from voxdepth.metrics import DepthErrors, depth_errors
 from voxdepth.types import CorrectedDepth, Diagnostics, FloatArray, MaskImage
 
+from .pilot import Decision, PilotConfig
 from .team import Team, positions_of
 from .types import MetricValue, Trajectory
+from .vectors import length
 
 EVALUATED_RANGE_M = 20.0
 """Depth errors are evaluated on pixels up to this true depth."""
 MIN_SPEED_M_S = 0.1
 """Drones slower than this have no direction."""
-NEAR_MISS_M = 0.2
-"""A drone with less clearance than this, and without a contact, has a near miss."""
 CORRECTOR = "corrector_"
 """Beginning of the names of all metrics that come from the diagnostics of a corrector."""
-PASSED_M = 0.3
-"""Clearance at which a near miss is over, so that one passage counts once."""
 
 
 def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
@@ -36,27 +34,37 @@ def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
     return float(distance.min()) - 2 * radius_m
 
 
-class NearMisses:
-    """Counts the episodes in which one drone came near something until its first contact.
+class UnsafeCommitments:
+    """Counts the episodes in which a drone was committed to a way on which it could not have stopped in time.
 
-    An episode begins below a clearance of `NEAR_MISS_M` and ends above `PASSED_M`. The one that ends in a contact does
-    not count.
+    At every decision the truth is asked whether the way to a stop after the command, as wide as the drone, touches a
+    fixed body. The controller never knows.
     """
 
-    def __init__(self) -> None:
-        self._passed = 0
-        self._is_near = False
+    def __init__(self, world: World, pilot: PilotConfig) -> None:
+        self._world = world
+        self._pilot = pilot
+        self._is_unsafe = [False] * world.n_drones
+        self.counts = [0] * world.n_drones
+        """Number of episodes of each drone."""
 
-    def add(self, clearance_m: float) -> None:
-        """Add the clearance of one control tick."""
-        if self._is_near and clearance_m > PASSED_M:
-            self._passed += 1
-            self._is_near = False
-        self._is_near = self._is_near or clearance_m < NEAR_MISS_M
+    def add(self, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
+        """Add the decisions of all drones in one control tick."""
+        for drone in np.flatnonzero(self._world.flying).tolist():
+            way_m = stopping_way_m(states[drone], decisions[drone].command.velocity_m_s, self._pilot)
+            is_unsafe = not self._world.is_clear(way_m, self._world.airframe.radius_m)
+            self.counts[drone] += is_unsafe and not self._is_unsafe[drone]
+            self._is_unsafe[drone] = is_unsafe
 
-    def count(self, *, touched: bool) -> int:
-        """Return the number of episodes, with the present one unless the drone touched something in it."""
-        return self._passed + (self._is_near and not touched)
+
+def stopping_way_m(state: DroneState, commanded_m_s: FloatArray, pilot: PilotConfig) -> FloatArray:
+    """Return the way of a drone that brakes after a command: where it is, where it is when it obeys, where it stands.
+
+    The shape is (3, 3). It moves with its velocity for `pilot.response_s`, and then brakes from the commanded one.
+    """
+    obeys_m = state.position_m + pilot.response_s * state.velocity_m_s
+    stands_m = obeys_m + commanded_m_s * (length(commanded_m_s) / (2 * pilot.braking.decel_m_s2))
+    return np.array([state.position_m, obeys_m, stands_m])
 
 
 class CorrectorWork:
@@ -95,13 +103,13 @@ class MissionMetrics:
     Drones that have dropped out count until then: they have no clearance, no slot and no way afterwards.
     """
 
-    def __init__(self, world: World, teams: Sequence[Team], *, goal_radius_m: float) -> None:
+    def __init__(self, world: World, teams: Sequence[Team], pilot: PilotConfig, *, goal_radius_m: float) -> None:
         self._world = world
         self._teams = teams
         self._goal_radius_m = goal_radius_m
+        self._commitments = UnsafeCommitments(world, pilot)
         self._progress_m = [0.0] * len(teams)
         self._arrived = [False] * len(teams)
-        self._near_misses = [NearMisses() for _ in range(world.n_drones)]
         self._ticks_flown = np.zeros(world.n_drones, np.intp)
         self._samples: list[list[DroneState]] = []
         self._times_s: list[float] = []
@@ -111,6 +119,10 @@ class MissionMetrics:
         self._raw_errors = [DepthErrors()] * world.n_drones
         self._corrected_errors = [DepthErrors()] * world.n_drones
         self._work = [CorrectorWork() for _ in range(world.n_drones)]
+
+    def add_decisions(self, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
+        """Add what all drones decided in a control tick."""
+        self._commitments.add(states, decisions)
 
     def sample(self, states: list[DroneState]) -> dict[str, float]:
         """Add one control tick and return its metrics by name."""
@@ -138,12 +150,9 @@ class MissionMetrics:
 
     def _clearances(self, flying: Sequence[int]) -> dict[str, float]:
         """Keep the clearances of the drones that fly, and return the smallest one by its name, if there is one."""
-        has_touched = touched(self._world.contacts)
         clearances_m = {drone: self._world.clearance_m(drone) for drone in flying}
         for drone, clearance_m in clearances_m.items():
             self._min_clearances_m[drone] = min(self._min_clearances_m[drone], clearance_m)
-            if drone not in has_touched:
-                self._near_misses[drone].add(clearance_m)
         return {"clearance_m": min(clearances_m.values())} if clearances_m else {}
 
     def follow_leaders(self, positions_m: FloatArray) -> None:
@@ -191,7 +200,7 @@ class MissionMetrics:
             "collisions_ground": kinds.count("ground"),
             **({"collisions_mover": kinds.count("mover")} if self._world.movers else {}),
             "drones_lost": len(touched(contacts)),
-            "near_misses": sum(self._counts_of_near_misses(contacts)),
+            "unsafe_commitments": sum(self._commitments.counts),
             "leader_progress_m": min(self._progress_m),
             "leader_arrived": int(all(self._arrived)),
             "min_separation_m": _min_gap_m(self._min_separation_m, touched="drone" in kinds),
@@ -209,13 +218,14 @@ class MissionMetrics:
     def by_drone(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> list[dict[str, MetricValue]]:
         """Return the metrics of each drone; a collision of two drones counts for both."""
         contact_times_s = [[c.time_s for c in contacts if drone in c.drones] for drone in range(self._world.n_drones)]
-        near_misses = self._counts_of_near_misses(contacts)
+        leaders = {team.leader for team in self._teams}
         return [
             {
                 "drone": drone,
+                "leads": int(drone in leaders),
                 "first_contact_s": min(contact_times_s[drone], default=None),
                 "min_clearance_m": _min_gap_m(self._min_clearances_m[drone], touched=bool(contact_times_s[drone])),
-                "near_misses": near_misses[drone],
+                "unsafe_commitments": self._commitments.counts[drone],
                 "path_length_m": self._path_length_m(drone),
                 "dropped_frames": dropped_frames[drone],
                 **_depth_metrics("raw", self._raw_errors[drone]),
@@ -224,11 +234,6 @@ class MissionMetrics:
             }
             for drone in range(self._world.n_drones)
         ]
-
-    def _counts_of_near_misses(self, contacts: Sequence[Contact]) -> list[int]:
-        """Return the number of near misses of each drone; a passage of two drones counts for both."""
-        has_touched = touched(contacts)
-        return [near.count(touched=drone in has_touched) for drone, near in enumerate(self._near_misses)]
 
     def _path_length_m(self, drone: int) -> float:
         positions_m = np.array([s[drone].position_m for s in self._samples]).reshape(-1, 3)

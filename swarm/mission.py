@@ -74,7 +74,7 @@ class Mission:
         roles = [Role(drone=i, team=team, radius_m=radius_m, camera=camera) for i, team in enumerate(self._team_of)]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)
-        self._metrics = MissionMetrics(world, self._teams, goal_radius_m=config.goal_radius_m)
+        self._metrics = MissionMetrics(world, self._teams, config.pilot, goal_radius_m=config.goal_radius_m)
         self._ticks = 0
         self.outcome: Outcome | None = None
 
@@ -189,6 +189,7 @@ class Mission:
     def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
         step, time_s = self.world.steps, self.time_s
         slots_m = np.vstack([team.slots_m(states[team.leader].position_m)[1:] for team in self._teams])
+        self._metrics.add_decisions(states, decisions)
         metrics = self._metrics.sample(states)
         self._recorder.tick(step, time_s, states, slots_m, decisions)
         self._recorder.metrics(step, time_s, metrics)

@@ -29,10 +29,11 @@ FREE, UNKNOWN, UNOBSERVABLE, BLACKLISTED, OCCUPIED = range(5)
 nor a surface, and blacklisted where a drone did not get on although it knew that."""
 STATES = ("free", "unknown", "unobservable", "blacklisted", "occupied")
 """Names of the states, in the order of their numbers."""
-HIT, OCCUPIED_FROM, MAX_OCCUPANCY = 2, 3, 4
+HIT, OCCUPIED_FROM, MAX_OCCUPANCY = 8, 9, 60
 """A hit, an image that shows a surface in a voxel, adds the first to its occupancy, and a miss, one that sees through
 it, takes 1 away. From the second on the voxel is occupied: two images confirm a surface, and one alone in free space is
-an error of depth. The third is the largest occupancy."""
+an error of depth. The third is the largest occupancy. Errors of images come in episodes, so that a surface outlasts
+more images that see through it than showed it."""
 MAX_COUNT = 200
 """Counts of images end here."""
 BLACKLISTED_COUNT = MAX_COUNT + 1
@@ -57,11 +58,11 @@ class MapConfig(Model):
     """Horizontal side of a voxel."""
     layer_m: float = Field(default=0.25, gt=0.01)
     """Height of a voxel."""
-    min_passed: int = Field(default=2, ge=1, le=100)
+    min_passed: int = Field(default=3, ge=1, le=100)
     """Misses until a voxel is free: images that must see through it."""
     min_vain: int = Field(default=5, ge=1, le=100)
     """Images in a row that show nothing in a voxel nearer than `near_m`, until it is unobservable: looking does not
-    help."""
+    help. Free space must be proven again then, unless more images had proven it."""
     near_m: float = Field(default=4.0, gt=0)
     """Distance within which an image that shows nothing counts."""
     max_error_m: float = Field(default=0.5, gt=0)
@@ -214,7 +215,7 @@ class VoxelMap:
     def mark_free(self, places_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
         """Make places that drones take free, shape (n, 3): upright cylinders, in which a surface was an error."""
         inside = self._in_cylinders(places_m, radius_m, half_height_m)
-        self._misses[inside] = np.maximum(self._misses[inside], self._config.min_passed)
+        self._misses[inside] = MAX_COUNT
         self._missed_s[inside] = time_s
         self._occupancy[inside] = self._unobserved[inside] = 0
 
@@ -264,8 +265,7 @@ class VoxelMap:
         is_other[hit] = False
         is_other = is_other[voxel]
         self._count_misses(voxel[is_miss & is_other], time_s)
-        unobserved = voxel[~is_miss & is_before & (squared_m2 < near_m**2) & is_other]
-        self._unobserved.ravel()[unobserved] += self._unobserved.ravel()[unobserved] < MAX_COUNT
+        self._count_unobserved(voxel[~is_miss & is_before & (squared_m2 < near_m**2) & is_other])
         self._count_hits(np.concatenate([hit, voxel[is_hit & is_other]]))
 
     def layer(self, low_m: float, high_m: float, time_s: float) -> Bytes:
@@ -313,6 +313,15 @@ class VoxelMap:
         missed_s[voxel] = time_s
         occupancy[voxel] = np.maximum(occupancy[voxel], 1) - 1
         self._unobserved.ravel()[voxel] = 0
+
+    def _count_unobserved(self, voxel: Indices) -> None:
+        """Count an image that had voxels in view from nearby, and neither hit nor missed them.
+
+        Free space does not outlast a view of nothing: as many such images in a row as had seen through it undo them.
+        """
+        unobserved, misses = self._unobserved.ravel(), self._misses.ravel()
+        unobserved[voxel] += unobserved[voxel] < MAX_COUNT
+        misses[voxel] *= unobserved[voxel] < np.maximum(misses[voxel], self._config.min_vain)
 
     def _count_hits(self, voxel: Indices) -> None:
         """Count an image that showed a surface in voxels."""

@@ -122,7 +122,7 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
             ["run", "city", "--drones", "0"],
             "voxdepth: --drones 0: mission.drones: expected at least 1, got 0",
         ),
-        (["run", "city", "--size", "3x3"], "voxdepth: --size 3x3: rig.width_px: expected at least 32, got 3"),
+        (["run", "city", "--size", "3x3"], "voxdepth: --size 3x3: 2 problems: rig.width_px: expected"),
         (["run", "city", "--no-record", "--view"], "--view opens the recording, which --no-record leaves out"),
         (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, median"),
         (["run", "city", "--size", "big"], "--size must look like 160x120, got 'big'"),
@@ -169,7 +169,7 @@ def test_an_error_blames_the_change_or_the_file_whichever_is_wrong(tmp_path: Pat
         ("[rig]\ndepth = 'sonar'", "rig.depth: expected 'truth', 'noisy' or 'stereo', got 'sonar'"),
         ("[scene]\nkind = 'city'\nrows = 1.5", "mine.toml: scene.rows: expected a whole number, got 1.5"),
         ("[scene]\nkind = 'forest'\nlength_mm = 1.5", "unknown key 'scene.length_mm'"),
-        ("[scene]\nkind = 'moon'", "scene: Input tag 'moon' found"),
+        ("[scene]\nkind = 'moon'", "scene.kind: expected one of 'city', "),
         ("colour = 'red'", "unknown key 'colour'"),
         ("[mission]\ndrones = 1000000", "mission.drones: expected at most 500, got 1000000"),
         ("= 3", "is not valid TOML"),
@@ -191,7 +191,7 @@ def test_a_name_cannot_lead_out_of_a_folder(name: str, load: Callable[..., objec
     text = (DATA / f"{shipped}.toml").read_text()
     renamed = re.sub(r'^name = ".*"$', lambda _: f'name = "{name}"', text, flags=re.MULTILINE)
     (tmp_path / "mine.toml").write_text(renamed)
-    with pytest.raises(ToolError, match="name: String should match pattern"):
+    with pytest.raises(ToolError, match="name: expected a text of the form"):
         load(str(tmp_path / "mine.toml"), 0, {})
 
 

@@ -35,7 +35,9 @@ def test_every_dependency_is_pinned_to_a_version_alone() -> None:
     names = {line.split("==")[0].lower().replace("_", "-") for line in pins}
     assert all(line.count("==") == 1 and "@" not in line and "/" not in line for line in pins)
     extras = PROJECT["project"]["optional-dependencies"]
+    example = tomllib.loads((ROOT / "examples/learned/pyproject.toml").read_text())
     wanted = [*PROJECT["project"]["dependencies"], *(d for group in extras.values() for d in group)]
+    wanted += example["project"]["dependencies"]
     for requirement in wanted:
         name = requirement.split(">")[0].split("[")[0].lower()
         if name != "voxdepth":

@@ -34,7 +34,7 @@ def test_a_shipped_network_is_small_and_its_card_tells_how_it_was_made(name: str
     assert card["parameters"] <= 500_000
     assert card["largest_difference_to_pytorch"] <= 1e-4
     assert card["command"].startswith(f"voxdepth train {name} ")
-    assert {"seed", "steps", "worlds", "world_seeds", "held_out", "final_loss", "licence", "versions"} <= set(card)
+    assert {"commit", "seed", "steps", "worlds", "world_seeds", "final_loss", "licence", "versions"} <= set(card)
 
 
 @needs_runtime

@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from datetime import date
 from pathlib import Path
@@ -13,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.plugins import offer
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.paper.config import VoxDepthConfig, authors_config
 from voxdepth.registry import (
     CORRECTOR_NAMES,
-    ENTRY_POINTS,
     config_of,
     corrector_names,
     create_bare,
@@ -185,16 +184,7 @@ def test_the_registry_alone_imports_no_library_and_no_baseline() -> None:
 
 
 def test_the_example_of_a_plugin_is_found_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    example = Path(__file__).parents[2] / "examples/median_plugin"
-    project = tomllib.loads((example / "pyproject.toml").read_text())["project"]
-    entries = project["entry-points"][ENTRY_POINTS]
-    info = tmp_path / "median_plugin-0.1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: median-plugin\nVersion: 0.1.0\n")
-    lines = "".join(f"{name} = {value}\n" for name, value in entries.items())
-    (info / "entry_points.txt").write_text(f"[{ENTRY_POINTS}]\n{lines}")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.syspath_prepend(str(example))
+    offer("median_plugin", tmp_path, monkeypatch)
     corrector = create_corrector("wide-median", CAMERA)
     depth_m = np.ones(CAMERA.shape, np.float32)
     depth_m[3, 3] = 0

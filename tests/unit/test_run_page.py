@@ -27,7 +27,7 @@ QUICK = {"mission.drones": 2, "mission.duration_s": 0.5, **images_of(32, 32), "r
         ("max_speed_m_s", ("max speed", "m/s")),
         ("sim_time_s", ("sim time", "s")),
         ("depth_raw_hole_share", ("depth raw hole", "share")),
-        ("near_misses", ("near misses", "")),
+        ("unsafe_commitments", ("unsafe commitments", "")),
     ],
 )
 def test_the_unit_of_a_metric_is_the_end_of_its_name(metric: str, words: tuple[str, str]) -> None:

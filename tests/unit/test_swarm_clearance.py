@@ -13,6 +13,7 @@ from sim.sensor import RigConfig
 from swarm.braking import BrakingConfig
 from swarm.metrics import MissionMetrics, separation_m
 from swarm.nearby import NearbyConfig, neighbour_limits
+from swarm.pilot import PilotConfig
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import RADIUS_M, near, state, stopping_distance_m
@@ -27,7 +28,7 @@ def test_world_and_report_mean_the_same_by_clearance(gap_m: float) -> None:
     team = Team.of(Route(start_m=(0.0, 0.0, 0.0), goal_m=(30.0, 0.0, 0.0)), range(1), FormationConfig())
     with world_of(wall(gap_m + RADIUS_M), starts_m=team.starts_m) as world:
         assert world.clearance_m(0) == pytest.approx(gap_m, abs=1e-3)
-        metrics = MissionMetrics(world, [team], goal_radius_m=1.5)
+        metrics = MissionMetrics(world, [team], PilotConfig(), goal_radius_m=1.5)
         assert metrics.sample(world.states)["clearance_m"] == world.clearance_m(0)
         assert metrics.summary((), [0])["min_clearance_m"] == world.clearance_m(0)
 

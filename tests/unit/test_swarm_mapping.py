@@ -167,6 +167,17 @@ def test_a_drone_flies_to_a_wall_that_it_sees_and_stops_before_it() -> None:
     assert max(np.linalg.norm(d.command.velocity_m_s) for d in flight.decisions) > 1.5
 
 
+FAR = image(flat(40.0))
+
+
+@pytest.mark.parametrize("n_false", [2, 3, 5, 8])
+def test_a_few_false_images_and_then_holes_do_not_carry_a_drone_away(n_false: int) -> None:
+    """The images show free space to 40 m, and then nothing any more."""
+    images = iter([FAR] * n_false + [HOLES] * 100)
+    flight = Flight(lambda position_m, yaw_rad: next(images)).flies((3, 0, 0), 8.0)
+    assert flight.farthest_m < START_M + 0.35 * n_false
+
+
 def test_states_tell_what_holds_a_drone_back() -> None:
     assert Flight(always(image(flat(30.0)))).flies((1, 0, 0), 2.0).decisions[-1].state == "free"
     assert Flight(always(HOLES)).flies((3, 0, 0), 4.0).decisions[-1].state in ("exploring", "blocked")

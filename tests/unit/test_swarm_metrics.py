@@ -11,7 +11,9 @@ import pytest
 
 from sim.types import Contact, VelocityCommand
 from sim.world import World
-from swarm.metrics import CorrectorWork, MissionMetrics, NearMisses, separation_m, touched
+from swarm.braking import BrakingConfig
+from swarm.metrics import CorrectorWork, MissionMetrics, UnsafeCommitments, separation_m, touched
+from swarm.pilot import Decision, PilotConfig
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import RADIUS_M, capture, corrected, flat, state
@@ -27,7 +29,7 @@ def swarm(n: int = 3) -> Team:
 def metrics_of(*teams: Team, wall_m: float = 50.0) -> Iterator[tuple[World, MissionMetrics]]:
     """A world with the teams in their slots before a wall, and its metrics."""
     with world_of(wall(wall_m), starts_m=np.vstack([team.starts_m for team in teams])) as world:
-        yield world, MissionMetrics(world, teams, goal_radius_m=1.5)
+        yield world, MissionMetrics(world, teams, PilotConfig(), goal_radius_m=1.5)
 
 
 def order_of(*velocities: tuple[float, float, float]) -> float:
@@ -199,34 +201,40 @@ class TestSums:
         assert summary["depth_raw_mae_m"] == pytest.approx(1)
 
 
-class TestNearMisses:
+class TestUnsafeCommitments:
+    """A drone of radius 0.25 m stands before a wall."""
+
     @staticmethod
-    def count(*clearances_m: float, touched: bool = False) -> int:
-        near = NearMisses()
-        for clearance_m in clearances_m:
-            near.add(clearance_m)
-        return near.count(touched=touched)
+    def count(*speeds_m_s: float, wall_m: float = 3.0, velocity_m_s: float = 0.0) -> int:
+        with world_of(wall(wall_m), starts_m=[[0, 0, 0.0]]) as world:
+            commitments = UnsafeCommitments(world, PilotConfig())
+            for speed_m_s in speeds_m_s:
+                command = VelocityCommand(velocity_m_s=np.array([speed_m_s, 0, 0]), yaw_rad=0.0)
+                commitments.add([state(0, 0, 0, (velocity_m_s, 0, 0))], [Decision(command=command, state="free")])
+            return commitments.counts[0]
 
-    def test_one_passage_counts_once_although_the_clearance_trembles(self) -> None:
-        assert self.count(1.0, 0.25, 0.19, 0.21, 0.18, 0.29, 0.19, 0.5) == 1
+    def test_a_command_from_which_the_drone_stops_in_time_is_safe(self) -> None:
+        reaches_m = 3.0 - 0.25
+        stops_m_s = np.sqrt(2 * BrakingConfig().decel_m_s2 * reaches_m)
+        assert self.count(0.97 * stops_m_s) == 0
+        assert self.count(1.03 * stops_m_s) == 1
+        assert self.count(-9.0) == 0
 
-    def test_two_passages_are_two(self) -> None:
-        assert self.count(1.0, 0.1, 0.4, 0.1, 0.4) == 2
+    def test_the_way_that_it_flies_before_it_obeys_counts(self) -> None:
+        assert self.count(0.0, velocity_m_s=0.95 * 2.75 / PilotConfig().response_s) == 0
+        assert self.count(0.0, velocity_m_s=1.05 * 2.75 / PilotConfig().response_s) == 1
 
-    def test_keeping_0_2_m_is_none(self) -> None:
-        assert self.count(1.0, 0.2, 0.25, 0.2) == 0
+    def test_one_episode_counts_once(self) -> None:
+        assert self.count(9.0, 9.0, 0.0, 9.0, 8.0) == 2
 
-    def test_one_that_lasts_to_the_end_counts_and_one_that_ends_in_a_contact_does_not(self) -> None:
-        assert self.count(1.0, 0.1) == 1
-        assert self.count(1.0, 0.1, touched=True) == 0
-        assert self.count(0.1, 1.0, 0.1, touched=True) == 1
-
-    def test_the_drones_add_up_and_a_pair_counts_for_both(self) -> None:
-        team = Team.of(ROUTE, range(3), FormationConfig(row_spacing_m=0.65, half_width_m=0.01, stagger_m=2.0))
+    def test_they_are_metrics_of_the_run_and_of_each_drone(self) -> None:
+        team = Team.of(ROUTE, range(3), FormationConfig())
         with metrics_of(team) as (world, metrics):
-            metrics.sample(world.states)
-            assert [drone["near_misses"] for drone in metrics.by_drone((), [0] * 3)] == [1, 1, 0]
-            assert metrics.summary((), [0] * 3)["near_misses"] == 2
+            ahead = VelocityCommand(velocity_m_s=np.array([30.0, 0, 0]), yaw_rad=0.0)
+            metrics.add_decisions(world.states, [Decision(command=ahead, state="free")] * 3)
+            rows = metrics.by_drone((), [0] * 3)
+            assert [(row["leads"], row["unsafe_commitments"]) for row in rows] == [(1, 1), (0, 1), (0, 1)]
+            assert metrics.summary((), [0] * 3)["unsafe_commitments"] == 3
 
 
 class TestDroppingOut:

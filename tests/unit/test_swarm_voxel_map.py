@@ -9,7 +9,18 @@ from pydantic import ValidationError
 from sim.frames import R_BODY_CAM, pose, quaternion_from_angles, rotation_from_quaternion
 from swarm.cost_map import CostMap, _cheapest_path
 from swarm.evidence import EvidenceConfig, InverseSensorModel
-from swarm.voxel_map import BLACKLISTED, FREE, OCCUPIED, UNKNOWN, UNOBSERVABLE, MapConfig, View, VoxelMap, find_in_view
+from swarm.voxel_map import (
+    BLACKLISTED,
+    FREE,
+    HIT,
+    OCCUPIED,
+    UNKNOWN,
+    UNOBSERVABLE,
+    MapConfig,
+    View,
+    VoxelMap,
+    find_in_view,
+)
 from tests.helpers import CAMERA
 from tests.swarm_scenes import turn
 from tests.unit.test_swarm_evidence import flat, image
@@ -18,6 +29,8 @@ from voxdepth.types import FloatArray, FloatImage
 NOBODY = np.empty((0, 3))
 WIDTH_M = 0.5
 HERE = np.zeros(3)
+PROOF = MapConfig().min_passed
+"""Images that prove free space."""
 
 
 class Drone:
@@ -100,7 +113,7 @@ def test_no_path_costs_less_than_the_planned_one(seed: int) -> None:
 
 
 def test_a_column_is_free_where_the_slices_around_it_are() -> None:
-    drone = Drone().sees(flat(3.0), 2)
+    drone = Drone().sees(flat(3.0), PROOF)
     rng, n_free = np.random.default_rng(3), 0
     for _ in range(300):
         at_m = np.array([*rng.uniform(-1, 4, 2), 0.0])
@@ -115,14 +128,14 @@ def test_a_column_is_free_where_the_slices_around_it_are() -> None:
 
 @pytest.mark.parametrize("far_m", [-100.0, -12.1, 12.1, 100.0])
 def test_no_column_beyond_the_map_is_free(far_m: float) -> None:
-    drone = Drone().sees(flat(3.0), 2)
+    drone = Drone().sees(flat(3.0), PROOF)
     assert not drone.map.is_column_free(np.array([far_m, 0, 0]), -0.1, 0.1, drone.time_s)
     assert not drone.map.is_column_free(np.array([0, far_m, 0]), -0.1, 0.1, drone.time_s)
     assert not drone.map.is_column_free(np.array([1.0, 0, 0]), -0.1, 5.0, drone.time_s)
 
 
-def test_two_images_of_a_wall_prove_the_space_before_it() -> None:
-    drone = Drone().sees(flat(3.0), 1)
+def test_some_images_of_a_wall_prove_the_space_before_it() -> None:
+    drone = Drone().sees(flat(3.0), PROOF - 1)
     assert drone.state(2.0) == UNKNOWN
     drone.sees(flat(3.0), 1)
     assert [drone.state(x) for x in (1.5, 2.0, 2.5)] == [FREE] * 3
@@ -139,11 +152,21 @@ def test_looking_at_nothing_makes_near_space_unobservable_and_far_space_stays_un
     assert [drone.state(x) for x in (4.6, 8.0, -2.0)] == [UNKNOWN] * 3
 
 
-def test_free_space_outlasts_a_view_of_nothing_but_no_surface_and_not_its_memory() -> None:
-    drone = Drone(memory_s=30.0).sees(flat(3.0), 2).sees(flat(0.0), 10)
+@pytest.mark.parametrize("n_images", [PROOF, 12])
+def test_free_space_does_not_outlast_a_view_of_nothing_by_as_many_images_as_proved_it(n_images: int) -> None:
+    lasts = max(n_images, MapConfig().min_vain) - 1
+    drone = Drone().sees(flat(3.0), n_images).sees(flat(0.0), lasts)
     assert drone.state(2.0) == FREE
-    assert drone.state(2.0, after_s=28.5) == FREE
-    assert drone.state(2.0, after_s=30.5) == UNOBSERVABLE
+    assert drone.sees(flat(0.0), 1).state(2.0) == UNOBSERVABLE
+    assert drone.sees(flat(3.0), PROOF - 1).state(2.0) != FREE
+    assert drone.sees(flat(3.0), 1).state(2.0) == FREE
+
+
+def test_free_space_outlasts_a_view_elsewhere_but_no_surface_and_not_its_memory() -> None:
+    drone = Drone(memory_s=30.0).sees(flat(3.0), PROOF).sees(flat(0.0), 20, yaw_rad=np.pi)
+    assert drone.state(2.0) == FREE
+    assert drone.state(2.0, after_s=27.5) == FREE
+    assert drone.state(2.0, after_s=30.5) == UNKNOWN
     drone.sees(flat(2.0), 2)
     assert drone.state(2.0) == OCCUPIED
 
@@ -151,7 +174,7 @@ def test_free_space_outlasts_a_view_of_nothing_but_no_surface_and_not_its_memory
 def test_free_space_that_is_forgotten_must_be_proven_again() -> None:
     drone = Drone(memory_s=2.0).sees(flat(3.0), 5)
     drone.time_s += 2.5
-    assert drone.sees(flat(3.0), 1).state(2.0) != FREE
+    assert drone.sees(flat(3.0), PROOF - 1).state(2.0) != FREE
     assert drone.sees(flat(3.0), 1).state(2.0) == FREE
 
 
@@ -166,9 +189,13 @@ def test_one_image_of_a_surface_in_free_space_is_an_error_and_two_confirm_it() -
 
 
 def test_a_surface_that_is_gone_becomes_free_after_some_images() -> None:
-    drone = Drone().sees(flat(2.0), 3).sees(flat(5.0), 3)
-    assert drone.state(2.0) == OCCUPIED or drone.state(2.0) == UNKNOWN
-    assert drone.sees(flat(5.0), 2).state(2.0) == FREE
+    drone = Drone().sees(flat(2.0), 3).sees(flat(5.0), 2 * HIT - 1)
+    assert drone.state(2.0) == OCCUPIED
+    assert drone.sees(flat(5.0), HIT + PROOF).state(2.0) == FREE
+
+
+def test_a_surface_that_was_seen_for_long_outlasts_an_episode_of_false_images() -> None:
+    assert Drone().sees(flat(2.0), 20).sees(flat(5.0), 20).state(2.0) == OCCUPIED
 
 
 def test_another_drone_is_no_surface_and_hides_what_is_behind_it() -> None:
@@ -180,7 +207,7 @@ def test_another_drone_is_no_surface_and_hides_what_is_behind_it() -> None:
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 1.0, -2.5])
 def test_the_map_turns_with_nobody(yaw_rad: float) -> None:
-    drone = Drone().sees(flat(3.0), 2, yaw_rad=yaw_rad)
+    drone = Drone().sees(flat(3.0), PROOF, yaw_rad=yaw_rad)
     ahead = turn(yaw_rad)[:2, 0]
     assert drone.state(*(2.0 * ahead)) == FREE
     assert drone.state(*(3.0 * ahead)) == OCCUPIED
@@ -188,7 +215,7 @@ def test_the_map_turns_with_nobody(yaw_rad: float) -> None:
 
 
 def test_places_keep_their_state_when_the_map_follows_the_drone() -> None:
-    drone = Drone(reach_m=6.0).sees(flat(5.0), 2)
+    drone = Drone(reach_m=6.0).sees(flat(5.0), PROOF)
     before = [drone.state(x, y) for x in np.arange(1, 6, 0.5) for y in (-1.0, 0.0, 1.0)]
     drone.sees(flat(0.0), 1, at_m=np.array([4.0, 0.0, 0.0]), yaw_rad=np.pi / 2)
     assert [drone.state(x, y) for x in np.arange(1, 6, 0.5) for y in (-1.0, 0.0, 1.0)] == before
@@ -205,7 +232,7 @@ def test_thin_things_beside_the_middles_of_voxels_are_surfaces() -> None:
 
 
 def test_what_is_blacklisted_is_unobservable_at_first_but_free_space_stays_free() -> None:
-    drone = Drone().sees(flat(3.0), 2)
+    drone = Drone().sees(flat(3.0), PROOF)
     drone.map.blacklist(np.array([[3.5, 0.0, 0.0]]), 1.0, 0.4, drone.time_s)
     assert drone.state(2.7) == FREE
     assert drone.state(4.0) == UNOBSERVABLE
@@ -217,11 +244,11 @@ def test_what_is_unobservable_is_blacklisted_until_an_image_shows_it() -> None:
     assert drone.state(2.0) == UNOBSERVABLE
     drone.map.blacklist(np.array([[2.0, 0.0, 0.0]]), 1.0, 0.4, drone.time_s)
     assert drone.sees(flat(0.0), 300).state(2.0) == BLACKLISTED
-    assert drone.sees(flat(3.0), 2).state(2.0) == FREE
+    assert drone.sees(flat(3.0), PROOF).state(2.0) == FREE
 
 
 def test_free_space_that_is_forgotten_can_be_blacklisted() -> None:
-    drone = Drone(memory_s=30.0).sees(flat(3.0), 2)
+    drone = Drone(memory_s=30.0).sees(flat(3.0), PROOF)
     drone.map.blacklist(np.array([[2.0, 0.0, 0.0]]), 1.0, 0.4, drone.time_s + 40.0)
     assert drone.state(2.0, after_s=40.0) == UNOBSERVABLE
 

@@ -80,7 +80,7 @@ def load(name: str, folder: Path = FOLDER) -> Network:
     if card.format != FORMAT:
         raise ConfigError(
             f"{file} is a network of format {card.format}, and this version of voxdepth reads format {FORMAT}: install "
-            "the network and the library from the same version, or train it again with `voxdepth train`"
+            "the network and the library from the same version, or train it again"
         )
     try:
         content = file.read_bytes()

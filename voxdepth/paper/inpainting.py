@@ -9,7 +9,7 @@ from pydantic import field_validator, model_validator
 
 from ..geometry import fill_from_nearest
 from ..model import Model
-from ..networks import Network, load
+from ..networks import load
 from ..types import FloatImage
 
 InpaintingName = Literal["dilation", "erosion", "median", "bilinear", "nearest", "convex"]
@@ -108,17 +108,13 @@ def convex(sparse_m: FloatImage, size_px: int) -> FloatImage:
     """Every pixel takes a mean of the filled pixels of its window, whose weights a network predicts.
 
     This is the convex upsampling of Teed and Deng 2020, which the paper tries, for a sparse image in place of a coarse
-    one. The window is always `CONVEX_WINDOW_PX` wide, which `Inpainting` requires of the size.
+    one. The window is always `CONVEX_WINDOW_PX` wide, which `Inpainting` requires of the size. The network sees depth
+    in units of the mean, so that a scene twice as far is filled twice as far.
 
     Raises:
         ConfigError: The network cannot be loaded, see `networks.load`.
     """
-    return convex_by(load("convex"), sparse_m)
-
-
-def convex_by(network: Network, sparse_m: FloatImage) -> FloatImage:
-    """Fill by a network. It sees depth in units of the mean, so that a scene twice as far is filled twice as far."""
-    filled = np.count_nonzero(sparse_m)
+    network, filled = load("convex"), np.count_nonzero(sparse_m)
     if not filled:
         return sparse_m.copy()
     scale_m = np.float32(sparse_m.sum(dtype=np.float64) / filled)

@@ -1,4 +1,4 @@
-"""The networks as PyTorch modules, which are exported to ONNX. Shapes are (N, C, h, w), and 0 disparity is unknown."""
+"""The network as a PyTorch module, which is exported to ONNX. Shapes are (N, C, h, w), and 0 disparity is unknown."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -7,36 +7,24 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from voxdepth.paper.inpainting import CONVEX_WINDOW_PX
-
-CELL = 4
-"""Side of a cell [working px]: the network works on cells, and predicts every pixel from those around it."""
+CELL, NEIGHBOURS = 4, 9
+"""Side of a cell [working px], and cells of a neighbourhood of 3 x 3, from which the network predicts every pixel."""
 WIDTHS = (20, 32, 40, 48)
 """Channels at 1, 1/2, 1/4 and 1/8 of the resolution of the cells."""
-INPUTS = 10
+INPUTS, FIRST_NEXT = 10, 6
 """Channels of the input: disparity and validity of the measurement, gray value, disparity and confidence of the
 previous result as seen from this frame, the change of gray value since then, and the disparities that are measured next
 to the left, to the right, above and below."""
-FIRST_NEXT = 6
-"""Channel of the first of the last four."""
 CANDIDATES = 6
 """Disparities that a pixel may be made of: that of the cells, the previous one, and the four next ones."""
 PREVIOUS_WEIGHT = 0.3
 """Weight of a previous disparity of confidence 1, beside a measured one, in the smooth filling that is refined."""
-LARGEST_LOG = 2.0
-"""Largest correction of that filling, as a logarithm."""
 FIRST_TRUST, FIRST_LOG_SCALE = 3.0, -2.0
 """Where training begins: measured pixels are trusted to 95 %, and errors are of 14 %."""
-LOG_SCALES = (-7.0, 2.0)
-"""Range of the logarithm of the scale of an error."""
-LARGEST_LOGIT = 12.0
-"""Bound of the logarithm of a weight."""
+LARGEST_LOG, LARGEST_LOGIT, LOG_SCALES = 2.0, 12.0, (-7.0, 2.0)
+"""Bounds of logarithms: of the correction of the smooth filling, of a weight, and of the scale of an error."""
 SMALLEST_WEIGHT = 1e-6
 """Smaller sums of weights mean that nothing is known; those of one value are larger."""
-NEIGHBOURS = 9
-"""Cells of a neighbourhood of 3 x 3."""
-SMALLEST_DEPTH = 0.01
-"""Smaller depths, in units of the mean, look like this one to the network."""
 
 
 class Gated(nn.Module):
@@ -118,14 +106,12 @@ def chosen(candidates: Sequence[Tensor], logits: Tensor) -> Tensor:
 
 def weights_of(logits: Tensor, n: int) -> Sequence[Tensor]:
     """The weights of n values from their logarithms. A softmax along the second axis is slow in ONNX Runtime."""
-    parts: Sequence[Tensor] = torch.exp(logits.clamp(-LARGEST_LOGIT, LARGEST_LOGIT)).chunk(n, 1)
-    return parts
+    return torch.exp(logits.clamp(-LARGEST_LOGIT, LARGEST_LOGIT)).chunk(n, 1)
 
 
 def mean(values: Sequence[Tensor], weights: Sequence[Tensor]) -> Tensor:
     """The mean of the values by their weights; 0 without any weight."""
     total = sum(value * weight for value, weight in zip(values, weights, strict=True))
-    assert isinstance(total, Tensor)
     return total / sum(weights).clamp(min=SMALLEST_WEIGHT)
 
 
@@ -161,34 +147,3 @@ class Corrector(nn.Module):
         trust = valid * torch.sigmoid(functional.pixel_shuffle(self.trust(features), CELL))
         log_scale = functional.pixel_shuffle(self.errors(features), CELL).clamp(*LOG_SCALES)
         return trust * disparity + (1 - trust) * predicted, log_scale
-
-
-class Convex(nn.Module):
-    """Every pixel as the convex combination of the filled pixels of its window, with predicted weights.
-
-    This is the upsampling of Teed and Deng with the pixels of an irregular lattice in place of coarse cells.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.trunk = Trunk(2)
-        self.weights = nn.Conv2d(WIDTHS[0], CONVEX_WINDOW_PX**2 * CELL**2, 1)
-        nn.init.zeros_(self.weights.weight)
-        nn.init.zeros_(self.weights.bias)
-
-    def forward(self, sparse: Tensor) -> Tensor:
-        """Dense depth of sparse depth, both of shape (N, 1, h, w) and in units of its mean; 0 = empty."""
-        valid = (sparse > 0).to(sparse.dtype)
-        features = self.trunk(torch.cat([torch.log(sparse.clamp(min=SMALLEST_DEPTH)) * valid, valid], 1))
-        logits = functional.pixel_shuffle(self.weights(features), CELL).clamp(-LARGEST_LOGIT, LARGEST_LOGIT)
-        height, width = sparse.shape[2:]
-        reach = CONVEX_WINDOW_PX // 2
-        padded = functional.pad(torch.cat([sparse, valid], 1), (reach, reach, reach, reach))
-        places = [(i, j) for i in range(CONVEX_WINDOW_PX) for j in range(CONVEX_WINDOW_PX)]
-        total = sum(
-            padded[:, :, i : i + height, j : j + width] * torch.exp(logits[:, k : k + 1])
-            for k, (i, j) in enumerate(places)
-        )
-        assert isinstance(total, Tensor)
-        depth, weight = total.chunk(2, 1)
-        return depth / torch.where(weight > 0, weight, torch.ones_like(weight))
