@@ -205,8 +205,19 @@ class MovingSphere(Model):
         return Mover(body=body, position_m=lambda time_s: start.position_m + R_world_level @ offset.position_m(time_s))
 
 
+class WindConfig(Model):
+    """Motion of the air, which carries drones along by their drag. By default it is still."""
+
+    mean_m_s: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), strict=False)
+    """Mean velocity."""
+    gust_m_s: float = Field(default=0.0, ge=0)
+    """Standard deviation of the gusts along each axis."""
+    gust_s: float = Field(default=2.0, gt=0)
+    """Time in which a gust falls to 37 %."""
+
+
 class Weather(Model):
-    """Light and atmosphere. The default is a clear day with a high sun."""
+    """Light, atmosphere and wind. The default is a clear and calm day with a high sun."""
 
     sun_azimuth_deg: float = -38.0
     """Direction to the sun, from the world's x axis towards y."""
@@ -222,6 +233,7 @@ class Weather(Model):
     clouds: float = Field(default=0.22, ge=0)
     """Contrast of the clouds; 0 is a uniform sky."""
     exposure: float = Field(default=1.25, gt=0)
+    wind: WindConfig = WindConfig()
 
     @property
     def to_sun(self) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""Noise of gray images: photon noise, and the varying brightness of automatic exposure.
+"""Noise of gray images: photon noise, low light, and the varying brightness of automatic exposure.
 
 Photon noise is counter-based: the number of a pixel depends on the key and on its place alone. The numbers are those of
 SplitMix64 [1]_, whose 64 bits serve four pixels.
@@ -21,6 +21,8 @@ from .seeds import Purpose, counter_key, stream
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
 MIX_1, MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 QUANTILES = 1 << 16
+READ_SHARE = 0.25
+"""Share of the read-out in the variance of the noise at full light."""
 SETTLED = 4
 """Multiple of the settling time after which an error of brightness is forgotten."""
 
@@ -54,6 +56,16 @@ def normal_quantiles() -> npt.NDArray[np.float32]:
     values: FloatArray = np.concatenate([-np.array(upper[::-1]), upper])
     values /= values.std()
     return values.astype(np.float32)
+
+
+def low_light_noise(stops: float) -> float:
+    """How many times the noise grows when the light falls by a number of f-stops and a gain makes up for it.
+
+    The variance of photons, counted, falls with the light, and that of the read-out does not, while both are amplified
+    with the square of the gain (EMVA Standard 1288, release 4.0, section 2).
+    """
+    gain = 2.0**stops
+    return float(np.sqrt((1 - READ_SHARE) * gain + READ_SHARE * gain**2))
 
 
 def exposure_gain(sigma: float, drone: int, frame: int, *, seed: int, settling_frames: float = 0.0) -> float:

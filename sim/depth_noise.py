@@ -43,6 +43,8 @@ class NoisyDepth:
     seed: int
     key: tuple[int, int]
     """Drone and frame."""
+    stamp_s: float = 0.0
+    """Time of the image."""
 
     def rng(self, purpose: Purpose) -> np.random.Generator:
         """The random stream of one purpose for this drone and frame."""
@@ -73,16 +75,19 @@ class NoiseTerm(Model, ABC):
 
 
 class Scale(NoiseTerm):
-    """`D + D beta` with `beta ~ U[-theta, theta]`, drawn for every frame: paper, Eq. noisesim."""
+    """`D + D beta` with `beta ~ U[-theta, theta]`, drawn for every frame or held: paper, Eq. noisesim."""
 
     theta: float = Field(default=0.0, ge=0, le=1)
     """Noise ratio threshold; 0 disables the term, and more than 1 would make depths negative."""
     unit: Literal["object", "frame", "pixel"] = "object"
     """The unit that shares one draw."""
+    hold_s: float = Field(default=0.0, ge=0)
+    """Time for which a draw is held, since errors of real depth are correlated in time; 0 draws for every frame."""
 
     def apply(self, image: NoisyDepth) -> None:
         """Scale valid depths."""
-        rng = image.rng(Purpose.SCALE)
+        drone, frame = image.key
+        rng = stream(image.seed, Purpose.SCALE, drone, int(image.stamp_s / self.hold_s) if self.hold_s else frame)
         if self.unit == "object":  # Body k takes draw k + 1 of the stream, whichever bodies are in the image.
             n_draws = int(image.segment_id.max(initial=-1)) + 2
             scale = (1 + rng.uniform(-self.theta, self.theta, n_draws)).take(image.segment_id + 1)

@@ -5,6 +5,8 @@ from pydantic import Field
 
 from voxdepth.types import FloatArray
 
+from .bodies import WindConfig
+from .seeds import Purpose, stream
 from .types import Model
 
 GRAVITY_M_S2 = 9.81
@@ -27,7 +29,7 @@ class AirframeConfig(Model):
     attitude_gain_per_s2: float = Field(default=90.0, gt=0)
     rate_gain_per_s: float = Field(default=18.0, gt=0)
     drag_per_s: float = Field(default=0.1, ge=0)
-    """Linear air drag: deceleration per speed."""
+    """Linear air drag: deceleration per speed relative to the air."""
 
 
 class VelocityController:
@@ -80,6 +82,24 @@ class VelocityController:
         wanted_n[:, 2] += self._weight_n
         wanted_n[:, :2] = _limited(wanted_n[:, :2], self._max_slope * wanted_n[:, 2:])
         return wanted_n
+
+
+class Wind:
+    """The force of moving air on every drone, step by step: a mean, and gusts as an Ornstein-Uhlenbeck process."""
+
+    def __init__(self, config: WindConfig, airframe: AirframeConfig, dt_s: float, *, seed: int) -> None:
+        self._config = config
+        self._drag_kg_per_s = airframe.mass_kg * airframe.drag_per_s
+        self._kept = float(np.exp(-dt_s / config.gust_s))
+        self._rng = stream(seed, Purpose.WIND)
+        self._gust = self._rng.standard_normal(3)
+
+    def step_n(self) -> FloatArray:
+        """The force in the next step [N], shape (3,)."""
+        if self._config.gust_m_s:
+            fresh = self._rng.standard_normal(3)
+            self._gust = self._kept * self._gust + np.sqrt(1 - self._kept**2) * fresh
+        return np.asarray(self._drag_kg_per_s * (self._config.mean_m_s + self._config.gust_m_s * self._gust))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

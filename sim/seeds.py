@@ -23,6 +23,8 @@ class Purpose(IntEnum):
     PROJECTOR = 12
     PLACE = 13
     SPECKS = 14
+    WIND = 15
+    LOCALISATION = 16
 
 
 def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:

@@ -15,7 +15,7 @@ from . import frames
 from .alignment import aligned, hidden_from_pair
 from .artefacts import Artefacts
 from .bodies import Surface
-from .camera_noise import exposure_gain, photon_noise
+from .camera_noise import exposure_gain, low_light_noise, photon_noise
 from .decimation import decimated, decimated_intrinsics
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .seeds import Purpose, stream
@@ -55,6 +55,11 @@ class RigConfig(Model):
     """Reading for the sky and for surfaces farther away."""
     photon_sigma: float = Field(default=1.5, ge=0)
     """Standard deviation of the noise of the gray images, in gray levels of 255."""
+    light_stops: float = Field(default=0.0, ge=-12, le=0)
+    """Light, in f-stops relative to that at which the noise is `photon_sigma`. A gain makes up for less of it, and the
+    noise grows."""
+    misalignment_px: float = Field(default=0.0, ge=-4, le=4)
+    """Error of the calibration of the pair: rows by which the right image lies too low."""
     exposure_sigma: float = Field(default=0.0, ge=0)
     """Standard deviation of the logarithm of a frame's brightness, which is the same in both images."""
     exposure_settling_frames: float = Field(default=0.0, ge=0, le=100)
@@ -146,6 +151,7 @@ class DepthSensor:
         self._noise_terms = config.noise.terms if noisy else ()
         self._artefacts = config.artefacts.terms if config.artefacts else ()
         self._surfaces = surfaces
+        self._photon_sigma = config.photon_sigma * low_light_noise(-config.light_stops)
         self.needs_gray = gray or stereo
         uses_shadows = any(term.uses_shadows for term in (*self._noise_terms, *self._artefacts))
         self.needs_right = stereo or bool(config.color_offset_m) or uses_shadows
@@ -182,6 +188,8 @@ class DepthSensor:
         left, right = pair.left, pair.right
         if right is not None and (strength := self._config.projected_texture):
             left, right = lit_by_pattern(left, right, strength, self.rendered, seed=self._seed)
+        if right is not None and (rows := self._config.misalignment_px):
+            right = replace(right, gray=lowered(right.gray, rows))
         gray_left = self._add_camera_noise(left, pair, 0)
         return gray_left, None if right is None else self._add_camera_noise(right, pair, 1)
 
@@ -208,7 +216,7 @@ class DepthSensor:
         drone, frame = pair.pose.drone, pair.frame
         sigma, settling_frames = self._config.exposure_sigma, self._config.exposure_settling_frames
         gain = exposure_gain(sigma, drone, frame, seed=self._seed, settling_frames=settling_frames)
-        return photon_noise(images.gray, self._config.photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
+        return photon_noise(images.gray, self._photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
 
     def _apply(
         self, terms: Iterable[NoiseTerm], pair: RenderedPair, view: Images, T_world_cam: FloatArray,
@@ -218,7 +226,7 @@ class DepthSensor:
         image = NoisyDepth(
             depth_m=depth_m, invalid_reason=reason, segment_id=view.segment_id, occluded=occluded,
             depth_true_m=view.depth_m, T_world_cam=T_world_cam, surfaces=self._surfaces, intrinsics=self.rendered,
-            seed=self._seed, key=(pair.pose.drone, pair.frame),
+            seed=self._seed, key=(pair.pose.drone, pair.frame), stamp_s=pair.pose.stamp_s,
         )  # fmt: skip
         for term in terms:
             term.apply(image)
@@ -291,6 +299,13 @@ def mean_gray(images: Sequence[Images]) -> Images:
     """The middle one of successive images of a camera, with the mean of all gray images."""
     gray = np.rint(np.mean([image.gray for image in images], axis=0)).astype(np.uint8)
     return replace(images[len(images) // 2], gray=gray)
+
+
+def lowered(gray: GrayImage, rows_px: float) -> GrayImage:
+    """The image moved down by a number of rows, which need not be whole; its first row is repeated."""
+    motion, size = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, rows_px]]), gray.shape[::-1]
+    moved = cv2.warpAffine(gray, motion, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, np.uint8)
 
 
 def lit_by_pattern(

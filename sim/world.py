@@ -12,7 +12,7 @@ from voxdepth.types import FloatArray, MaskImage
 
 from . import frames
 from .bodies import Body, Cylinder, Mover, Scene, Surface
-from .drone import GRAVITY_M_S2, AirframeConfig, VelocityController
+from .drone import GRAVITY_M_S2, AirframeConfig, VelocityController, Wind
 from .errors import SceneError
 from .solids import apply_texture, create_body, create_shapes
 from .types import BodyPose, Contact, DroneState, VelocityCommand
@@ -85,6 +85,7 @@ class World:
             apply_texture(self.textured_ids, scene.seed, self.client)
             self._drone_of_body = {body: drone for drone, body in enumerate(self.drone_ids)}
             self._controller = VelocityController(self.n_drones, self.airframe)
+            self._wind = Wind(scene.weather.wind, self.airframe, self.dt_s, seed=scene.seed)
             self._desired_velocity = np.zeros((self.n_drones, 3))
             self._desired_yaw = yaws_rad
             self._read_motion()
@@ -187,6 +188,7 @@ class World:
         force_n, torque_n_m = self._controller.actuate(
             self._velocity, self._attitude, self._rates, self._desired_velocity, self._desired_yaw, self.dt_s
         )
+        force_n = force_n + self._wind.step_n()
         bullet, client = pybullet, self.client
         for body, force, at, torque in zip(
             self.drone_ids, force_n.tolist(), self._position.tolist(), torque_n_m.tolist(), strict=True

@@ -151,7 +151,7 @@ class MappingPilot(Pilot):
     def _mapped(self, evidence: Evidence, percept: Percept, situation: Situation) -> LocalMap:
         """Add the evidence of an image to the voxel map, and return the map at the height at which the drone flies."""
         own, others, before = situation.own, situation.neighbours, self._local
-        stamp_s, T = percept.stamp_s, percept.T_odom_cam @ inverse_rigid(percept.true_T_world_cam)
+        stamp_s, T = percept.stamp_s, percept.T_odom_cam @ inverse_rigid(percept.T_world_cam)
         age_s = situation.time_s - stamp_s
         now_m, then_m = np.vstack([own.position_m, others.position_m]), others.position_m - age_s * others.velocity_m_s
         places_m, in_image_m = (world_m @ T[:3, :3].T + T[:3, 3] for world_m in (now_m, then_m))

@@ -22,6 +22,8 @@ MIN_SPEED_M_S = 0.1
 """Drones slower than this have no direction."""
 CORRECTOR = "corrector_"
 """Beginning of the names of all metrics that come from the diagnostics of a corrector."""
+NO_EVENT = "none"
+"""Value of an enumeration in diagnostics that says that nothing happened."""
 
 
 def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
@@ -80,10 +82,12 @@ class CorrectorWork:
     def add(self, diagnostics: Diagnostics) -> None:
         """Add a frame."""
         for name, fact in diagnostics.facts().items():
-            if isinstance(fact, StrEnum):
+            if isinstance(fact, StrEnum) and NO_EVENT in tuple(type(fact)):
+                self._events.update({f"{name}s_{kind}": kind is fact for kind in type(fact) if kind != NO_EVENT})
+            elif isinstance(fact, StrEnum):
                 self._frames.update({(name, state): state is fact for state in type(fact)})
             elif isinstance(fact, bool):
-                self._events[name] += fact
+                self._events[f"{name}s"] += fact
 
     def metrics(self) -> dict[str, MetricValue]:
         """Return the share of the frames in each state, and the number of events of each kind."""
@@ -93,7 +97,7 @@ class CorrectorWork:
         states = self._frames.items()
         return {
             **{f"{CORRECTOR}{name}_{state}_share": n / frames[name] for (name, state), n in states},
-            **{f"{CORRECTOR}{name}s": n for name, n in self._events.items()},
+            **{f"{CORRECTOR}{name}": n for name, n in self._events.items()},
         }
 
 

@@ -17,7 +17,7 @@ from .metrics import MissionMetrics, touched
 from .neighbours import Detector, NeighbourTracker
 from .perception import Perception
 from .pilot import Decision, Situation
-from .priors import Odometry
+from .priors import Localisation, Odometry
 from .recorder import Recorder
 from .task import MissionConfig
 from .team import Team, positions_of
@@ -60,6 +60,9 @@ class Mission:
         self._config = config
         self._rig = rig
         self._recorder = recorder
+        self._localisations = [
+            Localisation(config.localisation, seed=seed, drone=drone) for drone in range(world.n_drones)
+        ]
         self._perceptions = [
             self._create_perception(drone, corrector, latency_s=latency_s, seed=seed)
             for drone, corrector in enumerate(correctors)
@@ -100,7 +103,9 @@ class Mission:
         self._log(states, decisions)
         self._move(decisions)
         moved = self.world.states
-        self._link.broadcast(moved, self.time_s)
+        for localisation in self._localisations:
+            localisation.advance(1 / self._config.control_hz)
+        self._link.broadcast(self._believed(moved), self.time_s)
         positions_m = positions_of(moved, self.world.flying)
         self._metrics.follow_leaders(positions_m)
         outcome = self._termination.check(self.time_s, positions_m, self.world.contacts)
@@ -178,13 +183,16 @@ class Mission:
         members = self._team_of[drone].members
         return Situation(
             time_s=self.time_s,
-            own=own,
+            own=self._localisations[drone].state(own),
             percept=percept,
             leader=self._link.leader_of(drone, self.time_s),
             mates=heard.among(members),
             neighbours=self._trackers[drone].update(percept, heard, self.time_s),
             mates_dropped=int(np.count_nonzero(~self.world.flying[members.start : members.stop])),
         )
+
+    def _believed(self, states: Sequence[DroneState]) -> list[DroneState]:
+        return [where.state(state) for where, state in zip(self._localisations, states, strict=True)]
 
     def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
         step, time_s = self.world.steps, self.time_s
@@ -206,6 +214,7 @@ class Mission:
             corrector,
             detector,
             Odometry(config.pose_prior, seed=seed, drone=drone),
+            self._localisations[drone],
             latency_s=latency_s,
             prior=config.pose_prior.kind,
         )

@@ -131,7 +131,7 @@ class NeighbourTracker:
             heard = heard.among(range(0))
         if percept is None:
             return heard
-        pose = percept.true_T_world_cam
+        pose = percept.T_world_cam
         if percept.stamp_s > self._newest_s:
             self._newest_s = percept.stamp_s
             for found in percept.detections:

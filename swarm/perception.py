@@ -1,9 +1,9 @@
 """The adapter between sensor and controller: it builds frames without truth from captures.
 
 `Perception` turns a `Capture` into a `Frame` without true depth and corrects it. Nothing else in this package builds a
-`Frame`. Some truth remains, though no depth: routes and formations are flown with true positions, detections of other
-drones are placed by true poses, drones know how many of theirs have dropped out, and
-the pose prior `true` passes the true pose to the corrector, as an oracle.
+`Frame`. Some truth remains, though no depth: routes and formations are flown with true positions unless the
+localisation drifts, drones know how many of theirs have dropped out, and the pose prior `true` passes the true pose to
+the corrector, as an oracle.
 """
 
 from collections import deque
@@ -12,7 +12,7 @@ from sim.types import Capture
 from voxdepth.types import DepthCorrector, FloatArray, Frame
 
 from .neighbours import Detector
-from .priors import Odometry, PosePriorName, pose_for_corrector
+from .priors import Localisation, Odometry, PosePriorName, pose_for_corrector
 from .types import Percept
 
 
@@ -22,7 +22,7 @@ def frame_of(capture: Capture, T_world_cam: FloatArray | None = None) -> Frame:
 
 
 class Perception:
-    """Corrector, detector and odometry of one drone, and the time that they take.
+    """Corrector, detector, odometry and localisation of one drone, and the time that they take.
 
     A capture that arrives while an earlier one is still processed is dropped. `latency_s` is simulated time: results
     never depend on the speed of the machine. `prior` says which camera poses the corrector gets.
@@ -33,12 +33,14 @@ class Perception:
         corrector: DepthCorrector,
         detector: Detector,
         odometry: Odometry,
+        localisation: Localisation,
         *,
         latency_s: float,
         prior: PosePriorName = "none",
     ) -> None:
         self._corrector = corrector
         self._odometry = odometry
+        self._localisation = localisation
         self._prior = prior
         self._detector = detector
         self._latency_s = latency_s
@@ -61,7 +63,7 @@ class Perception:
         corrected = self._corrector.process(frame_of(capture, prior))
         percept = Percept(
             stamp_s=capture.stamp_s,
-            true_T_world_cam=capture.T_world_cam,
+            T_world_cam=self._localisation.pose(capture.T_world_cam),
             T_odom_cam=T_odom_cam,
             corrected=corrected,
             detections=self._detector.detect(capture, corrected),

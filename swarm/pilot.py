@@ -52,7 +52,8 @@ class Situation:
     time_s: float
     """Simulated time since the start."""
     own: DroneState
-    """True state of the drone, by which it flies routes and formations. Its map is built by odometry, which drifts."""
+    """State of the drone by its localisation, by which it flies routes and formations; true unless that drifts. Its
+    map is built by odometry, which drifts."""
     percept: Percept | None
     """Newest percept whose latency has passed; None before the first."""
     leader: Motion

@@ -11,7 +11,7 @@ from voxdepth.types import FloatArray
 from .link import LinkConfig
 from .neighbours import NeighbourConfig
 from .pilot import PilotConfig
-from .priors import PosePriorConfig
+from .priors import LocalisationConfig, PosePriorConfig
 from .rules import RuleWeights
 from .team import FormationConfig, Route, Team
 
@@ -57,6 +57,7 @@ class MissionConfig(Model):
     neighbours: NeighbourConfig = NeighbourConfig()
     link: LinkConfig = LinkConfig()
     pose_prior: PosePriorConfig = PosePriorConfig()
+    localisation: LocalisationConfig = LocalisationConfig()
 
     def teams(self) -> list[Team]:
         """Return one swarm per route."""

@@ -63,8 +63,8 @@ class Percept:
     """Result of the perception of one drone for one capture."""
 
     stamp_s: float
-    true_T_world_cam: FloatArray
-    """True pose of the camera, shape (4, 4): it places detections."""
+    T_world_cam: FloatArray
+    """Pose of the camera by the localisation of the drone, shape (4, 4): it places detections."""
     T_odom_cam: FloatArray
     """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth

@@ -70,7 +70,7 @@ def percept_of(
     """What a drone perceives of a depth image whose odometry has no error."""
     return Percept(
         stamp_s=stamp_s,
-        true_T_world_cam=T_world_cam,
+        T_world_cam=T_world_cam,
         T_odom_cam=T_world_cam,
         corrected=corrected(depth_m),
         detections=found,

@@ -352,7 +352,10 @@ class Diagnostics(Protocol):
     """What a method reports about its work on one frame, beyond the result that all methods share."""
 
     def facts(self) -> Mapping[str, str | int | float]:
-        """Scalars for logs and reports, by name. A `StrEnum` is a state, and a `bool` an event: both are counted."""
+        """Scalars for logs and reports, by name; what is a `StrEnum` or a `bool` is counted.
+
+        A `StrEnum` is a state, or the kind of an event if `none` is one of its values. A `bool` is an event, too.
+        """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

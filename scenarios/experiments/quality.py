@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth import VoxDepth
-from voxdepth.paper.epochs import Phase
+from voxdepth.paper.epochs import EpochEnd, Phase
 from voxdepth.registry import AUTHORS, PAPER, config_of, installed_names
 from voxdepth.tools.table import Column, Table, Value
 
@@ -113,7 +113,7 @@ def engaged(context: ExperimentContext, name: str, corrector: str) -> tuple[Valu
     found = [method.align(frame).diagnostics for frame in context.frames_of(name)]
     method.close()
     share = sum(each.phase is not Phase.PASSTHROUGH for each in found) / len(found)
-    return 100 * share, sum(each.epoch_end is not None for each in found), len(found)
+    return 100 * share, sum(each.epoch_end is not EpochEnd.NONE for each in found), len(found)
 
 
 def _values(table: Table, metric: Metric) -> pd.DataFrame:

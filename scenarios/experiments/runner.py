@@ -72,17 +72,18 @@ class ExperimentReport:
     findings: Findings
 
     def write(self) -> None:
-        """Write the tables, the figure and `result.json` into the folder of the experiment.
+        """Write the tables with their notes, the figure and `result.json` into the folder of the experiment.
 
         Raises:
             ToolError: A file cannot be written.
         """
         context, findings = self.context, self.findings
         folder = context.out / self.experiment.name
-        tables = [f"**{table.title}**\n\n{table.markdown()}" for table in findings.tables]
+        parts = [f"**{table.title}**\n\n{table.markdown()}" for table in findings.tables]
+        parts += [f"{note}\n" for note in findings.notes]
         for table in findings.tables:
             write(folder / f"{table.name}.csv", table.csv())
-        write(folder / MARKDOWN, "\n".join([f"`{self.command}`\n", *tables]).encode())
+        write(folder / MARKDOWN, "\n".join([f"`{self.command}`\n", *parts]).encode())
         write(folder / FIGURE, findings.figure)
         for name, content in findings.files.items():
             write(folder / name, content)

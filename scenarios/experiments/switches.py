@@ -66,11 +66,11 @@ def _count_ends(context: ExperimentContext, name: str) -> tuple[Value, ...]:
     """A row with the ends of epochs by the rules about matches alone, and with the limit to their length."""
     configs = (VoxDepthConfig(max_epoch_frames=UNLIMITED), VoxDepthConfig())
     correctors = [VoxDepth(context.recording(name).intrinsics, config) for config in configs]
-    by_rule, limited = Counter[EpochEnd | None](), Counter[EpochEnd | None]()
+    by_rule, limited = Counter[EpochEnd](), Counter[EpochEnd]()
     for frame in context.frames_of(name):
         for corrector, ends in zip(correctors, (by_rule, limited), strict=True):
             ends[corrector.align(frame).diagnostics.epoch_end] += 1
-    n, n_limited = (ends.total() - ends[None] for ends in (by_rule, limited))
+    n, n_limited = (ends.total() - ends[EpochEnd.NONE] for ends in (by_rule, limited))
     return (
         name, by_rule[EpochEnd.FEW_MATCHES], by_rule[EpochEnd.DEGENERATE], n, n * SWITCHES_FRAMES / context.frames,
         n_limited, context.frames, SWITCHES.get(SEQUENCES.get(name, "")),

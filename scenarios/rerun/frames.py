@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from sim.types import Capture
 from voxdepth.tools.recording import stream_into, view_of
-from voxdepth.tools.stream import depth_colors, depth_image, finite
+from voxdepth.tools.stream import finite, log_depth, log_frame, source_labels
 from voxdepth.types import CorrectedDepth
 
 CASE_VIEWS = ("gray", "colors/true", "colors/raw", "colors/corrected", "source", "error")
@@ -21,15 +21,12 @@ def record_case(path: Path, case: str, steps: Iterable[tuple[Capture, CorrectedD
     """Record the frames of a case of the regression, with their errors, into an `.rrd` file."""
     blueprint = rrb.Blueprint(rrb.Grid(*(view_of(name) for name in CASE_VIEWS), grid_columns=3), auto_views=False)
     with stream_into(path, "voxdepth-regress", f"regress-{case}", blueprint) as stream:
+        stream.log("source", source_labels(), static=True)
         for frame, (capture, corrected) in enumerate(steps):
             stream.set_time("frame", sequence=frame)
-            stream.log("gray", rr.Image(capture.gray_left, color_model="L"))
+            log_frame(stream.log, capture.gray_left, capture.depth_raw_m, corrected)
             true_m = finite(capture.depth_true_m)
-            depths = {"true": true_m, "raw": capture.depth_raw_m, "corrected": corrected.depth_m}
-            for name, depth_m in depths.items():
-                stream.log(f"depth/{name}", depth_image(depth_m))
-                stream.log(f"colors/{name}", depth_colors(depth_m))
-            stream.log("source", rr.SegmentationImage(corrected.source))
+            log_depth(stream.log, "true", true_m)
             error_m = np.where((corrected.depth_m > 0) & (true_m > 0), np.abs(corrected.depth_m - true_m), 0)
             shown = (255 * np.minimum(error_m / LARGEST_ERROR_M, 1)).astype(np.uint8)
             stream.log("error", rr.Image(shown, color_model="L"))

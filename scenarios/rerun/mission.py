@@ -27,17 +27,8 @@ from swarm.types import Outcome
 from swarm.voxel_map import STATES
 from voxdepth.colors import FAR_M
 from voxdepth.tools.files import as_tool_error
-from voxdepth.tools.stages import log_template, log_warped, new_template, voxel_cloud
-from voxdepth.tools.stream import (
-    RecordingFile,
-    confidence_image,
-    depth_colors,
-    depth_image,
-    finite,
-    gray_image,
-    layout,
-    source_labels,
-)
+from voxdepth.tools.stages import log_warped, new_template, voxel_cloud
+from voxdepth.tools.stream import RecordingFile, finite, labels_of, layout, log_depth, log_frame, source_labels
 from voxdepth.types import CorrectedDepth, FloatArray
 
 from ..images import drone_color
@@ -315,15 +306,10 @@ class MissionRecorder(Recorder):
             self._log(f"drone/{drone}/{curve}", line, static=True)
 
     def _log_images(self, capture: Capture, corrected: CorrectedDepth) -> None:
-        path = f"world/drone/{capture.drone}/cam"
-        true_m = finite(capture.depth_true_m)
-        self._log(f"{path}/gray", gray_image(capture.gray_left))
-        for name, depth_m in (("true", true_m), ("raw", capture.depth_raw_m), ("corrected", corrected.depth_m)):
-            self._log(f"{path}/depth/{name}", depth_image(depth_m))
-            self._log(f"{path}/colors/{name}", depth_colors(depth_m))
-        self._log(f"{path}/source", rr.SegmentationImage(corrected.source))
-        self._log(f"{path}/confidence", confidence_image(corrected.confidence))
-        log_warped(partial(self._log_in, path), corrected)
+        log = partial(self._log_in, f"world/drone/{capture.drone}/cam")
+        log_frame(log, capture.gray_left, capture.depth_raw_m, corrected)
+        log_depth(log, "true", finite(capture.depth_true_m))
+        log_warped(log, corrected)
         self._add(f"world/cloud/{capture.drone}", labelled_points, cloud(capture, corrected))
 
     def _log_work(self, capture: Capture, corrected: CorrectedDepth) -> None:
@@ -337,7 +323,7 @@ class MissionRecorder(Recorder):
                 self._add(path, scalars, float(fact))
         self._camera_poses[drone, capture.stamp_s] = capture.T_world_cam
         if (template := new_template(corrected)) is not None:
-            log_template(partial(self._log_in, f"world/drone/{drone}/cam"), template)
+            log_depth(partial(self._log_in, f"world/drone/{drone}/cam"), "template", template.depth_m)
             T_world_cam = self._camera_poses[drone, template.stamp_s]
             self._log(f"world/voxels/{drone}", voxel_cloud(template, T_world_cam))
 
@@ -461,15 +447,15 @@ def _image(drone: int, name: str, path: str) -> rrb.Spatial2DView:
 
 
 def cloud(capture: Capture, corrected: CorrectedDepth) -> tuple[FloatArray, npt.NDArray[np.uint8]]:
-    """Return points of the corrected depth, world frame, shape (n, 3), and their sources, shape (n,)."""
+    """Return points of the corrected depth, world frame, shape (n, 3), and their labels, shape (n,)."""
     i, at = capture.intrinsics, np.s_[::CLOUD_STEP_PX, ::CLOUD_STEP_PX]
-    depth_m, source = corrected.depth_m[at], corrected.source[at]
+    depth_m, labels = corrected.depth_m[at], labels_of(capture.depth_raw_m, corrected.source)[at]
     rows, cols = np.nonzero((depth_m > 0) & (depth_m < FAR_M))
     z_m = depth_m[rows, cols]
     x, y = (CLOUD_STEP_PX * cols - i.cx_px) / i.fx_px, (CLOUD_STEP_PX * rows - i.cy_px) / i.fy_px
     points_cam_m = z_m[:, None] * np.column_stack([x, y, np.ones_like(x)])
     T = capture.T_world_cam
-    return points_cam_m @ T[:3, :3].T + T[:3, 3], source[rows, cols]
+    return points_cam_m @ T[:3, :3].T + T[:3, 3], labels[rows, cols]
 
 
 def cell_labels() -> rr.AnnotationContext:

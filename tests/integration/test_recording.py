@@ -4,6 +4,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import rerun as rr
@@ -15,7 +16,8 @@ from sim.frames import rotation_from_quaternion
 from swarm.recorder import CaptureRecorder
 from tests.helpers import promised_entities
 from voxdepth.registry import PAPER
-from voxdepth.tools.stream import depth_png
+from voxdepth.tools.stream import REPLACED, depth_png
+from voxdepth.types import Source
 
 IMAGE_EVERY = 2
 
@@ -61,6 +63,18 @@ def values(path: Path, entity: str, component: str) -> np.ndarray:
     return np.array([rows[time] for time in sorted(rows)], np.float64)
 
 
+def images(path: Path, name: str) -> list[np.ndarray]:
+    """The images of the camera of drone 1 by this name, in the order of time: labels, or encoded depth."""
+    found: dict[int, np.ndarray] = {}
+    for chunk in chunks(path, f"/world/drone/1/cam/{name}"):
+        batch = chunk.to_record_batch()
+        (column,) = {"SegmentationImage:buffer", "EncodedDepthImage:blob"} & set(batch.schema.names)
+        for step, (data,) in zip(batch.column("step").to_pylist(), batch.column(column).to_pylist(), strict=True):
+            pixels = np.array(data, np.uint8)
+            found[step] = pixels.reshape(54, 96) if name == "source" else cv2.imdecode(pixels, cv2.IMREAD_UNCHANGED)
+    return [found[step] for step in sorted(found)]
+
+
 def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
     cam = "/world/drone/1/cam"
     expected = {
@@ -104,6 +118,10 @@ def test_a_flight_by_the_paper_s_method_holds_its_stages(tmp_path: Path) -> None
     for entity in ("/world/voxels/1", "/world/drone/1/cam/depth/template", "/world/drone/1/cam/colors/template"):
         assert rows_of(path, entity) == epochs
     assert rows_of(path, "/drone/1/corrector/phase") >= 1
+    for labels, raw_m in zip(images(path, "source"), images(path, "depth/raw"), strict=True):
+        assert (raw_m[labels == Source.MEMORY] == 0).all()
+        assert (raw_m[labels == REPLACED] > 0).all()
+    assert {Source.SENSOR, Source.MEMORY, REPLACED} <= set(np.unique(images(path, "source"))), "filled, and replaced"
     promised = promised_entities("run.rrd")
     assert [entity for entity in promised if not rows_of(path, f"/{entity}")] == []
 
@@ -177,8 +195,6 @@ def steps(path: Path, entity: str) -> list[int]:
 
 
 def test_depth_survives_the_recording_within_two_percent() -> None:
-    import cv2
-
     depth = np.array([[0.0, 0.5, 3.3, 12.0, 40.0]], np.float32)
     stored = cv2.imdecode(np.frombuffer(depth_png(depth), np.uint8), cv2.IMREAD_UNCHANGED) / 100
     np.testing.assert_allclose(stored, depth, rtol=0.02)

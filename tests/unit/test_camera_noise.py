@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.camera_noise import exposure_gain, normal_numbers, photon_noise
+from sim.camera_noise import exposure_gain, low_light_noise, normal_numbers, photon_noise
 from sim.seeds import Purpose, counter_key
 
 
@@ -52,3 +52,10 @@ def test_exposure_has_its_deviation_and_settles(settling_frames: float, similari
     assert abs(logs.mean()) < 0.06
     assert np.corrcoef(logs[1:], logs[:-1])[0, 1] == pytest.approx(similarity, abs=0.05)
     assert exposure_gain(0.0, 1, 5, seed=4) == 1.0
+
+
+def test_noise_grows_with_the_root_of_the_gain_at_first_and_with_the_gain_at_last() -> None:
+    assert low_light_noise(0.0) == 1.0
+    per_stop = [low_light_noise(stops + 1) / low_light_noise(stops) for stops in range(12)]
+    assert per_stop == sorted(per_stop)
+    assert np.sqrt(2) < per_stop[0] < 1.7 < 1.99 < per_stop[-1] < 2

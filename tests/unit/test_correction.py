@@ -81,7 +81,7 @@ class Remembering:
             diagnostics=VoxDepthDiagnostics(
                 phase=Phase.CORRECTING if index else Phase.PASSTHROUGH,
                 registration=Registration(status=status, n_matches=index),
-                epoch_end=EpochEnd.FEW_MATCHES if index == 3 else None,
+                epoch_end=EpochEnd.FEW_MATCHES if index == 3 else EpochEnd.NONE,
             ),
         )
 

@@ -44,7 +44,7 @@ def situation(yaw_rad: float, *, leader_m: tuple[float, float, float], depth_m: 
             q_world_body_xyzw=quaternion_from_yaw(yaw_rad),
             rates_rad_s=np.zeros(3),
         ),
-        percept=Percept(stamp_s=0, true_T_world_cam=np.eye(4), T_odom_cam=np.eye(4), corrected=Raw().process(frame)),
+        percept=Percept(stamp_s=0, T_world_cam=np.eye(4), T_odom_cam=np.eye(4), corrected=Raw().process(frame)),
         leader=Motion(np.array(leader_m), np.zeros(3)),
         mates=neighbours_of({}),
         neighbours=neighbours_of({}),

@@ -51,7 +51,7 @@ def epochs_of(
     return Epochs(fuser, follows, window_frames=window_frames, max_epoch_frames=max_epoch_frames, lag=lag)
 
 
-def run(epochs: Epochs, numbers: range, lost: tuple[int, ...] = ()) -> list[tuple[int | None, EpochEnd | None]]:
+def run(epochs: Epochs, numbers: range, lost: tuple[int, ...] = ()) -> list[tuple[int | None, EpochEnd]]:
     """For each frame, the number of the template that served it and why the epoch ended."""
     seen = []
     for number in numbers:
@@ -91,7 +91,7 @@ def test_the_old_template_serves_until_the_new_one_is_due() -> None:
     epochs = epochs_of(Fuser(), 2)
     seen = run(epochs, range(16), lost=(6,))
     assert [template for template, _ in seen] == [None] * 4 + [1] * 6 + [2] * 6
-    assert {number: end for number, (_, end) in enumerate(seen) if end} == {
+    assert {number: end for number, (_, end) in enumerate(seen) if end is not EpochEnd.NONE} == {
         6: EpochEnd.FEW_MATCHES,
         14: EpochEnd.MAX_FRAMES,
     }
@@ -106,7 +106,7 @@ def test_the_frame_that_ends_an_epoch_opens_the_next_window() -> None:
 
 def test_frames_that_are_lost_while_a_window_is_open_end_nothing() -> None:
     seen = run(epochs_of(Fuser(), 0), range(9), lost=(4, 5))
-    assert [number for number, (_, end) in enumerate(seen) if end] == [4]
+    assert [number for number, (_, end) in enumerate(seen) if end is not EpochEnd.NONE] == [4]
 
 
 def test_windows_of_a_single_frame_work() -> None:

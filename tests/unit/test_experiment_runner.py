@@ -66,6 +66,7 @@ def test_table_figure_and_report_are_written(tmp_path: Path) -> None:
     assert (folder / "table.md").read_text() == (
         "`voxdepth experiment stub`\n\n**Times**\n\n"
         "| method | time [ms] | n |\n| --- | ---: | ---: |\n| one | 1.23 | 3 |\n| two | - | 0 |\n"
+        "\n4 frames\n"
     )
     stored = json.loads((folder / "result.json").read_text())
     assert stored["tables"][0]["rows"] == [list(row) for row in ROWS]

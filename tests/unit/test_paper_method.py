@@ -142,8 +142,8 @@ def test_a_new_epoch_begins_after_a_cut_and_not_on_a_still_camera() -> None:
     cut = feed(corrector, [flat(5.0)] * 8, texture(1), start_s=100.0)
     assert cut[0].diagnostics.registration.status is RegistrationStatus.FEW_MATCHES
     assert cut[0].diagnostics.phase is Phase.PASSTHROUGH
-    assert [r.diagnostics.epoch_end for r in still] == [None] * 15
-    assert [r.diagnostics.epoch_end for r in cut] == [EpochEnd.FEW_MATCHES, *[None] * 7]
+    assert [r.diagnostics.epoch_end for r in still] == [EpochEnd.NONE] * 15
+    assert [r.diagnostics.epoch_end for r in cut] == [EpochEnd.FEW_MATCHES, *[EpochEnd.NONE] * 7]
     assert cut[-1].diagnostics.phase is Phase.CORRECTING
     assert np.abs(cut[-1].depth_m - 5.0).max() <= CELL_Z_M
 

@@ -14,14 +14,15 @@ from sim.seeds import Purpose
 from sim.types import Capture
 from swarm.neighbours import Detector, DetectorConfig
 from swarm.perception import Perception, frame_of
-from swarm.priors import Odometry, PosePriorConfig, PosePriorName, pose_for_corrector
+from swarm.priors import Localisation, LocalisationConfig, Odometry, PosePriorConfig, PosePriorName, pose_for_corrector
 from swarm.recorder import Recorder
 from tests.helpers import CAMERA
-from tests.swarm_scenes import RADIUS_M
+from tests.swarm_scenes import RADIUS_M, state
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, Frame
 
 DRIFT = PosePriorConfig()
+SURE = Localisation(LocalisationConfig(), seed=0, drone=0)
 ESTIMATE = frames.pose(np.eye(3), np.array([1.0, 2.0, 3.0]))
 
 
@@ -149,7 +150,7 @@ class TestInFlight:
     def test_a_corrector_is_given_the_pose_that_was_asked_for(self, kind: PosePriorName) -> None:
         listener, seen = Listener(), [capture(0.0), capture(1.0, 2.0)]
         detector = Detector(DetectorConfig(), CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
-        eyes = Perception(listener, detector, Odometry(DRIFT, seed=0, drone=0), latency_s=0.0, prior=kind)
+        eyes = Perception(listener, detector, Odometry(DRIFT, seed=0, drone=0), SURE, latency_s=0.0, prior=kind)
         percepts = [eyes.see(c) for c in seen]
         for frame, c, percept in zip(listener.frames, seen, percepts, strict=True):
             expected = {"none": None, "drift": percept.T_odom_cam, "true": c.T_world_cam}[kind]
@@ -159,7 +160,7 @@ class TestInFlight:
         detector = Detector(DetectorConfig(), CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
         seen = [capture(0.0), capture(1.0, 2.0)]
         for kind in get_args(PosePriorName):
-            eyes = Perception(Raw(), detector, Odometry(DRIFT, seed=0, drone=0), latency_s=0.0, prior=kind)
+            eyes = Perception(Raw(), detector, Odometry(DRIFT, seed=0, drone=0), SURE, latency_s=0.0, prior=kind)
             poses = [eyes.see(c).T_odom_cam for c in seen]
             np.testing.assert_array_equal(poses, believed(Odometry(DRIFT, seed=0, drone=0), seen))
             assert 0 < np.abs(poses[1] - seen[1].T_world_cam).max() < 0.5
@@ -201,3 +202,34 @@ def planned(kind: str) -> Run:
 def flown(run: Run) -> Finished:
     with flying(run, Recorder(), recorded=False, threads=2) as mission:
         return Finished(result=mission.run(), wall_s=1.0, folder=None)
+
+
+def test_a_localisation_drifts_with_the_root_of_time_and_moves_state_and_camera_alike() -> None:
+    config, true = LocalisationConfig(drift_m_per_sqrt_s=0.1), state(1.0, 2.0, 3.0, (1, 0, 0))
+    errors_m = []
+    for drone in range(400):
+        where = Localisation(config, seed=3, drone=drone)
+        for _ in range(80):
+            where.advance(0.05)
+        errors_m.append(where.state(true).position_m - true.position_m)
+        np.testing.assert_allclose(where.pose(np.eye(4))[:3, 3], errors_m[-1], atol=1e-12)
+        np.testing.assert_array_equal(where.state(true).velocity_m_s, true.velocity_m_s)
+    assert np.std(errors_m) == pytest.approx(0.1 * np.sqrt(4.0), rel=0.1)
+    SURE.advance(9.0)
+    np.testing.assert_array_equal(SURE.state(true).position_m, true.position_m)
+
+
+def test_a_drone_whose_localisation_drifts_flies_beside_its_goal() -> None:
+    """It arrives where it believes the goal to be; the mission judges by the truth."""
+    changes = {
+        "mission.drones": 1, "rig.depth": "truth", "corrector": "raw", "rig.width_px": 96, "rig.height_px": 54,
+        "rig.decimate": 1, "mission.duration_s": 20.0, "mission.routes": [{"goal_m": [2.0, 0.0, 6.0]}],
+        "mission.goal_radius_m": 0.3,
+    }  # fmt: skip
+    ends_m = []
+    for drift in (0.0, 0.5):
+        run = load_run("city", 5, {**changes, "mission.localisation.drift_m_per_sqrt_s": drift})
+        with flying(run, Recorder(), recorded=False, threads=1) as mission:
+            ends_m.append(mission.run().trajectories[0].position_m[-1] - [2.0, 0.0, 6.0])
+    assert np.linalg.norm(ends_m[0]) < 0.31
+    assert np.linalg.norm(ends_m[1]) > 0.31

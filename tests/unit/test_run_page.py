@@ -61,17 +61,24 @@ def test_a_run_leaves_a_page_that_needs_nothing_else(tmp_path: Path) -> None:
     assert not re.search(r'(?:src|href)="(?!data:)', pages[0])
 
 
-@pytest.mark.parametrize(("window", "passed"), [(4, True), (1, False)])
-def test_a_flight_whose_frames_mostly_pass_through_is_warned_of(tmp_path: Path, window: int, passed: bool) -> None:
-    corrector = {"name": "voxdepth", "config": {"window_frames": window, "fusion_lag_frames": 0}}
+@pytest.mark.parametrize(("window", "passed", "ends"), [(4, True, 1), (1, False, 2)])
+def test_a_flight_counts_epochs_and_warns_if_frames_mostly_pass_through(
+    tmp_path: Path, window: int, passed: bool, ends: int
+) -> None:
+    corrector = {"name": "voxdepth", "config": {"window_frames": window, "fusion_lag_frames": 0, "max_epoch_frames": 2}}
     changes = QUICK | images_of(96, 54) | {"corrector": corrector, "mission.cruise_speed_m_s": 1e-6}
-    run = load_run("city", 3, changes | {"mission.drones": 1})
+    run = load_run("city", 3, changes)
     finished = fly_and_write(run, tmp_path, record=False)
     share = finished.result.metrics["corrector_phase_passthrough_share"]
-    assert share == finished.result.drones[0]["corrector_phase_passthrough_share"] == (window - 1) / 5
+    assert [share, share] == [one["corrector_phase_passthrough_share"] for one in finished.result.drones]
+    assert share == (window - 1) / 5
+    ended = "corrector_epoch_ends_max_frames"
+    assert [one[ended] for one in finished.result.drones] == [ends, ends]
+    assert finished.result.metrics[ended] == 2 * ends
     console = Console(file=io.StringIO(), width=200)
     print_summary(console, finished, run)
     printed = console.file.getvalue()  # type: ignore[attr-defined]
     assert ("warning: 60.0 % of the frames passed through without a template" in printed) == passed
     assert finished.folder is not None
-    assert "corrector phase passthrough" in (finished.folder / "summary.html").read_text()
+    page = (finished.folder / "summary.html").read_text()
+    assert page.count("corrector phase passthrough") == page.count("corrector epoch ends max frames") == 2

@@ -9,9 +9,9 @@ from sim.depth_noise import DepthNoise, Disparity, Flicker, Scale
 from sim.errors import SensorError
 from sim.render import create_renderer
 from sim.rig import StereoRig
-from sim.sensor import RigConfig, StereoSensor
+from sim.sensor import RigConfig, StereoSensor, lowered
 from sim.stereo import StereoConfig, StereoMatcher, occlusion_mask
-from sim.types import BodyPose
+from sim.types import BodyPose, Capture
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
 
 BASELINE_M = 0.095
@@ -210,3 +210,36 @@ def test_photon_noise_that_drowns_the_texture_check_is_refused() -> None:
     with pytest.raises(ValueError, match="min_texture 2"):
         RigConfig(photon_sigma=3.0)
     assert RigConfig(photon_sigma=3.0, stereo=StereoConfig(min_texture=4.0)).photon_sigma == 3.0
+
+
+def capture_of_a_wall(**config: object) -> Capture:
+    with world_of(wall(4.0), starts_m=[(0, 0, 0)]) as world:
+        rig = StereoRig(world, create_renderer("raycast", world, threads=1), RigConfig.model_validate(config), seed=0)
+        (image,) = rig.capture([0], 0)
+    return image
+
+
+def share_within(image: Capture, share: float) -> float:
+    error = np.abs(image.depth_raw_m - image.depth_true_m) / image.depth_true_m
+    return float(np.mean((error <= share) & (image.depth_raw_m > 0)))
+
+
+def test_less_light_means_more_noise_and_less_depth() -> None:
+    images = [capture_of_a_wall(light_stops=stops) for stops in (0.0, -3.0, -6.0)]
+    noise = [float(np.std(np.diff(image.gray_left[::2].astype(float), axis=1))) for image in images]
+    assert noise == sorted(noise)
+    depth = [share_within(image, 0.1) for image in images]
+    assert depth[0] > 0.8
+    assert depth[0] > depth[1] + 0.1 > depth[2] + 0.2
+
+
+def test_rows_that_are_out_of_line_cost_depth() -> None:
+    shares = [share_within(capture_of_a_wall(misalignment_px=rows), 0.1) for rows in (0.0, 1.0, 2.0, 4.0)]
+    assert shares[0] > shares[1] + 0.02 > shares[2] + 0.1 > shares[3] + 0.4
+
+
+@pytest.mark.parametrize("rows", [-1, 2])
+def test_an_image_is_lowered_by_whole_rows(rows: int) -> None:
+    gray = np.random.default_rng(0).integers(0, 256, (20, 30), dtype=np.uint8)
+    inside = slice(max(rows, 0), 20 + min(rows, 0))
+    np.testing.assert_array_equal(lowered(gray, rows)[inside], np.roll(gray, rows, axis=0)[inside])

@@ -319,11 +319,11 @@ def test_progress_is_a_table_on_a_terminal() -> None:
 
 def test_the_work_of_correctors_has_a_row_for_each_arm_that_reports_some() -> None:
     data = two_arms("oo", "oo")
-    worked = {"corrector_phase_fusing_share": 0.25, "corrector_new_epochs": 3}
+    worked = {"corrector_phase_fusing_share": 0.25, "corrector_new_epochs": 3, "corrector_epoch_ends_few_matches": 2}
     records = {
         spec.key: record(spec, MISS, **worked) if spec.arm == "b" else data.records[spec.key] for spec in data.specs
     }
     table = work_table(summarise_arms(replace(data, records=records)))
-    assert table.headings == ["scenario", "arm", "runs", "phase fusing", "new epochs"]
-    assert [row[1:] for row in table.texts] == [["b", "2", "25.0 %", "3.0"]]
+    assert table.headings == ["scenario", "arm", "runs", "phase fusing", "new epochs", "epoch ends few matches"]
+    assert [row[1:] for row in table.texts] == [["b", "2", "25.0 %", "3.0", "2.0"]]
     assert len(work_table(summarise_arms(data))) == 0

@@ -77,7 +77,7 @@ class Flight:
         camera_m = self.position_m + rotation @ ONBOARD.mount_cam_m
         self._percept = Percept(
             stamp_s=time_s,
-            true_T_world_cam=pose(rotation, camera_m),
+            T_world_cam=pose(rotation, camera_m),
             T_odom_cam=pose(rotation, camera_m + self.odometry_m),
             corrected=self.view(self.position_m, self.yaw_rad),
         )

@@ -280,32 +280,45 @@ class Weather(StrEnum):
     ICY = "icy"
 
 
+class Stop(StrEnum):
+    """Why a drive ended with a frame."""
+
+    FUEL = "fuel"
+    FLAT_TYRE = "flat_tyre"
+    NONE = "none"
+
+
 @dataclass
 class Report:
     """What a corrector reports about a frame."""
 
     weather: Weather
     slip: bool
+    stop: Stop = Stop.NONE
 
     def facts(self) -> dict[str, str | int | float]:
-        return {"weather": self.weather, "slip": self.slip, "n_wheels": 4, "driver": "ann"}
+        return {"weather": self.weather, "slip": self.slip, "stop": self.stop, "n_wheels": 4, "driver": "ann"}
 
 
 def test_states_are_shares_of_the_frames_and_events_are_counted() -> None:
     one, other = CorrectorWork(), CorrectorWork()
-    for slip in (True, False, True):
-        one.add(Report(Weather.WET, slip=slip))
+    for slip, stop in ((True, Stop.FUEL), (False, Stop.NONE), (True, Stop.FUEL)):
+        one.add(Report(Weather.WET, slip=slip, stop=stop))
     other.add(Report(Weather.DRY, slip=False))
     assert other.metrics() == {
         "corrector_weather_dry_share": 1,
         "corrector_weather_wet_share": 0,
         "corrector_weather_icy_share": 0,
         "corrector_slips": 0,
+        "corrector_stops_fuel": 0,
+        "corrector_stops_flat_tyre": 0,
     }
     assert CorrectorWork([one, other]).metrics() == {
         "corrector_weather_dry_share": 0.25,
         "corrector_weather_wet_share": 0.75,
         "corrector_weather_icy_share": 0,
         "corrector_slips": 2,
+        "corrector_stops_fuel": 2,
+        "corrector_stops_flat_tyre": 0,
     }
     assert CorrectorWork().metrics() == {}

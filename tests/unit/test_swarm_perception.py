@@ -4,7 +4,7 @@ import numpy as np
 
 from swarm.neighbours import Detector, DetectorConfig
 from swarm.perception import Perception, frame_of
-from swarm.priors import Odometry, PosePriorConfig
+from swarm.priors import Localisation, LocalisationConfig, Odometry, PosePriorConfig
 from tests.helpers import CAMERA
 from tests.swarm_scenes import RADIUS_M, capture, flat
 from voxdepth.baselines.single_frame import Raw
@@ -13,7 +13,8 @@ from voxdepth.baselines.single_frame import Raw
 def eyes_with(latency_s: float) -> Perception:
     detector = Detector(DetectorConfig(miss_rate=0), CAMERA, [7, 8], radius_m=RADIUS_M, seed=0, drone=0)
     odometry = Odometry(PosePriorConfig(), seed=0, drone=0)
-    return Perception(Raw(), detector, odometry, latency_s=latency_s)
+    localisation = Localisation(LocalisationConfig(), seed=0, drone=0)
+    return Perception(Raw(), detector, odometry, localisation, latency_s=latency_s)
 
 
 def test_the_truth_is_dropped_before_correction() -> None:

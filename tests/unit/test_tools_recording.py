@@ -8,9 +8,9 @@ import numpy as np
 
 from voxdepth.colors import colored
 from voxdepth.datasets import Dataset
-from voxdepth.tools import recording
 from voxdepth.tools.recording import SAMPLED_FRAMES, scale_of, view_of
-from voxdepth.types import Frame
+from voxdepth.tools.stream import REPLACED, labels_of, log_frame, source_labels
+from voxdepth.types import CorrectedDepth, Frame, Source
 
 
 class Depths(list[Frame]):
@@ -52,16 +52,23 @@ def test_a_view_names_the_end_of_its_colours() -> None:
     assert view_of("gray", 2.0).name == "gray"
 
 
+def test_memory_in_a_hole_and_in_the_place_of_a_measurement_have_labels_of_their_own() -> None:
+    raw_m = np.array([[0, 3, 3, 0, 0]], np.float32)
+    source = np.array([[Source.MEMORY, Source.MEMORY, Source.SENSOR, Source.INPAINTED, Source.INVALID]], np.uint8)
+    expected = [Source.MEMORY, REPLACED, Source.SENSOR, Source.INPAINTED, Source.INVALID]
+    labels = labels_of(raw_m, source)
+    assert (labels.tolist(), labels.dtype) == ([expected], np.uint8)
+    named = source_labels().context.as_arrow_array().to_pylist()[0]
+    by_label = {entry["class_id"]: entry["class_description"]["info"] for entry in named}
+    assert set(by_label) == {*Source, REPLACED}
+    assert len({info["color"] for info in by_label.values()}) == len({info["label"] for info in by_label.values()}) == 5
+
+
 def test_recorded_depth_has_the_colours_of_its_scale() -> None:
     depth_m = np.full((16, 16), 1.5, np.float32)
     logged: dict[str, Any] = {}
-
-    class Stream:
-        def log(self, name: str, value: Any) -> None:
-            logged[name] = value
-
     frame = Frame(stamp_s=0.0, gray=np.zeros((16, 16), np.uint8), depth_m=depth_m)
-    recording._log_images(cast(Any, Stream()), frame, recording.CorrectedDepth.of(frame, depth_m), 2.0)
+    log_frame(logged.__setitem__, frame.gray, depth_m, CorrectedDepth.of(frame, depth_m), 2.0)
     for name in ("raw", "corrected"):
         jpeg = np.asarray(logged[f"colors/{name}"].blob.as_arrow_array().to_pylist()[0], np.uint8)
         np.testing.assert_allclose(cv2.imdecode(jpeg, 1).astype(int), colored(depth_m, 2.0), atol=6)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sim.bodies import Body, Box
+from sim.bodies import Body, Box, Scene, Weather, WindConfig
+from sim.drone import AirframeConfig, Wind
 from sim.errors import SceneError
 from sim.render import RendererName, create_renderer
 from sim.scenes import CitySpec
@@ -97,6 +98,27 @@ def test_worlds_do_not_share_a_client_and_repeat_bit_by_bit() -> None:
             fly(world, [go(2, 0.3, 0), go(3, 0, 0)], 2)
             ends.append(np.concatenate([s.position_m for s in world.states]))
     np.testing.assert_array_equal(ends[0], ends[1])
+
+
+def test_wind_carries_a_drone_along_until_its_controller_holds_against_it() -> None:
+    """The controller is proportional: the drone drifts at the speed at which its command balances the force."""
+    config = AirframeConfig()
+    gain_per_s = config.velocity_gain_per_s + config.drag_per_s
+    weather = Weather(wind=WindConfig(mean_m_s=(0.0, 6.0, 0.0)))
+    with World(Scene(seed=1, bodies=(), weather=weather), np.array([[0.0, 0.0, 5.0]])) as world:
+        fly(world, [go(0, 0, 0)], 4)
+        drift_m_s = world.states[0].velocity_m_s
+    np.testing.assert_allclose(drift_m_s, [0, config.drag_per_s * 6.0 / gain_per_s, 0], atol=0.01)
+
+
+def test_gusts_have_their_deviation_and_settle() -> None:
+    airframe = AirframeConfig(drag_per_s=0.5)
+    wind = Wind(WindConfig(mean_m_s=(2.0, 0.0, 0.0), gust_m_s=1.5, gust_s=0.1), airframe, 1 / 240, seed=3)
+    force_n = np.array([wind.step_n() for _ in range(60_000)])
+    np.testing.assert_allclose(force_n.mean(axis=0), [1.2, 0, 0], atol=0.06)
+    np.testing.assert_allclose(force_n.std(axis=0), 1.5 * 0.6, rtol=0.06)
+    gusts = force_n[:, 1]
+    assert np.corrcoef(gusts[24:], gusts[:-24])[0, 1] == pytest.approx(np.exp(-1), abs=0.06)
 
 
 def test_close_may_be_called_twice() -> None:

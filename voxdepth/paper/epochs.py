@@ -31,6 +31,8 @@ class EpochEnd(StrEnum):
     """There were matches, but no usable map came of them."""
     MAX_FRAMES = "max_frames"
     """The epoch reached its maximum length."""
+    NONE = "none"
+    """It did not end."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,8 +45,8 @@ class VoxDepthDiagnostics:
     """Number of the epoch, from 1; 0 before the first template."""
     new_epoch: bool = False
     """Whether this frame is the first with its template."""
-    epoch_end: EpochEnd | None = None
-    """Why the epoch ended with this frame; None if it did not."""
+    epoch_end: EpochEnd = EpochEnd.NONE
+    """Why the epoch ended with this frame, if it did."""
     template: "Template | None" = None
     """The template of the epoch; None before the first."""
 
@@ -64,7 +66,7 @@ class VoxDepthDiagnostics:
             "n_inliers": self.registration.n_inliers,
             "epoch": self.epoch,
             "new_epoch": self.new_epoch,
-            "epoch_end": "none" if self.epoch_end is None else self.epoch_end.value,
+            "epoch_end": self.epoch_end,
         }
 
 
@@ -139,11 +141,11 @@ class Epochs:
             self._window, self._epoch_frames = None, 0
         return self.template
 
-    def end(self, frame: Frame, features: Features, registration: Registration) -> EpochEnd | None:
+    def end(self, frame: Frame, features: Features, registration: Registration) -> EpochEnd:
         """Open a new window with this frame if the template no longer fits it."""
         self._epoch_frames += 1
         if self.template is None or self.is_fusing:
-            return None
+            return EpochEnd.NONE
         if registration.status is RegistrationStatus.FEW_MATCHES:
             reason = EpochEnd.FEW_MATCHES
         elif not registration.ok:
@@ -151,7 +153,7 @@ class Epochs:
         elif self._epoch_frames >= self._max_epoch_frames:
             reason = EpochEnd.MAX_FRAMES
         else:
-            return None
+            return EpochEnd.NONE
         self._window = []
         self._collect(frame, features)
         return reason

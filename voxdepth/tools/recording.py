@@ -12,8 +12,8 @@ from ..colors import FAR_M, far_end_m
 from ..datasets import Dataset
 from ..types import CorrectedDepth, Frame
 from .files import atomic
-from .stages import log_template, log_warped, new_template, voxel_cloud
-from .stream import RecordingFile, confidence_image, depth_colors, depth_image, gray_image, layout, source_labels
+from .stages import log_warped, new_template, voxel_cloud
+from .stream import RecordingFile, layout, log_depth, log_frame, source_labels
 
 VIEWS = ("gray", "colors/raw", "colors/corrected", "source", "confidence")
 TEMPLATE_VIEWS = ("colors/template", "colors/warped")
@@ -69,7 +69,7 @@ def recording(
             first_s = frame.stamp_s if first_s is None else first_s
             stream.set_time("frame", sequence=index)
             stream.set_time("time", duration=frame.stamp_s - first_s)
-            _log_images(stream, frame, corrected, far_m)
+            log_frame(stream.log, frame.gray, frame.depth_m, corrected, far_m)
             _log_stages(stream, corrected, far_m)
             _log_diagnostics(stream, corrected)
 
@@ -95,19 +95,10 @@ def view_of(name: str, far_m: float = FAR_M) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(name=words, origin=name)
 
 
-def _log_images(stream: rr.RecordingStream, frame: Frame, corrected: CorrectedDepth, far_m: float) -> None:
-    stream.log("gray", gray_image(frame.gray))
-    for name, depth_m in (("raw", frame.depth_m), ("corrected", corrected.depth_m)):
-        stream.log(f"depth/{name}", depth_image(depth_m))
-        stream.log(f"colors/{name}", depth_colors(depth_m, far_m))
-    stream.log("source", rr.SegmentationImage(corrected.source))
-    stream.log("confidence", confidence_image(corrected.confidence))
-
-
 def _log_stages(stream: rr.RecordingStream, corrected: CorrectedDepth, far_m: float) -> None:
     """Record the stages of the paper's method. Its voxels are in the camera of the template: frames have no poses."""
     if (template := new_template(corrected)) is not None:
-        log_template(stream.log, template, far_m)
+        log_depth(stream.log, "template", template.depth_m, far_m)
         stream.log("voxels", voxel_cloud(template, np.eye(4)))
     log_warped(stream.log, corrected, far_m)
 

@@ -1,7 +1,5 @@
 """The stages of the paper's method in a recording: fused voxels, template and warped template."""
 
-from collections.abc import Callable
-
 import numpy as np
 import rerun as rr
 
@@ -9,26 +7,17 @@ from ..colors import FAR_M
 from ..geometry import transform
 from ..paper.epochs import Template, VoxDepthDiagnostics
 from ..types import CorrectedDepth, FloatArray
-from .stream import depth_colors, depth_image
+from .stream import Log, depth_colors
 
 MOST_POINTS = 20_000
 """Voxels of a cloud that are recorded; of more, every n-th."""
 VOXEL_COLOR, VOXEL_RADIUS_M = (180, 60, 210), 0.05
-
-Log = Callable[[str, rr.AsComponents], None]
-"""Records something at the present time below a name."""
 
 
 def new_template(corrected: CorrectedDepth) -> Template | None:
     """Return the template of the paper's method if an epoch begins with this frame."""
     stages = corrected.diagnostics
     return stages.template if isinstance(stages, VoxDepthDiagnostics) and stages.new_epoch else None
-
-
-def log_template(log: Log, template: Template, far_m: float = FAR_M) -> None:
-    """Record a template as depth and in colours, which are blue from `far_m` on."""
-    log("depth/template", depth_image(template.depth_m))
-    log("colors/template", depth_colors(template.depth_m, far_m))
 
 
 def log_warped(log: Log, corrected: CorrectedDepth, far_m: float = FAR_M) -> None:

@@ -1,6 +1,7 @@
 """Streams, images, colours and layouts that all Rerun recordings share."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 from typing import Any, BinaryIO
@@ -12,13 +13,18 @@ import rerun.blueprint as rrb
 
 from ..colors import FAR_M, SOURCE_COLORS, colored
 from ..ros import confidence_levels
-from ..types import FloatImage, GrayImage
+from ..types import CorrectedDepth, FloatImage, GrayImage, Source
 from .output import encode
 
 CENTIMETRE = 100.0
 """Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
 JPEG_QUALITY = 75
 PIPE_BYTES = 1 << 16
+REPLACED, REPLACED_COLOR = len(Source), (50, 160, 70)
+"""Label and colour of pixels whose measurement gave way to the memory, such as the template of the paper's method."""
+
+Log = Callable[[str, rr.AsComponents], None]
+"""Records something at the present time below a name."""
 
 
 class RecordingFile:
@@ -94,10 +100,30 @@ def layout(content: Any, timeline: str) -> rrb.Blueprint:
     )
 
 
+def log_frame(log: Log, gray: GrayImage, raw_m: FloatImage, corrected: CorrectedDepth, far_m: float = FAR_M) -> None:
+    """Record a frame, its gray image and measured depth [m] of the shape (H, W), and what a corrector made of it."""
+    log("gray", gray_image(gray))
+    log_depth(log, "raw", raw_m, far_m)
+    log_depth(log, "corrected", corrected.depth_m, far_m)
+    log("source", rr.SegmentationImage(labels_of(raw_m, corrected.source)))
+    log("confidence", confidence_image(corrected.confidence))
+
+
+def log_depth(log: Log, name: str, depth_m: FloatImage, far_m: float = FAR_M) -> None:
+    """Record a depth image [m], shape (H, W), as values and in colours, which are blue from `far_m` on."""
+    log(f"depth/{name}", depth_image(depth_m))
+    log(f"colors/{name}", depth_colors(depth_m, far_m))
+
+
 def source_labels() -> rr.AnnotationContext:
-    """Return names and colours of the values of `CorrectedDepth.source`."""
-    labels = [rr.AnnotationInfo(id=int(s), label=s.name.lower(), color=color) for s, color in SOURCE_COLORS.items()]
-    return rr.AnnotationContext(labels)
+    """Return names and colours of the labels of `labels_of`."""
+    labels = [(int(s), s.name.lower(), color) for s, color in SOURCE_COLORS.items()]
+    return rr.AnnotationContext([*labels, (REPLACED, "memory instead of a measurement", REPLACED_COLOR)])
+
+
+def labels_of(raw_m: FloatImage, source: GrayImage) -> GrayImage:
+    """Return sources, shape (H, W), with the label `REPLACED` where memory is in the place of a measured depth [m]."""
+    return np.where((source == Source.MEMORY) & (raw_m > 0), np.uint8(REPLACED), source)
 
 
 def gray_image(gray: GrayImage) -> rr.EncodedImage:
