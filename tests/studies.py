@@ -66,7 +66,8 @@ def record(spec: RunSpec, outcome: Outcome | None = None, **metrics: float | int
     if outcome is None:
         outcome = Outcome.COLLISION if digit < 100 else Outcome.SUCCESS
     contacts = (HIT,) if outcome is Outcome.COLLISION else ()
-    figures = {"sim_time_s": digit / 3, "first_contact_s": None, "collisions_drone": 0} | metrics
+    figures: dict[str, float | int | None] = {"sim_time_s": (1 + digit) / 3, "first_contact_s": None}
+    figures |= {"collisions_drone": 0, "leader_progress_m": 40.0, "path_deviation_max_m": 2.0} | metrics
     return RunRecord(key=spec.key, outcome=outcome, metrics=figures, contacts=contacts, wall_s=1.0)
 
 

@@ -176,7 +176,7 @@ def _below(annotation: Any, key: str | int) -> list[Any]:
 def _members(annotation: Any) -> list[Any]:
     """The members of a union, or the kinds of an abstract table; else the annotation alone."""
     if isabstract(annotation):
-        return list(annotation.__subclasses__())
+        return [member for kind in annotation.__subclasses__() for member in _members(kind)]
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _members(inner[0])

@@ -180,31 +180,21 @@ def replay(
 
 @app.command()
 def power(
-    pairs: Annotated[int, typer.Option(min=1, max=2000, help="Pairs of runs over all cells.")] = 200,
-    rates: Annotated[
-        str, typer.Option(help="Share of arrivals of the old arm in each cell, separated by commas.")
-    ] = "0.35,0.5,0.6,0.7,0.8,0.85",
-    effect: Annotated[float, typer.Option(min=0, max=100, help="Points by which the new arm arrives more often.")] = 10,
-    luck: Annotated[float, typer.Option(min=0, max=0.99, help="Share of pairs whose runs have the same luck.")] = 0.15,
+    out: Folder,
+    effect: Annotated[float, typer.Option(min=1, max=99, help="Points by which the first arm is better.")] = 10,
 ) -> None:
-    """Print how often the McNemar test of a study finds an effect, and one that is not there."""
+    """Print how many pairs would find an effect, by the rates of the runs of a study."""
     from ..errors import ScenarioError
-    from ..study.statistics import mcnemar_power
+    from ..study.analysis import compare_arms, headline, pairs_to_find
+    from ..study.store import read_study
 
-    try:
-        old = [float(rate) for rate in rates.split(",")]
-    except ValueError as error:
-        raise ScenarioError(f"--rates must be numbers separated by commas, as in 0.5,0.7, got {rates!r}") from error
-    if not all(0 < rate <= 1 - effect / 100 and rate < 1 for rate in old):
-        raise ScenarioError(f"an effect of {effect:g} points needs --rates above 0 and up to {1 - effect / 100:g}")
-    for points, meaning in ((0.0, "type I error"), (effect, "power")):
-        new = [rate + points / 100 for rate in old]
-        gained, lost = (
-            sum((1 - luck) * a * (1 - b) + luck * max(0.0, a - b) for a, b in zip(*arms, strict=True)) / len(old)
-            for arms in ((new, old), (old, new))
-        )
-        found = mcnemar_power(pairs, gained, lost)
-        typer.echo(f"effect of {points:g} points, {pairs} pairs: {meaning} {100 * found:.1f} %")
+    data = read_study(out)
+    comparisons = compare_arms(data, data.study.endpoint)
+    if not comparisons:
+        raise ScenarioError(f"{out} has no pair of runs of two arms yet: fly it first")
+    for found in headline(comparisons):
+        needed = pairs_to_find(found, data.study.endpoint, effect / 100)
+        typer.echo(f"{found.first} - {found.second}: {effect:g} points need about {needed} pairs, for a power of 80 %")
 
 
 def _print_status(data: "StudyData") -> None:

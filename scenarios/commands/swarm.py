@@ -95,6 +95,26 @@ def accept(
         raise typer.Exit(1)
 
 
+def threshold(
+    axis: Annotated[str, typer.Argument(help="What makes flights harder: light or noise.")],
+    corrector: Annotated[str, typer.Option(help=CORRECTOR_HELP)] = "temporal",
+    scenario: Annotated[str, typer.Option(help="A shipped scenario, or a TOML file.")] = "city",
+    flights: Annotated[int, typer.Option(min=5, help="Flights of one drone; 25 take some minutes.")] = 25,
+    workers: Workers = 2,
+) -> None:
+    """Find the light, or the noise, at which half of the flights arrive, with flights where they tell most."""
+    from ..errors import ScenarioError
+    from ..threshold import AXES, found, search
+
+    if axis not in AXES:
+        raise ScenarioError(f"there is no axis {axis!r}: choose from {', '.join(AXES)}")
+    verdict = ""
+    for seed, level, success, estimate in search(AXES[axis], scenario, corrector, flights=flights, workers=workers):
+        typer.echo(f"  seed {seed}: {level:.2f} {AXES[axis].unit}: {'arrived' if success else 'did not arrive'}")
+        verdict = found(AXES[axis], estimate)
+    typer.echo(f"{scenario}, {corrector}, {flights} flights: {verdict}")
+
+
 def freespace(
     scenario: Scenario,
     corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated. Default: some.")] = None,

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from swarm.types import Outcome
+from swarm.types import MetricValue, Outcome
 from voxdepth.types import MaskImage
 
 from ..errors import ScenarioError
@@ -16,13 +16,13 @@ from .statistics import (
     Estimate,
     Interval,
     Pairs,
-    bootstrap_mean,
+    bootstrap_ratio,
     dose_response,
     holm,
     mcnemar,
     newcombe,
+    pairs_needed,
     pairs_of,
-    stratified,
 )
 from .store import RunRecord, StudyData
 
@@ -41,41 +41,65 @@ ENDS: Mapping[str, tuple[Outcome, ...]] = {
 """The competing ends of a run."""
 
 
+Count = tuple[float, float]
+"""What is counted in a run, and what it is counted per; 1 for a mean over runs."""
+
+CountOf = Callable[[RunSpec, RunRecord], Count | None]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """A number that every run has, whose mean is reported."""
+    """A number of every run, of which the mean over runs is reported, or the ratio of sums."""
 
     name: str
     unit: str
-    of: Callable[[RunSpec, RunRecord], float | None]
-    """Its value in a run; None if the store has none."""
+    of: CountOf
+    """Its values in a run; None if the store has none."""
 
 
-def _metric(name: str) -> Callable[[RunSpec, RunRecord], float | None]:
-    return lambda _, record: None if (value := record.metrics.get(name)) is None else float(value)
+def _metric(name: str) -> CountOf:
+    return lambda _, record: None if (value := record.metrics.get(name)) is None else (float(value), 1.0)
 
 
-def _time_to_goal_s(spec: RunSpec, record: RunRecord) -> float | None:
+def _time_to_goal_s(spec: RunSpec, record: RunRecord) -> float:
     """Return the time of arrival; a run that does not arrive counts with the largest time that it had."""
-    if record.outcome is not Outcome.SUCCESS:
-        return spec.run.scenario.mission.duration_s
-    return _metric("sim_time_s")(spec, record)
+    arrived = record.outcome is Outcome.SUCCESS
+    return float(record.metrics["sim_time_s"] or 0) if arrived else spec.run.scenario.mission.duration_s
 
 
-def _path_length_m(spec: RunSpec, record: RunRecord) -> float | None:
-    """Return the mean over the drones."""
-    lengths_m = [float(drone["path_length_m"] or 0) for drone in record.drones]
-    return sum(lengths_m) / len(lengths_m) if lengths_m else None
+def _goal_speed_m_s(spec: RunSpec, record: RunRecord) -> Count:
+    """Return the progress towards the goal per time to goal: a run that ends early keeps its progress."""
+    return float(record.metrics["leader_progress_m"] or 0) / _time_to_goal_s(spec, record), 1.0
 
 
-DRONES_LOST = Measure(name="drones lost", unit="", of=_metric("drones_lost"))
-TIME_TO_GOAL = Measure(name="time to goal", unit="s", of=_time_to_goal_s)
+def _per_100_m(count: Callable[[Mapping[str, MetricValue]], float], *, leads: bool | None = None) -> CountOf:
+    """Return a count over the drones of a run, or over its leaders or followers alone, per 100 m of their ways."""
+
+    def of(_: RunSpec, record: RunRecord) -> Count | None:
+        drones = [drone for drone in record.drones if leads is None or drone["leads"] == leads]
+        way_m = sum(float(drone["path_length_m"] or 0) for drone in drones)
+        return (sum(map(count, drones)), way_m / 100) if drones else None
+
+    return of
+
+
+def _is_hit(drone: Mapping[str, MetricValue]) -> float:
+    return drone["first_contact_s"] is not None
+
+
+GOAL_SPEED = Measure(name="goal speed", unit="m/s", of=_goal_speed_m_s)
+TIME_TO_GOAL = Measure(name="time to goal", unit="s", of=lambda spec, record: (_time_to_goal_s(spec, record), 1.0))
 MEASURES = (
-    DRONES_LOST,
+    GOAL_SPEED,
     TIME_TO_GOAL,
-    Measure(name="path length", unit="m", of=_path_length_m),
-    Measure(name="near misses", unit="", of=_metric("near_misses")),
-    Measure(name="leader progress", unit="m", of=_metric("leader_progress_m")),
+    Measure(name="largest detour", unit="m", of=_metric("path_deviation_max_m")),
+    Measure(name="hits of leaders", unit="per 100 m", of=_per_100_m(_is_hit, leads=True)),
+    Measure(name="hits of followers", unit="per 100 m", of=_per_100_m(_is_hit, leads=False)),
+    Measure(
+        name="unsafe commitments",
+        unit="per 100 m",
+        of=_per_100_m(lambda drone: float(drone["unsafe_commitments"] or 0)),
+    ),
 )
 
 
@@ -121,13 +145,12 @@ class ArmSummary:
         return sum(record.outcome in outcomes for record in self.records)
 
     def estimate(self, measure: Measure) -> Estimate | None:
-        """Return the mean of a measure over the runs with its interval; None where no run has it."""
-        values = [measure.of(spec, record) for spec, record in zip(self.specs, self.records, strict=True)]
-        strata: dict[str, list[float]] = {}
-        for spec, value in zip(self.specs, values, strict=True):
-            if value is not None:
-                strata.setdefault(spec.scenario, []).append(value)
-        return bootstrap_mean(list(strata.values())) if strata else None
+        """Return a measure over the runs with its interval; None where no run has it."""
+        strata: dict[str, list[Count]] = {}
+        for spec, record in zip(self.specs, self.records, strict=True):
+            if (count := measure.of(spec, record)) is not None:
+                strata.setdefault(spec.scenario, []).append(count)
+        return bootstrap_ratio(list(strata.values())) if strata else None
 
     def contacts(self, kind: str) -> int:
         """Return the number of contacts of a kind over all runs; a run may have several."""
@@ -163,11 +186,6 @@ class Comparison:
     def primary(self) -> bool:
         """Whether this is the pre-registered primary comparison."""
         return self.p_holm is None
-
-    @property
-    def stratified(self) -> Estimate:
-        """The difference over all scenarios, stratified by scenario."""
-        return stratified(list(self.cells.values()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,13 +289,13 @@ def compare_means(data: StudyData, measures: Sequence[Measure]) -> list[MeanDiff
 
 
 def _mean_difference(data: StudyData, measure: Measure, pairs: Sequence[tuple[RunSpec, RunSpec]]) -> Estimate | None:
-    """Return the mean difference of a measure over pairs of runs, with a bootstrap over the seeds of each scenario."""
-    strata: dict[str, list[float]] = {}
+    """Return the difference of a measure over pairs of runs, with a bootstrap over the seeds of each scenario."""
+    strata: dict[str, list[tuple[float, ...]]] = {}
     for pair in pairs:
         a, b = (measure.of(spec, data.records[spec.key]) for spec in pair)
         if a is not None and b is not None:
-            strata.setdefault(pair[0].scenario, []).append(a - b)
-    return bootstrap_mean(list(strata.values())) if strata else None
+            strata.setdefault(pair[0].scenario, []).append((*a, *b))
+    return bootstrap_ratio(list(strata.values())) if strata else None
 
 
 def _sides(data: StudyData) -> tuple[list[tuple[ArmLevel, ArmLevel]], tuple[ArmLevel, ArmLevel] | None]:
@@ -290,6 +308,24 @@ def _sides(data: StudyData) -> tuple[list[tuple[ArmLevel, ArmLevel]], tuple[ArmL
     level = {level[0]: level for level in levels}  # The arms of the declared comparison have one level.
     primary = level[declared.arm], level[declared.against]
     return [primary, *(pair for pair in sides if set(pair) != set(primary))], primary
+
+
+def pairs_to_find(found: Comparison, endpoint: EndpointName, effect: float) -> int:
+    """Return how many pairs would find that the first arm is better by an effect, by the rates of a comparison.
+
+    Raises:
+        ScenarioError: The second arm leaves no room for so large an effect.
+    """
+    pairs = found.pairs
+    reached = pairs.both + pairs.second_only
+    room = (reached if endpoint == "collision" else pairs.n - reached) / pairs.n
+    if effect > room:
+        raise ScenarioError(
+            f"an effect of {100 * effect:.0f} points is impossible: {found.second} has the endpoint {endpoint!r} in "
+            f"{reached} of {pairs.n} runs, which leaves {100 * room:.0f} points; declare less, or another endpoint"
+        )
+    worse = (min(pairs.first_only, pairs.second_only) + 0.5) / (pairs.n + 1)
+    return pairs_needed(effect + 2 * worse, effect)
 
 
 def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | str]]:

@@ -25,8 +25,8 @@ from ..errors import ScenarioError
 from ..files import Name, load_alone
 from ..provenance import simulation_versions
 
-FIRST_PILOT_SEED = 1000
-"""Seeds from here on belong to pilots, which may be used to choose scenes and controllers."""
+PILOT_SEEDS = range(1000, 6000)
+"""Seeds of pilots, which may be used to choose scenes and controllers."""
 ALWAYS_SET = ("rig.depth", "corrector")
 """Keys that every arm sets, so that the changes of a study could not affect them."""
 OWN_KEYS = (*ALWAYS_SET, "rig.noise.scale.theta", "rig.width_px", "rig.height_px")
@@ -128,7 +128,7 @@ class Study(Model):
     """Shipped scenarios by name, or paths of TOML files, relative to the study's file."""
     seeds: Seeds
     pilot: bool = False
-    """Whether this is a pilot, which may be used to choose scenes and controllers. Its seeds start at 1000."""
+    """Whether this is a pilot, which may be used to choose scenes and controllers. Its seeds are `PILOT_SEEDS`."""
     time_limit_s: float = Field(default=1800.0, gt=0)
     """Wall-clock time after which a run is stopped and counts as an error."""
     changes: Mapping[str, Any] = Field(default={}, strict=False)
@@ -160,14 +160,14 @@ class Study(Model):
         return next((tuple(arm.factors) for arm in self.arms if arm.factors), ())
 
     def _check_seeds(self) -> None:
-        first, last = self.seeds.first, self.seeds.first + self.seeds.count - 1
-        if not self.pilot and last >= FIRST_PILOT_SEED:
+        seeds = self.seeds.first_seeds()
+        shared = range(max(seeds.start, PILOT_SEEDS.start), min(seeds.stop, PILOT_SEEDS.stop))
+        if len(shared) != (len(seeds) if self.pilot else 0):
+            pilots, own = (f"{some[0]} to {some[-1]}" for some in (PILOT_SEEDS, seeds))
             raise ValueError(
-                f"seeds {first} to {last} reach into those of pilots, which are {FIRST_PILOT_SEED} and up: take lower "
-                "ones, or set pilot = true"
+                f"seeds {pilots} are those of pilots, and of nothing else; got {own} with pilot = "
+                f"{str(self.pilot).lower()}: set seeds.first, or pilot"
             )
-        if self.pilot and first < FIRST_PILOT_SEED:
-            raise ValueError(f"a pilot's seeds are {FIRST_PILOT_SEED} and up, got {first}: set seeds.first")
         for arm in self.arms:
             if arm.seeds is not None and arm.seeds > self.seeds.count:
                 raise ValueError(f"arm {arm.name!r} has {arm.seeds} seeds, the study only {self.seeds.count}")

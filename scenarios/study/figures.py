@@ -13,7 +13,7 @@ from voxdepth.types import FloatArray
 from ..batch import OUTCOMES
 from .analysis import REACHED, ArmSummary, Comparison, headline
 from .design import EndpointName
-from .statistics import DoseResponse, Estimate, stratified, wilson
+from .statistics import DoseResponse, newcombe, wilson
 from .tables import ENDPOINT_TITLES
 
 WIDTH_IN = 9.0
@@ -21,7 +21,7 @@ COLORS = dict(zip(OUTCOMES, ("#4c9f70", "#c0392b", "#e0a030", "#7d5ba6", "#8a8f9
 RATIO_CAPTION = "Shares of runs with Wilson 95 % intervals; n is the number of runs."
 NOISE_CAPTION = f"{RATIO_CAPTION} Arms at the same noise ratio are drawn beside each other."
 FOREST_CAPTION = (
-    "Differences of shares with 95 % intervals: Newcombe's in each scenario, and stratified by scenario over all. To "
+    "Differences of shares with 95 % intervals: Newcombe's in each scenario, and of all pairs. To "
     "the right of the line, more runs of the first arm."
 )
 BESIDE = 0.008
@@ -45,12 +45,10 @@ def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
     row, names = 0, {}
     for one in comparisons:
         names[row] = legend_label(f"{one.first} - {one.second}")
-        effects: dict[str, Estimate] = {name: stratified([pairs]) for name, pairs in one.cells.items()}
-        labels = {name: f"{name}, n = {pairs.n}" for name, pairs in one.cells.items()}
-        effects["all"], labels["all"] = one.stratified, f"all, n = {one.pairs.n}"
-        for name, (value, interval) in effects.items():
+        for name, pairs in {**one.cells, "all": one.pairs}.items():
+            value, interval = pairs.difference, newcombe(pairs)
             row += 1
-            names[row] = labels[name]
+            names[row] = f"{name}, n = {pairs.n}"
             error = 100 * np.maximum(0.0, [[value - interval.low], [interval.high - value]])
             style = {"fmt": "D", "ms": 7, "color": "C3"} if name == "all" else {"fmt": "o", "ms": 4, "color": "C0"}
             axes.errorbar([100 * value], [row], xerr=error, capsize=3, **style)

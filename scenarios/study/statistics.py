@@ -9,9 +9,8 @@ Sources:
     [4] Clopper, Pearson, Biometrika 26 (1934) 404, doi:10.1093/biomet/26.4.404.
     [5] McNemar, Psychometrika 12 (1947) 153, doi:10.1007/BF02295996; here exact, by the binomial distribution.
     [6] McCullagh, Nelder, Generalized Linear Models (1989), Section 4.3: the complementary log-log link.
-    [7] Zou, Donner, Stat. Med. 27 (2008) 1693, doi:10.1002/sim.3095: sums of estimates from their intervals.
-    [8] Rao, Wu, J. Am. Stat. Assoc. 83 (1988) 231, doi:10.1080/01621459.1988.10478591: the bootstrap of small strata.
-    [9] Miettinen, Biometrics 24 (1968) 339, doi:10.2307/2528039: the number of pairs that a test needs.
+    [7] Rao, Wu, J. Am. Stat. Assoc. 83 (1988) 231, doi:10.1080/01621459.1988.10478591: the bootstrap of small strata.
+    [8] Miettinen, Biometrics 24 (1968) 339, doi:10.2307/2528039: the number of pairs that a test needs.
 """
 
 import math
@@ -103,23 +102,8 @@ def mcnemar(b: int, c: int) -> float:
     return float(binomtest(b, b + c, 0.5).pvalue) if b + c else 1.0
 
 
-def mcnemar_power(pairs: int, first_only: float, second_only: float) -> float:
-    """Return the probability that `mcnemar` is below 5 % for as many pairs, exactly.
-
-    The other two are the probabilities that only the first or only the second of a pair reaches the endpoint; their sum
-    is above 0. If they are equal, the result is the type I error.
-    """
-    from scipy.stats import binom
-
-    discordant, firsts = np.mgrid[: pairs + 1, : pairs + 1]
-    p = 2 * binom.cdf(np.minimum(firsts, discordant - firsts), discordant, 0.5)
-    share = first_only / (first_only + second_only)
-    rejected = np.where(p < 1 - LEVEL, binom.pmf(firsts, discordant, share), 0.0).sum(axis=1)
-    return float(rejected @ binom.pmf(np.arange(pairs + 1), pairs, first_only + second_only))
-
-
 def pairs_needed(discordant: float, effect: float, power: float = 0.8) -> int:
-    """Return about how many pairs McNemar's test needs to find a difference of two shares, after Miettinen [9].
+    """Return about how many pairs McNemar's test needs to find a difference of two shares, after Miettinen [8].
 
     `discordant` is the share of pairs of which one alone reaches the endpoint, at least the effect; both are above 0.
     """
@@ -159,38 +143,31 @@ def newcombe(pairs: Pairs) -> Interval:
     return Interval(pairs.difference - below, pairs.difference + above)
 
 
-def stratified(strata: Sequence[Pairs]) -> Estimate:
-    """Return the difference of two paired proportions over strata, weighted by their pairs; each has n > 0.
-
-    The interval follows from Newcombe's of the strata: the squares of the distances to their bounds add up [7]. With
-    one stratum it is Newcombe's.
-    """
-    n = sum(pairs.n for pairs in strata)
-    parts = [(pairs.n / n, pairs.difference, newcombe(pairs)) for pairs in strata]
-    value = sum(weight * difference for weight, difference, _ in parts)
-    below = math.hypot(*(weight * (difference - interval.low) for weight, difference, interval in parts))
-    above = math.hypot(*(weight * (interval.high - difference) for weight, difference, interval in parts))
-    return Estimate(value, Interval(value - below, value + above))
-
-
-def bootstrap_mean(
-    strata: Sequence[Sequence[float]], *, seed: int = BOOTSTRAP_SEED, resamples: int = RESAMPLES
+def bootstrap_ratio(
+    strata: Sequence[Sequence[Sequence[float]]], *, seed: int = BOOTSTRAP_SEED, resamples: int = RESAMPLES
 ) -> Estimate:
-    """Return the mean of all values with the percentile interval of a bootstrap that draws within each stratum.
+    """Return a ratio of sums with the percentile interval of a bootstrap that draws within each stratum.
 
-    The values are of runs, or differences of pairs of runs; none of the strata is empty. Of a stratum of n values n - 1
-    are drawn: the mean of n would vary too little where n is small [8].
+    A row of a stratum, none of which is empty, is a run: what is counted, and what it is counted per, which is 1 for a
+    mean. The row of a pair of runs has both numbers of the first and then those of the second, and the result is the
+    difference of the ratios. Of a stratum of n rows n - 1 are drawn: n would vary too little where n is small [7].
     """
     rng = np.random.default_rng(seed)
-    sums = np.zeros(resamples)
-    for values in map(np.asarray, strata):
-        n = len(values)
-        sums += n * values[rng.integers(0, n, (resamples, max(n - 1, 1)))].mean(axis=1)
-    n = sum(map(len, strata))
-    return Estimate(float(sum(map(sum, strata))) / n, percentiles((sums / n).tolist()))
+    arrays = [np.asarray(rows, np.float64) for rows in strata]
+    sums = np.zeros((resamples, arrays[0].shape[1]))
+    for rows in arrays:
+        n = len(rows)
+        sums += n * rows[rng.integers(0, n, (resamples, max(n - 1, 1)))].mean(axis=1)
+    return Estimate(float(_ratio(np.sum([rows.sum(axis=0) for rows in arrays], axis=0))), percentiles(_ratio(sums)))
 
 
-def percentiles(values: Sequence[float]) -> Interval:
+def _ratio(sums: FloatArray) -> FloatArray:
+    """Return the ratio, or the difference of two ratios, of sums of shape (..., 2) or (..., 4); 0 per 0 is 0."""
+    ratios = sums[..., ::2] / np.maximum(sums[..., 1::2], 1e-12)
+    return np.asarray(ratios[..., 0] if ratios.shape[-1] == 1 else ratios[..., 0] - ratios[..., 1])
+
+
+def percentiles(values: Sequence[float] | FloatArray) -> Interval:
     """Return the percentile interval of at least one value at the confidence level."""
     tail = 50 * (1 - LEVEL)
     return Interval(*np.percentile(values, [tail, 100 - tail]).tolist())

@@ -18,8 +18,8 @@ from .statistics import (
     Estimate,
     Interval,
     clopper_pearson,
+    newcombe,
     pairs_needed,
-    stratified,
     wilson,
 )
 
@@ -39,18 +39,18 @@ END_NOTE = (
     "end."
 )
 MEAN_NOTE = (
-    "Means with 95 % intervals of a bootstrap that draws runs. Drones lost are those that touched something. The time"
-    " to goal is a restricted mean over all runs: one that does not arrive counts with the largest time that it had. "
-    "The path length is that of a drone."
+    "With 95 % intervals of a bootstrap that draws runs. The time to goal is a restricted mean over all runs: one that "
+    "does not arrive counts with the largest time that it had. The goal speed is the progress towards the goal by that "
+    "time, and the largest detour the leader's distance from the straight line. A hit is a drone that touched "
+    "something. A commitment is unsafe if the drone could not have stopped before a body that is truly there."
 )
 MEAN_DIFFERENCE_NOTE = (
     "Over pairs of the same scenario and seed, with 95 % intervals of a bootstrap that draws seeds. Measures that are "
     "the same in all pairs are left out."
 )
 EFFECT_NOTE = (
-    "b: only the first arm reached the endpoint; c: only the second did. Newcombe's intervals in each scenario; over "
-    "all, the difference is stratified by scenario, and the squares of the distances to the bounds add up (Zou and "
-    "Donner)."
+    "b: only the first arm reached the endpoint; c: only the second did. Newcombe's intervals in each scenario, "
+    "and of all pairs together."
 )
 COMPARISON_NOTE = (
     "Pairs are runs of the same scenario and seed, over all scenarios. b: only the first arm reached the endpoint; c:"
@@ -118,7 +118,7 @@ def mean_table(arms: Iterable[ArmSummary]) -> Table:
         for arm in arms
         if arm.n
     ]
-    return Table.of("Means over all runs", columns, rows, note=MEAN_NOTE)
+    return Table.of("Measures over all runs", columns, rows, note=MEAN_NOTE)
 
 
 def mean_difference_table(found: Iterable[MeanDifference]) -> Table:
@@ -134,7 +134,7 @@ def mean_difference_table(found: Iterable[MeanDifference]) -> Table:
         for pair in found
         if measures
     ]
-    return Table.of("Differences of means", columns, rows, note=MEAN_DIFFERENCE_NOTE)
+    return Table.of("Differences of measures", columns, rows, note=MEAN_DIFFERENCE_NOTE)
 
 
 def _differs(estimate: Estimate | None) -> bool:
@@ -146,11 +146,9 @@ def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> T
     columns = ("first - second", "scenario", "pairs", "b", "c", Column("difference", number="+.3f"), "95 % interval")
     rows: list[list[Value]] = []
     for found in headline(comparisons):
-        for name, pairs in {**found.cells, "all, stratified": found.pairs}.items():
-            effect = found.stratified if pairs is found.pairs else stratified([pairs])
-            counts = pairs.n, pairs.first_only, pairs.second_only
-            row = [f"{found.first} - {found.second}", name, *counts, effect.value, _interval(effect.interval, "+.3f")]
-            rows += [row] if len(found.cells) > 1 else []
+        for name, pairs in {**found.cells, "all": found.pairs}.items() if len(found.cells) > 1 else ():
+            label, counts = f"{found.first} - {found.second}", (pairs.n, pairs.first_only, pairs.second_only)
+            rows.append([label, name, *counts, pairs.difference, _interval(newcombe(pairs), "+.3f")])
     return Table.of(f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=EFFECT_NOTE)
 
 

@@ -6,17 +6,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scenarios.errors import ScenarioError
 from scenarios.study.analysis import (
-    DRONES_LOST,
+    GOAL_SPEED,
+    MEASURES,
     TIME_TO_GOAL,
     compare_arms,
     compare_means,
     over_scenarios,
+    pairs_to_find,
     summarise_arms,
 )
 from scenarios.study.design import ENDPOINTS, Study, expand
 from scenarios.study.report import Findings, drone_table
-from scenarios.study.statistics import Interval, Pairs, bootstrap_mean, newcombe, stratified
+from scenarios.study.statistics import Interval, bootstrap_ratio
 from scenarios.study.store import StudyData
 from swarm.types import Outcome
 from tests.studies import arm, contents_of, record, study
@@ -34,7 +37,8 @@ def flown(tiny: Study, outcomes: dict[tuple[str, str], str]) -> StudyData:
             LETTERS[letters[spec.key]],
             sim_time_s=10.0 + 5 * spec.seed,
             first_contact_s=9.0 if letters[spec.key] == "x" else None,
-            drones_lost=int(letters[spec.key] == "x"),
+            leader_progress_m=40.0,
+            path_deviation_max_m=2.0,
         )
         for spec in specs
     }
@@ -53,10 +57,10 @@ def test_a_study_against_itself_has_no_difference(tmp_path: Any) -> None:
     data = in_two_scenarios(same, tmp_path)
     for endpoint in ENDPOINTS:
         (found,) = compare_arms(data, endpoint)
-        assert (found.pairs.difference, found.stratified.value, found.p) == (0, 0, 1)
-        low, high = found.stratified.interval
+        assert (found.pairs.difference, found.p) == (0, 1)
+        low, high = found.difference
         assert low == pytest.approx(-high)
-    (means,) = compare_means(data, (DRONES_LOST, TIME_TO_GOAL))
+    (means,) = compare_means(data, (GOAL_SPEED, TIME_TO_GOAL))
     assert set(means.estimates.values()) == {(0.0, Interval(0.0, 0.0))}
 
 
@@ -78,19 +82,33 @@ def test_the_comparison_is_primary_on_the_endpoint_that_was_declared(endpoint: s
     assert tables[0] == f"{endpoint}_comparisons"
 
 
+def test_the_pairs_that_an_effect_needs_follow_from_the_rates_and_an_impossible_one_is_refused() -> None:
+    data = flown(study(arm("a"), arm("b"), seeds=10), {("city", "a"): "oooooooooo", ("city", "b"): "xxoooooooo"})
+    arrived, collided = (compare_arms(data, endpoint)[0] for endpoint in ENDPOINTS)
+    needed = [pairs_to_find(arrived, "arrived", effect) for effect in (0.05, 0.1, 0.2)]
+    assert needed == sorted(needed, reverse=True)
+    assert pairs_to_find(collided, "collision", 0.2) == needed[2]
+    for found, endpoint in ((arrived, "arrived"), (collided, "collision")):
+        with pytest.raises(ScenarioError, match=r"an effect of 30 points is impossible: b has .* leaves 20 points"):
+            pairs_to_find(found, endpoint, 0.3)
+
+
 def test_a_run_that_does_not_arrive_counts_with_the_time_it_had() -> None:
     (a,) = summarise_arms(flown(study(arm("a"), seeds=3), {("city", "a"): "oxs"}))
     found = a.estimate(TIME_TO_GOAL)
     duration_s = a.specs[0].run.scenario.mission.duration_s
     assert found is not None
     assert found.value == pytest.approx((10.0 + 2 * duration_s) / 3)
+    speed = a.estimate(GOAL_SPEED)
+    assert speed is not None
+    assert speed.value == pytest.approx((40.0 / 10.0 + 2 * 40.0 / duration_s) / 3)
 
 
 def test_effects_are_those_of_each_scenario_and_of_all(tmp_path: Any) -> None:
     outcomes = {("city", "a"): "oooo", ("city", "b"): "xxxo", ("own", "a"): "ooxx", ("own", "b"): "oxxx"}
     data = in_two_scenarios(outcomes, tmp_path)
     table = Findings(data).tables["arrived_effects"]
-    assert table.column("scenario") == ["city", "own", "all, stratified"]
+    assert table.column("scenario") == ["city", "own", "all"]
     assert table.column("difference") == pytest.approx([0.75, 0.25, 0.5])
     both = {arm.arm: arm for arm in over_scenarios(summarise_arms(data))}
     assert (both["a"].scenario, both["a"].n, both["a"].count(Outcome.SUCCESS)) == ("all", 8, 6)
@@ -98,46 +116,46 @@ def test_effects_are_those_of_each_scenario_and_of_all(tmp_path: Any) -> None:
     assert len(Findings(alone).tables["arrived_effects"]) == 0, "one scenario has no effects of its own"
 
 
-def test_one_stratum_is_newcombes_and_equal_ones_are_more_certain() -> None:
-    pairs = Pairs(both=20, first_only=12, second_only=2, neither=16)
-    one, four = stratified([pairs]), stratified([pairs] * 4)
-    assert one.interval == pytest.approx(newcombe(pairs))
-    assert four.value == pytest.approx(one.value)
-    assert four.interval.high - four.value == pytest.approx((one.interval.high - one.value) / 2)
-
-
-def test_strata_count_by_their_pairs() -> None:
-    few = Pairs(both=0, first_only=10, second_only=0, neither=0)
-    many = Pairs(both=15, first_only=0, second_only=0, neither=15)
-    assert stratified([few, many]).value == pytest.approx(0.25)
-
-
 def test_the_bootstrap_of_a_mean_covers_it_and_draws_within_strata() -> None:
-    values = np.random.default_rng(1).normal(3.0, 1.0, 100).tolist()
-    found = bootstrap_mean([values])
+    values = np.random.default_rng(1).normal(3.0, 1.0, 100)
+    found = bootstrap_ratio([[(value, 1.0) for value in values]])
     assert found.value == pytest.approx(np.mean(values))
     half = 1.96 * np.std(values) / 10
     assert found.interval == pytest.approx((found.value - half, found.value + half), abs=0.05)
-    assert found == bootstrap_mean([values]) != bootstrap_mean([values], seed=2)
-    assert bootstrap_mean([[0.0] * 5, [1.0] * 5]) == (0.5, Interval(0.5, 0.5)), "each stratum keeps its share"
-    pairs = [[mean - 1.0, mean + 1.0] for mean in range(100)]
+    assert bootstrap_ratio([[(0.0, 1.0)] * 5, [(1.0, 1.0)] * 5]) == (0.5, Interval(0.5, 0.5)), "each keeps its share"
+    pairs = [[(mean - 1.0, 1.0), (mean + 1.0, 1.0)] for mean in range(100)]
     half = 1.96 * np.sqrt(2) / np.sqrt(200)  # The standard deviation of two values that differ by 2 is sqrt(2).
-    assert bootstrap_mean(pairs).interval == pytest.approx((49.5 - half, 49.5 + half), abs=0.02)
+    assert bootstrap_ratio(pairs).interval == pytest.approx((49.5 - half, 49.5 + half), abs=0.02)
 
 
-def test_costs_that_older_stores_lack_are_unknown() -> None:
-    tiny = study(arm("a"), arm("b"), seeds=1)
-    older = contents_of(tiny, {(name, None, 0): Outcome.SUCCESS for name in "ab"})
-    a, _ = summarise_arms(older)
-    assert a.estimate(DRONES_LOST) is None
-    key = a.specs[0].key
-    flew = replace(older.records[key], drones=({"path_length_m": 80.0}, {"path_length_m": 84.0}))
-    newer = replace(older, records={**older.records, key: flew})
-    assert [(row.arm, row.path_length_m) for row in drone_table(newer).itertuples()] == [("a", 80.0), ("a", 84.0)]
-    assert len(drone_table(older)) == 0
-    table = Findings(newer).tables["means"]
-    assert table.column("path length") == ["82.00 [82.00, 82.00]", None]
-    assert table.column("drones lost") == [None, None]
+def test_a_ratio_is_that_of_the_sums_and_of_a_pair_the_difference() -> None:
+    """One hit on a short way weighs no more than one on a long way."""
+    assert bootstrap_ratio([[(1.0, 0.1), (0.0, 0.9)]]).value == pytest.approx(1.0)
+    assert bootstrap_ratio([[(1.0, 0.1, 0.0, 0.4), (0.0, 0.9, 1.0, 0.1)]]).value == pytest.approx(1.0 - 2.0)
+    assert bootstrap_ratio([[(0.0, 0.0)]]).value == 0
+
+
+def test_hits_are_those_of_leaders_and_followers_apart() -> None:
+    tiny = study(arm("a"), seeds=1)
+    data = contents_of(tiny, {("a", None, 0): Outcome.COLLISION})
+    ways = [(1, 40.0, 8.0, 2), (0, 50.0, None, 1), (0, 150.0, 9.0, 0)]
+    drones = tuple(
+        {"leads": leads, "path_length_m": way_m, "first_contact_s": hit_s, "unsafe_commitments": unsafe}
+        for leads, way_m, hit_s, unsafe in ways
+    )
+    records = {key: replace(one, drones=drones) for key, one in data.records.items()}
+    (a,) = summarise_arms(replace(data, records=records))
+    found = {measure.name: estimate.value for measure in MEASURES if (estimate := a.estimate(measure))}
+    assert found["hits of leaders"] == pytest.approx(100 / 40)
+    assert found["hits of followers"] == pytest.approx(100 / 200)
+    assert found["unsafe commitments"] == pytest.approx(300 / 240)
+
+
+def test_runs_without_drones_have_no_measures_of_them() -> None:
+    data = contents_of(study(arm("a"), seeds=1), {("a", None, 0): Outcome.SUCCESS})
+    table = Findings(data).tables["means"]
+    assert table.column("hits of leaders") == [None]
+    assert len(drone_table(data)) == 0
 
 
 def factorial(*missing: str) -> StudyData:

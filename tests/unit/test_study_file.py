@@ -25,7 +25,7 @@ depth = "truth"
 corrector = "raw"
 size = "96x64"
 seeds = 2
-changes = { "mission.pilot.avoidance.histogram.min_confidence" = 0 }
+changes = { "mission.pilot.evidence.min_confidence" = 1 }
 [[arms]]
 name = "b"
 depth = "noisy"
@@ -49,7 +49,7 @@ def test_a_study_has_every_run_once_and_whole_pairs_first(tmp_path: Path) -> Non
     ]  # fmt: skip
     first, second = specs[0].run.scenario, specs[1].run.scenario
     assert (first.rig.width_px, first.rig.height_px) == (96, 64)
-    assert first.mission.pilot.avoidance.histogram.min_confidence == 0
+    assert first.mission.pilot.evidence.min_confidence == 1
     assert (second.rig.depth, second.rig.noise.scale.theta) == ("noisy", 0.5)
 
 
@@ -101,8 +101,16 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("count = 3", "count = 3, first = 998", "reach into those of pilots, which are 1000 and up"),
-        ("time_limit_s", "pilot = true\ntime_limit_s", "a pilot's seeds are 1000 and up, got 0"),
+        (
+            "count = 3",
+            "count = 3, first = 998",
+            "seeds 1000 to 5999 are those of pilots, and of nothing else; got 998 to 1000",
+        ),
+        (
+            "time_limit_s",
+            "pilot = true\ntime_limit_s",
+            "seeds 1000 to 5999 are those of pilots, and of nothing else; got 0 to 2 with pilot = true",
+        ),
         ("seeds = 2", "seeds = 4", "arm 'a' has 4 seeds, the study only 3"),
         ('name = "b"', 'name = "a"', "every arm may be named once, got 'a' more than once"),
         ('"city"', '"city", "city"', "every scenario may be named once, got 'city'"),
@@ -113,7 +121,7 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
             "'noisy' needs theta",
         ),
         ("[0.5, 1.0]", "[0.5, 0.5]", "every theta may be named once"),
-        ('"mission.pilot.avoidance.histogram.min_confidence"', '"rig.depth"', "changes must not set rig.depth"),
+        ('"mission.pilot.evidence.min_confidence"', '"rig.depth"', "changes must not set rig.depth"),
         ('"96x64"', '"big"', "arms.0.size"),
         ("seeds = {", 'changes = { "corrector" = "median" }\nseeds = {', "changes must not set corrector"),
         ('name = "mine"', 'name = "../mine"', "name: expected a text of the form"),
@@ -193,7 +201,7 @@ def test_a_comparison_is_declared_on_arrivals_unless_its_file_says_otherwise() -
     assert study(*arms, declared={"arm": "a", "against": "b"}).endpoint == "arrived"
     assert study(*arms, declared={"arm": "a", "against": "b", "endpoint": "collision"}).endpoint == "collision"
     assert study(*arms).endpoint == "arrived"
-    assert load_study("policy").endpoint == "collision"
+    assert load_study("holes").endpoint == "collision"
 
 
 FREE_RAW = {"policy": "free", "corrector": "raw"}

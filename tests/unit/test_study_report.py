@@ -258,10 +258,10 @@ def test_what_no_run_came_to_is_neither_drawn_nor_compared(monkeypatch: pytest.M
 
 def test_means_that_differ_in_no_pair_are_left_out() -> None:
     same, other = Estimate(0.0, Interval(0.0, 0.0)), Estimate(0.0, Interval(-1.0, 1.0))
-    estimates = {measure.name: None for measure in MEASURES} | {"drones lost": same, "leader progress": other}
+    estimates = {measure.name: None for measure in MEASURES} | {"largest detour": same, "goal speed": other}
     pair = MeanDifference(first="a", second="b", pairs=3, estimates=estimates)
-    assert mean_difference_table([pair]).headings == ["first - second", "pairs", "leader progress [m]"]
-    equal = replace(pair, estimates=estimates | {"leader progress": same})
+    assert mean_difference_table([pair]).headings == ["first - second", "pairs", "goal speed [m/s]"]
+    equal = replace(pair, estimates=estimates | {"goal speed": same})
     assert len(mean_difference_table([equal])) == 0
     assert len(mean_difference_table([])) == 0
 

@@ -15,6 +15,7 @@ from scenarios.study.run import run_study
 from scenarios.study.store import FILE, Failure, Store, read_study
 from swarm.types import Outcome
 from tests.studies import HIT, Scripted, arm, fake, noisy, record, results_of, study, unseen
+from voxdepth.tools.errors import ToolError
 
 AGAIN, RETRY = {"resume": True}, {"resume": True, "retry_errors": True}
 
@@ -170,14 +171,14 @@ def test_what_is_no_store_is_refused(tmp_path: Path) -> None:
         run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
     shutil.rmtree(tmp_path)
     tmp_path.write_text("a file")
-    with pytest.raises(ScenarioError, match="cannot write to"):
+    with pytest.raises(ToolError, match="cannot write to"):
         run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
 
 
 def test_a_second_study_on_the_same_store_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
     busy = r"wait for it, or look at it with voxdepth study status"
-    with Store.begin(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ScenarioError, match=busy):
+    with Store.begin(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ToolError, match=busy):
         run_study(tiny, tmp_path, Serial(fake), unseen)
     run_study(tiny, tmp_path, Serial(fake), unseen)
 
