@@ -21,7 +21,7 @@ PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.threshold, swarm.freespace, swarm.picture)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
     ("Corrector", (experiment.experiment, sensor.regress)),
-    ("General", (general.list_,)),
+    ("General", (general.new, general.list_)),
 )
 
 

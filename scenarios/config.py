@@ -39,7 +39,7 @@ class Scenario(MissionSetup):
     """Everything that a run depends on besides its seed."""
 
     name: Name
-    description: str
+    description: str = ""
     corrector_latency_s: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
     """Simulated time that a corrector takes for a frame, by its name, instead of its registered latency. It
     is a constant and never measured: results must not depend on the machine."""

@@ -7,7 +7,8 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 import pydantic
 
-from voxdepth.model import first_key, first_problem, shorten
+from voxdepth.errors import no_such
+from voxdepth.model import explained, problem_keys, problems, shorten
 from voxdepth.tools.files import read_toml
 
 from .errors import ScenarioError
@@ -63,8 +64,9 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         return model.model_validate(changed, context={"folder": path.parent})
     except pydantic.ValidationError as error:
         _validated(model, path, data, field)  # An error of the file itself is told as such.
-        culprits = dict.fromkeys(choice.where for choice in _concerned(chosen, first_key(error, field)))
-        raise ScenarioError(f"{', '.join(culprits)}: {first_problem(error, field)}") from error
+        keys = problem_keys(error, model, field)
+        culprits = dict.fromkeys(choice.where for key in keys for choice in _concerned(chosen, key))
+        raise ScenarioError(f"{', '.join(culprits)}: {problems(error, model, field)}") from error
 
 
 def _chosen(key: str, value: Any, path: Path) -> Chosen:
@@ -87,10 +89,8 @@ def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path,
 
 
 def _validated(model: type[Loaded], path: Path, data: dict[str, Any], field: str) -> Loaded:
-    try:
+    with explained(model, ScenarioError, f"{path}: ", field):
         return model.model_validate(data, context={"folder": path.parent})
-    except pydantic.ValidationError as error:
-        raise ScenarioError(f"{path}: {first_problem(error, field)}") from error
 
 
 def _read_table(kind: str, name_or_path: str) -> tuple[Path, dict[str, Any]]:
@@ -98,10 +98,7 @@ def _read_table(kind: str, name_or_path: str) -> tuple[Path, dict[str, Any]]:
     if path.suffix != ".toml":
         names = shipped_names(kind)
         if name_or_path not in names:
-            raise ScenarioError(
-                f"there is no {SINGULAR[kind]} {name_or_path!r}; choose one of: {', '.join(names)}, "
-                "or give the path of a .toml file"
-            )
+            raise ScenarioError(f"{no_such(SINGULAR[kind], name_or_path, names)}, or give the path of a .toml file")
         path = DATA / kind / f"{name_or_path}.toml"
     return path, read_toml(path)
 

@@ -11,12 +11,13 @@ from sim.testing import FRAMES, LEVELS, TERMS, Level, Term, noisy_sequence
 from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.corrector_spec import CorrectorFactory
+from voxdepth.errors import PluginError
 from voxdepth.metrics import DepthErrors, Flicker, depth_errors
-from voxdepth.model import Model
-from voxdepth.soundness import first_fault
+from voxdepth.model import Model, explained
+from voxdepth.soundness import fault_of
 from voxdepth.tools.files import write
 from voxdepth.tools.table import Column, Table
-from voxdepth.types import CorrectedDepth, DepthCorrector, Frame
+from voxdepth.types import CorrectedDepth, DepthCorrector
 
 from .errors import ScenarioError
 
@@ -93,16 +94,12 @@ def corrected(make: CorrectorFactory, case: str, frames: int = FRAMES) -> Iterat
         try:
             corrector = corrector or make(capture.intrinsics)
             result = corrector.process(frame)
-            _require_depth(result, frame)
+            if fault := fault_of(result, frame.depth_m.shape):
+                raise ScenarioError(fault)
         except Exception as error:  # A user's corrector may raise anything; the message says where.
-            text = str(error) if isinstance(error, ScenarioError) else f"{type(error).__name__}: {error}"
+            text = str(error) if isinstance(error, ScenarioError | PluginError) else f"{type(error).__name__}: {error}"
             raise ScenarioError(f"the corrector failed on {case}, frame {k}: {text}") from error
         yield capture, result
-
-
-def _require_depth(result: CorrectedDepth, frame: Frame) -> None:
-    if fault := first_fault({"depth_m": getattr(result, "depth_m", None)}, frame.depth_m.shape):
-        raise ScenarioError(fault)
 
 
 def compare(golden: Cases, measured: Cases) -> list[Difference]:
@@ -154,14 +151,14 @@ def golden_path(folder: Path, corrector: str) -> Path:
 def read_golden(path: Path) -> Cases:
     """Read a golden file; one that is missing, damaged or of other sequences is a `ScenarioError`."""
     try:
-        golden = Golden.model_validate_json(path.read_bytes(), strict=True)
+        with explained(Golden, ValueError):
+            golden = Golden.model_validate_json(path.read_bytes(), strict=True)
         if any(metrics.keys() != TOLERANCES.keys() for metrics in golden.cases.values()):
             raise ValueError(f"expected the metrics {', '.join(TOLERANCES)} of every case")
     except FileNotFoundError as error:
         raise ScenarioError(f"there are no golden metrics at {path}: write them with --update") from error
     except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())[:160]
-        raise ScenarioError(f"cannot read the golden metrics {path}: {reason}; write new ones with --update") from error
+        raise ScenarioError(f"cannot read the golden metrics {path}: {error}; write new ones with --update") from error
     if (golden.seed, golden.frames) != (SEED, FRAMES):
         found = f"{path} are of seed {golden.seed} and {golden.frames} frames, expected {SEED} and {FRAMES}"
         raise ScenarioError(f"the golden metrics {found}: write new ones with --update")

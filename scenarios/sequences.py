@@ -54,7 +54,7 @@ class Sequence(Model):
     """Everything that determines a recording except its seed."""
 
     name: Name
-    description: str
+    description: str = ""
     scene: AnyScene
     flight: AnyFlight
     movers: Annotated[tuple[MovingSphere, ...], Field(strict=False, min_length=1)] | None = None

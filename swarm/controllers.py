@@ -1,18 +1,16 @@
 """The interface of controllers, and loading one by its name `module:factory`."""
 
-import logging
 import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
-from multiprocessing import parent_process
 from typing import Protocol
 
 import numpy as np
 
+from sim.types import VelocityCommand
+from voxdepth.plugins import Plugin, load
 from voxdepth.types import FloatArray
 
-from .errors import MissionError
 from .pilot import Decision, Situation
 from .task import DEFAULT_CONTROLLER, MissionConfig
 from .team import Team
@@ -51,38 +49,49 @@ class Role:
         return offset_m
 
 
-_LOGGER = logging.getLogger(__name__)
-
 Factory = Callable[[Role, MissionConfig], Agent]
 """Creates the agent of one drone."""
+SIGNATURE = "a factory(role, config) that returns an agent"
+"""How the factory of a controller is called."""
 
 
 def load_controller(name: str) -> Factory:
-    """Import the module of `module:factory` and return its factory.
-
-    The import runs the code of the module. A scenario or a study from somebody else may name any that is installed, so
-    one that is not ours is logged before that.
+    """Return the factory that a name as `module:factory` stands for; agents of one that is not ours are checked.
 
     Raises:
-        MissionError: There is no such module, or it has no callable of that name.
+        PluginError: See `plugins.load`.
     """
-    if not all(name.partition(":")):
-        raise MissionError(f"controller must be 'module:factory', as in {DEFAULT_CONTROLLER!r}, got {name!r}")
-    _announce(name)
-    try:
-        factory: Factory = pkgutil.resolve_name(name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise MissionError(
-            f"controller {name!r} cannot be loaded: {error}; the module must be installed or in a folder that "
-            "PYTHONPATH names, and have a function factory(role, config) that returns an agent"
-        ) from error
-    if not callable(factory):
-        raise MissionError(f"controller {name!r} must be a function factory(role, config), got {factory!r}")
-    return factory
+    if name == DEFAULT_CONTROLLER:
+        ours: Factory = pkgutil.resolve_name(name)
+        return ours
+    factory = load("controller", name, SIGNATURE)
+    return lambda role, config: PluginAgent(name, factory, role, config)
 
 
-@cache
-def _announce(name: str) -> None:
-    """Log the name of a controller that is not ours, once: not in a worker, whose parent loads it first."""
-    if not name.startswith("swarm.") and parent_process() is None:
-        _LOGGER.warning("this mission runs the code of %s: stop it if you do not know that", name)
+class PluginAgent:
+    """The agent of a controller of a user. Every fault of it is a `PluginError`."""
+
+    def __init__(self, name: str, factory: Factory, role: Role, config: MissionConfig) -> None:
+        self._plugin = Plugin("controller", name, "decide", SIGNATURE, lambda: factory(role, config))
+        self._drone = role.drone
+
+    def decide(self, situation: Situation) -> Decision:
+        """Return the command until the next tick."""
+        when = f"for drone {self._drone} at {situation.time_s:.2f} s"
+        decision: Decision = self._plugin.run(when, self._plugin.made.decide, situation)
+        if fault := _fault_of(decision):
+            raise self._plugin.faulty(f"{when}, expected {fault}")
+        return decision
+
+
+def _fault_of(decision: object) -> str | None:
+    """What was expected of a decision, and what came; None if all is well."""
+    if not isinstance(decision, Decision) or not isinstance(decision.command, VelocityCommand):
+        got = type(getattr(decision, "command", decision)).__name__
+        return f"a Decision with a VelocityCommand, got {got}"
+    velocity_m_s, yaw_rad = decision.command.velocity_m_s, decision.command.yaw_rad
+    for what, value, shape in (("velocity_m_s", velocity_m_s, (3,)), ("yaw_rad", yaw_rad, ())):
+        numbers = np.array(value)
+        if numbers.shape != shape or numbers.dtype.kind not in "fiu" or not np.isfinite(numbers).all():
+            return f"{what} as finite numbers of shape {shape}, got {value!r}"
+    return None

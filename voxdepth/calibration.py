@@ -13,10 +13,10 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
-from pydantic import Field, TypeAdapter
+from pydantic import Field
 
 from .errors import ConfigError
-from .model import Model
+from .model import Model, explained
 from .pipeline import StagedCorrector
 from .types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Source
 
@@ -37,7 +37,10 @@ class Fills(Model):
         return np.array([of_source.get(source, 0.0) for source in Source], np.float32)
 
 
-_CONTENT = TypeAdapter(dict[str, Fills])
+class Content(Model):
+    """The content of a file."""
+
+    correctors: dict[str, Fills]
 
 
 class Calibrated:
@@ -103,10 +106,15 @@ def read(file: Path) -> Mapping[str, Fills]:
     Raises:
         ConfigError: The file cannot be read, or holds something else.
     """
-    try:
-        return _CONTENT.validate_python(tomllib.loads(file.read_text(encoding="utf-8")))
-    except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise ConfigError(
+
+    def unreadable(reason: object) -> ConfigError:
+        return ConfigError(
             f"cannot read the confidences {file}: {reason}; make them again with `voxdepth experiment confidence`"
-        ) from error
+        )
+
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise unreadable(error) from error
+    with explained(Content, unreadable, field="correctors"):
+        return Content(correctors=content).correctors

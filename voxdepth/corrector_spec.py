@@ -1,17 +1,14 @@
 """A corrector and its configuration, as a field of a scenario, a study arm or a learning task."""
 
 import json
-import pkgutil
-import sys
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
-from pydantic import Field, ValidationError, field_validator, model_serializer, model_validator
+from pydantic import Field, field_validator, model_serializer, model_validator
 
 from .errors import ConfigError
-from .model import Model, first_problem
+from .model import Model, explained
 from .registry import create_corrector, require_known, resolve_config
 from .types import DepthCorrector, Intrinsics
 
@@ -61,10 +58,8 @@ class CorrectorSpec(Model):
     @classmethod
     def of(cls, text: str) -> "CorrectorSpec":
         """Return the corrector that a text names; a wrong name, key or value is a `ConfigError`."""
-        try:
+        with explained(cls, ConfigError):
             return cls.model_validate(text)
-        except ValidationError as error:
-            raise ConfigError(first_problem(error, "corrector")) from error
 
     def resolved_config(self) -> Any:
         """Return the whole configuration of the corrector, or None where only the name is given.
@@ -108,22 +103,3 @@ def parse_corrector(text: str) -> tuple[str, dict[str, Any]]:
     for part in reversed(key.split(".")):
         given = {part: given}
     return name, dict(given)
-
-
-def find_corrector(name: str) -> CorrectorFactory:
-    """Return the factory of a registered corrector, perhaps with a setting, or of your own as `package.module:factory`.
-
-    A name, setting, module or factory that does not exist is a `ConfigError`.
-    """
-    if ":" not in name.partition("[")[0]:
-        return CorrectorSpec.of(name).create
-    if (here := str(Path.cwd())) not in sys.path:  # An installed command has its own folder there instead.
-        sys.path.insert(0, here)
-    try:
-        factory: CorrectorFactory = pkgutil.resolve_name(name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ConfigError(
-            f"cannot find the corrector {name!r}: {error}; expected package.module:factory, where factory(intrinsics) "
-            "returns a DepthCorrector"
-        ) from error
-    return factory

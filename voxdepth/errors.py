@@ -1,5 +1,8 @@
 """Errors raised by the corrector library."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class VoxDepthError(Exception):
     """Base of every error of `voxdepth`. Its text is one line without control characters, whatever it quotes."""
@@ -18,9 +21,29 @@ class ConfigError(VoxDepthError, ValueError):
     """A configuration value is out of range, or a name is unknown."""
 
 
+class PluginError(ConfigError):
+    """Code that a user names as `module:factory` cannot be loaded, fails, or returns what it may not."""
+
+
 class DatasetError(VoxDepthError, RuntimeError):
     """A dataset is of another format, or one of its files is missing, damaged or of another kind."""
 
 
 class PipelineError(VoxDepthError, RuntimeError):
     """A stage of a pipeline failed with the error in `__cause__`, or a pipeline was run twice."""
+
+
+def did_you_mean(*likely: str) -> str:
+    """Ask in brackets for what may have been meant, to be added to an error; empty for nothing."""
+    return f" (did you mean {' or '.join(likely)}?)" if likely else ""
+
+
+def similar(wrong: str, names: Iterable[str], cutoff: float = 0.6) -> list[str]:
+    """The two names that are most like a wrong one, by `difflib`."""
+    return get_close_matches(wrong, list(names), 2, cutoff)
+
+
+def no_such(kind: str, name: str, names: Iterable[str]) -> str:
+    """The message about a name that does not exist among those that do."""
+    known = list(names)
+    return f"there is no {kind} {name!r}{did_you_mean(*similar(name, known))}; choose one of: {', '.join(known)}"

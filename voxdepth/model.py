@@ -1,11 +1,40 @@
 """The base of every configuration, which is frozen, typed strictly and allows no other keys, and errors in words."""
 
-from typing import Any
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from inspect import isabstract
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from .errors import did_you_mean, similar
+
 LONGEST_SHOWN = 200
 """Number of characters of a wrong value that an error shows."""
+EXPECTED = {
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "bool_type": "true or false",
+    "string_type": "a text",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a table of keys",
+    "mapping_type": "a table of keys",
+    "model_type": "a table of keys",
+    "greater_than": "more than {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than": "less than {lt}",
+    "less_than_equal": "at most {le}",
+    "string_pattern_mismatch": "a text of the form {pattern}",
+    "union_tag_invalid": "one of {expected_tags}",
+}
+"""What a value had to be, by the type of a problem and with its context; other problems bring their own words."""
+
+ELSEWHERE = 0.8
+"""How similar a key of another table must be to one that is unknown, by `difflib`."""
 
 
 class Model(BaseModel):
@@ -16,36 +45,145 @@ class Model(BaseModel):
     )
 
 
-def first_problem(error: ValidationError, field: str) -> str:
-    """Return the first problem in one line with the number of others; keys are named as in the file."""
-    first, *others = _by_weight(error)
-    where = first_key(error, field) or f"the {field}"
-    if first["type"] == "extra_forbidden":
-        text = f"unknown key {where!r}"
-    elif first["type"] == "missing":
-        text = f"the key {where!r} is missing"
-    else:
-        got = first["input"]
-        shown = f", got {shorten(got)}" if isinstance(got, str | int | float | bool | list) else ""
-        text = f"{where}: {first['msg'].removeprefix('Value error, ')}{shown}"
-    return text + (f" (and {len(others)} more {'problem' if len(others) == 1 else 'problems'})" if others else "")
+@contextmanager
+def explained(
+    model: type[BaseModel], raises: Callable[[str], Exception], where: str = "", field: str = ""
+) -> Iterator[None]:
+    """Raise an error of ours, which begins with `where`, for what does not fit a model in the block; see `problems`."""
+    try:
+        yield
+    except ValidationError as error:
+        raise raises(where + problems(error, model, field)) from error
 
 
-def first_key(error: ValidationError, field: str) -> str:
-    """Return the dotted key of the first problem as the file has it; empty where it is of the whole field."""
-    place = _by_weight(error)[0]["loc"]
-    keys = place[1:] if place[:1] == (field,) else place
-    if keys[:1] == ("flight",):  # Pydantic adds its kind to the path.
-        keys = (keys[0], *keys[2:])
-    return ".".join(str(key) for key in keys)
+def problems(error: ValidationError, model: type[BaseModel], field: str = "") -> str:
+    """All problems in one line, each with what may have been meant, unknown keys first.
+
+    Args:
+        error: What the validation of the model found.
+        model: The model. Its field of the name `field` holds the content of a file, whose keys begin below it.
+        field: This name; empty where the model is the content itself.
+    """
+    found = error.errors()
+    own = [one for one in found if not any(_is_below(other["loc"], one["loc"]) for other in found)]
+    by_key: dict[str, list[Any]] = {}
+    for problem in sorted(own, key=lambda one: one["type"] != "extra_forbidden"):
+        by_key.setdefault(_dotted(problem, model, field), []).append(problem)
+    texts = [_in_words(key, at_key, model, field) for key, at_key in by_key.items()]
+    return texts[0] if len(texts) == 1 else f"{len(texts)} problems: {'; '.join(texts)}"
 
 
-def _by_weight(error: ValidationError) -> list[Any]:
-    """The problems, unknown keys first, which often are why others are missing."""
-    return sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+def problem_keys(error: ValidationError, model: type[BaseModel], field: str) -> list[str]:
+    """The dotted keys of all problems as the file has them; an empty one is the whole file."""
+    return [_dotted(problem, model, field) for problem in error.errors()]
 
 
 def shorten(value: object) -> str:
     """Return how a value is written, cut where it is too long for a line."""
     text = repr(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+
+
+def _is_below(loc: Sequence[object], other: Sequence[object]) -> bool:
+    """Whether a place is within another one, which is wrong for that reason alone."""
+    return len(loc) > len(other) and loc[: len(other)] == other
+
+
+def _in_words(key: str, found: Sequence[Any], model: type[BaseModel], field: str) -> str:
+    """What is wrong with a key; the members of a union each have a problem of their own."""
+    first, where = found[0], key or f"the {field or 'configuration'}"
+    if first["type"] == "extra_forbidden":
+        return f"unknown key {where!r}{_likely_keys(first, model, field)}"
+    if first["type"] in ("missing", "union_tag_not_found"):
+        return f"the key {where!r} is missing"
+    if first["type"] in ("value_error", "json_invalid"):
+        return f"{where}: {first['msg'].removeprefix('Value error, ')}"
+    wanted = " or ".join(dict.fromkeys(_expected(problem) for problem in found))
+    given = first["ctx"]["tag"] if first["type"] == "union_tag_invalid" else first["input"]
+    meant = similar(given, re.findall(r"'([^']*)'", wanted)) if isinstance(given, str) else ()
+    return f"{where}: expected {wanted}{_got(given)}{did_you_mean(*meant)}"
+
+
+def _expected(problem: Any) -> str:
+    if words := EXPECTED.get(problem["type"]):
+        context = problem.get("ctx", {}).items()
+        return words.format(**{name: f"{value:g}" if isinstance(value, float) else value for name, value in context})
+    return re.sub(r"^\w+ should (be |have )?| after validation", "", problem["msg"])
+
+
+def _got(value: object) -> str:
+    return f", got {shorten(value)}" if isinstance(value, str | int | float | bool | list) else ""
+
+
+def _likely_keys(problem: Any, model: type[BaseModel], field: str) -> str:
+    """Ask for keys of the same name in other tables, else for similar ones in the same table, else anywhere."""
+    table, _, wrong = _dotted(problem, model, field).rpartition(".")
+    beside = {name: f"{table}.{name}".strip(".") for one in _place(problem, model)[1] for name in one.model_fields}
+    content = _models(_below(model, field)) or [model]
+    everywhere = [key for one in content for key in _keys_of(one)]
+    by_name = {key.rpartition(".")[2]: key for key in reversed(everywhere)}
+    same = dict.fromkeys(key for key in everywhere if key.rpartition(".")[2] == wrong)
+    return did_you_mean(
+        *(
+            list(same)[:2]
+            or [beside[name] for name in similar(wrong, beside)]
+            or [by_name[name] for name in similar(wrong, by_name, ELSEWHERE)]
+        )
+    )
+
+
+def _keys_of(model: type[BaseModel]) -> Iterator[str]:
+    """All dotted keys of a model, its tables included."""
+    for name, field in model.model_fields.items():
+        yield name
+        yield from (f"{name}.{key}" for one in _models(_members(field.annotation)) for key in _keys_of(one))
+
+
+def _dotted(problem: Any, model: type[BaseModel], field: str) -> str:
+    """The key of a problem as the file has it; empty where it is of the whole field."""
+    keys = _place(problem, model)[0]
+    kind = [problem["ctx"]["discriminator"].strip("'")] if problem["type"].startswith("union_tag") else []
+    return ".".join((keys[1:] if keys[:1] == [field] else keys) + kind)
+
+
+def _place(problem: Any, model: type[BaseModel]) -> tuple[list[str], list[type[BaseModel]]]:
+    """The keys that lead to a problem, without the members of unions that Pydantic puts between, and its tables."""
+    at: list[Any] = [model]
+    keys: list[str] = []
+    tables = [model]
+    for number, part in enumerate(problem["loc"], 1):
+        tables, below = _models(at), [inner for one in at for inner in _below(one, part)]
+        if below or (number == len(problem["loc"]) and problem["type"] == "extra_forbidden"):
+            keys.append(str(part))
+            at = below
+        else:  # A member; if it is a kind of table, no other kind is meant.
+            at = [one for one in tables if getattr(one.model_fields.get("kind"), "default", None) == part] or at
+    return keys, tables
+
+
+def _below(annotation: Any, key: str | int) -> list[Any]:
+    """What a key of a table or a place in a list may hold; nothing if there is none of that kind."""
+    if fields := getattr(annotation, "model_fields", {}):
+        return _members(fields[key].annotation) if key in fields else []
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if not isinstance(origin, type):
+        return []
+    if issubclass(origin, Mapping):
+        return _members(inner[1])
+    return [member for one in inner for member in _members(one)] if isinstance(key, int) else []
+
+
+def _members(annotation: Any) -> list[Any]:
+    """The members of a union, or the kinds of an abstract table; else the annotation alone."""
+    if isabstract(annotation):
+        return [member for kind in annotation.__subclasses__() for member in _members(kind)]
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _members(inner[0])
+    return [member for one in inner for member in _members(one)] if origin in (Union, UnionType) else [annotation]
+
+
+def _models(annotations: Iterable[Any]) -> list[type[BaseModel]]:
+    """The models among annotations and in lists of theirs."""
+    inner = [member for one in annotations for member in (one, *_below(one, 0))]
+    return [one for one in inner if isinstance(one, type) and issubclass(one, BaseModel)]

@@ -2,20 +2,20 @@
 
 Another distribution adds a corrector through the entry-point group `voxdepth.correctors`, whose entries map a name to a
 `factory(intrinsics)`. The factory may have an attribute `latency_s`, see the function of that name. Its code is loaded
-when its name is used, and it cannot replace a corrector of this library.
+when its name is used, and it cannot replace a corrector of this library. Without a distribution a corrector is named
+by its code, as `module:factory`.
 """
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from .errors import ConfigError
+from .errors import ConfigError, no_such
 from .types import DepthCorrector, Intrinsics
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ __all__ = [
     "DEFAULT",
     "ENTRY_POINTS",
     "PAPER",
+    "code_of",
     "config_of",
     "corrector_names",
     "create_bare",
@@ -117,9 +118,13 @@ def title(text: str) -> str:
 
 
 def require_known(name: str) -> None:
-    """Raise a `ConfigError` if no corrector has that name. Nothing is loaded."""
-    if name not in CORRECTOR_NAMES and name not in corrector_names():
-        raise ConfigError(f"there is no corrector {name!r}; choose one of: {', '.join(corrector_names())}")
+    """Raise a `ConfigError` if no corrector has that name. Only `module:factory` is loaded."""
+    if name in CORRECTOR_NAMES:
+        return
+    if ":" in name:
+        _load(name)
+    elif name not in (names := corrector_names()):
+        raise ConfigError(f"{no_such('corrector', name, names)}, or name your own as module:factory")
 
 
 def config_of(name: str) -> "TemporalConfig | VoxDepthConfig | None":
@@ -140,42 +145,19 @@ def resolve_config(name: str, given: Mapping[str, Any]) -> "TemporalConfig | Vox
     Raises:
         ConfigError: The corrector takes no configuration, or a key or a value is wrong.
     """
-    from pydantic import ValidationError
-
-    from .model import first_problem
+    from .model import explained
 
     default = config_of(name)
     if default is None:
         raise _takes_no_config(name)
-    merged = _merged(given, default.model_dump(mode="json"))
+    merged, where = _merged(given, default.model_dump(mode="json")), f"config of the corrector {name!r}"
     try:  # As JSON, in which a list may stand for a tuple and a string for an enumeration.
-        return type(default).model_validate_json(json.dumps(merged))
+        with explained(
+            type(default), lambda told: ConfigError(f"{where}: {told}; `voxdepth config {name}` prints all")
+        ):
+            return type(default).model_validate_json(json.dumps(merged))
     except TypeError as error:  # TOML has dates and times, JSON has not.
-        raise ConfigError(f"config of the corrector {name!r}: {error}; give numbers, texts and lists") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(key) for key in first["loc"])
-        if first["type"] == "extra_forbidden":
-            likely = _likely_keys(where, default.model_dump(mode="json"))
-            raise ConfigError(
-                f"config of the corrector {name!r}: unknown key {where!r}"
-                f"{'; did you mean ' + ' or '.join(likely) if likely else ''}; `voxdepth config {name}` prints all"
-            ) from error
-        raise ConfigError(f"config of the corrector {name!r}: {first_problem(error, 'configuration')}") from error
-
-
-def _likely_keys(mistyped: str, config: Mapping[str, Any]) -> list[str]:
-    """The keys, with their tables, that someone may have meant: those of the same name, or else of a similar one."""
-    keys = list(_dotted(config))
-    last = mistyped.rpartition(".")[2]
-    return [key for key in keys if key.rpartition(".")[2] == last] or get_close_matches(mistyped, keys, 2)
-
-
-def _dotted(config: Mapping[str, Any]) -> Iterator[str]:
-    for key, value in config.items():
-        yield key
-        if isinstance(value, Mapping):
-            yield from (f"{key}.{inner}" for inner in _dotted(value))
+        raise ConfigError(f"{where}: {error}; give numbers, texts and lists") from error
 
 
 def create_corrector(
@@ -213,7 +195,9 @@ def create_bare(
     if config is not None and (entry is None or entry.config is None):
         raise _takes_no_config(name)
     if entry is None:
-        return _load(name)(intrinsics)
+        from .plugins import make_corrector
+
+        return make_corrector(code_of(name) or name, _load(name), intrinsics)
     camera = (intrinsics,) if entry.takes_camera else ()
     if config is None:
         config = config_of(name)
@@ -238,9 +222,17 @@ def latency_s(name: str) -> float:
     latency = getattr(_load(name), "latency_s", None)
     if latency is None:
         raise ConfigError(
-            f"the corrector {name!r} has no latency: set it in the scenario, or give its factory an attribute latency_s"
+            f"the corrector {name!r} has no latency, the simulated seconds that a frame takes: give its class the line "
+            f"latency_s = 0.01, or the scenario the line corrector_latency_s = {{ {name!r} = 0.01 }}"
         )
     return float(latency)
+
+
+def code_of(name: str) -> str | None:
+    """The code of a corrector as `module:factory`; None for one of this library."""
+    if name in _REGISTRY or ":" in name:
+        return None if name in _REGISTRY else name
+    return next(iter(entry_points(group=ENTRY_POINTS, name=name))).value
 
 
 def _takes_no_config(name: str) -> ConfigError:
@@ -261,7 +253,11 @@ def _merged(given: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, A
 
 
 def _load(name: str) -> Callable[[Intrinsics], DepthCorrector]:
-    """Load the factory of another distribution."""
+    """Load a factory that is none of ours."""
+    if ":" in name:
+        from .plugins import CORRECTOR, load
+
+        return load("corrector", name, CORRECTOR)
     entry = next(iter(entry_points(group=ENTRY_POINTS, name=name)))
     try:
         factory: Callable[[Intrinsics], DepthCorrector] = entry.load()

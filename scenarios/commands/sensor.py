@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from voxdepth.tools.options import DEFAULT_CORRECTOR, counter
+from voxdepth.tools.options import CORRECTOR_HELP, DEFAULT_CORRECTOR, counter
 
 from .options import Picture, Renderer, Seed, Size, given, size_changes
 
@@ -61,9 +61,7 @@ def scenes(
 
 
 def regress(
-    corrector: Annotated[
-        str, typer.Option(help="Corrector by name, or your own as package.module:factory.")
-    ] = DEFAULT_CORRECTOR,
+    corrector: Annotated[str, typer.Option(help=CORRECTOR_HELP)] = DEFAULT_CORRECTOR,
     update: Annotated[bool, typer.Option("--update", help="Make the present metrics the golden ones.")] = False,
     golden: Annotated[Path, typer.Option(help="Folder of the golden metrics.")] = Path("tests/golden"),
     out: Annotated[Path, typer.Option(help="Folder for the recording of the worst case.")] = Path("runs"),
@@ -74,13 +72,13 @@ def regress(
     """
     from rich.console import Console
 
-    from voxdepth.corrector_spec import find_corrector
+    from voxdepth.corrector_spec import CorrectorSpec
 
     from .. import regression
     from ..rerun.frames import record_case
 
     console = Console()
-    make = find_corrector(corrector)
+    make = CorrectorSpec.of(corrector).create
     path = regression.golden_path(golden, corrector)
     before = None if update else regression.read_golden(path)
     with console.status("") as status:

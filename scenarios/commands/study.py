@@ -204,7 +204,7 @@ def _print_status(data: "StudyData") -> None:
     from ..study.run import Progress
     from ..study.tables import verdict
 
-    typer.echo(f"study {data.study.name}: {data.study.description}")
+    typer.echo(f"study {data.study.name}: {data.study.description}".removesuffix(": "))
     typer.echo(verdict(compare_arms(data, data.study.endpoint), data.study.endpoint))
     Progress(data).table().print(Console())
     for failure in list(data.failures.values())[:5]:

@@ -29,6 +29,9 @@ def run(
     depth: Annotated[Depth | None, typer.Option(help="Where depth comes from.")] = None,
     theta: Annotated[float | None, typer.Option(help="Noise ratio of --depth noisy.")] = None,
     corrector: Annotated[str | None, typer.Option(help=CORRECTOR_HELP)] = None,
+    controller: Annotated[
+        str | None, typer.Option(metavar="MODULE:FACTORY", help="Controller of each drone. Default: the scenario's.")
+    ] = None,
     prior: Annotated[
         Prior | None, typer.Option(help="Pose that a drone passes to its corrector; true is an oracle.")
     ] = None,
@@ -56,6 +59,7 @@ def run(
         depth=("rig.depth", depth),
         theta=("rig.noise.scale.theta", theta),
         corrector=("corrector", corrector),
+        controller=("mission.controller", controller),
         prior=("mission.pose_prior.kind", prior),
         renderer=("renderer", renderer),
     )

@@ -5,19 +5,25 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Literal, get_args
 
 import pydantic
 from pydantic import Field
 
 from sim.depth_noise import SensorModelName
+from swarm.task import DEFAULT_CONTROLLER
+from voxdepth import registry
 from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.errors import VoxDepthError
 from voxdepth.model import Model
-from voxdepth.tools.errors import ToolError
+from voxdepth.plugins import digest_of, source_of
+from voxdepth.tools.provenance import DIGEST_DIGITS
 
 from ..config import Run, images_of, load_run
 from ..errors import ScenarioError
 from ..files import Name, load_alone
+from ..provenance import simulation_versions
 
 PILOT_SEEDS = range(1000, 6000)
 """Seeds of pilots, which may be used to choose scenes and controllers."""
@@ -117,13 +123,13 @@ class Study(Model):
     """A study as its file describes it."""
 
     name: Name
-    description: str
+    description: str = ""
     scenarios: tuple[str, ...] = Field(strict=False, min_length=1)
     """Shipped scenarios by name, or paths of TOML files, relative to the study's file."""
     seeds: Seeds
     pilot: bool = False
     """Whether this is a pilot, which may be used to choose scenes and controllers. Its seeds are `PILOT_SEEDS`."""
-    time_limit_s: float = Field(gt=0)
+    time_limit_s: float = Field(default=1800.0, gt=0)
     """Wall-clock time after which a run is stopped and counts as an error."""
     changes: Mapping[str, Any] = Field(default={}, strict=False)
     """Values to set in every scenario for every arm, by dotted key."""
@@ -238,12 +244,32 @@ def load_study(name_or_path: str) -> Study:
     return study.model_copy(update={"scenarios": tuple(scenarios)})
 
 
+def sources_of(run: Run) -> dict[str, str]:
+    """Return the digests of the controller and the corrector of a run that are not ours, by their `module:factory`.
+
+    Raises:
+        ScenarioError: One of them has no source file.
+    """
+    scenario = run.scenario
+    named = (scenario.mission.controller, registry.code_of(scenario.corrector.name))
+    digests = {}
+    for name in (name for name in named if name not in (None, DEFAULT_CONTROLLER)):
+        if (file := source_of(name)) is None:
+            raise ScenarioError(
+                f"cannot find the module of {name!r}: put it into the current folder or one that PYTHONPATH names"
+            )
+        digests[name] = digest_of(file)[:DIGEST_DIGITS]
+    return digests
+
+
 def key_of(run: Run) -> str:
-    """Return the SHA-256 of the canonical JSON of a run, as 64 hexadecimal digits.
+    """Return the SHA-256 of the canonical JSON of a run and of the user's code that it flies, in hexadecimal digits.
 
     Equal runs have equal keys, whatever their arms are called.
     """
     content = {"format": KEY_FORMAT, "run": run.model_dump(mode="json")}
+    if sources := sources_of(run):
+        content["sources"] = sources
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -257,18 +283,38 @@ def expand(study: Study) -> list[RunSpec]:
     names = [load_run(scenario, 0, {}).scenario.name for scenario in study.scenarios]
     if len(set(names)) < len(names):
         raise ScenarioError(f"the scenarios of a study must have different names, got {', '.join(names)}")
-    planned = [
-        (arm, theta, _run(study, scenario, arm, theta))
-        for scenario in study.scenarios
-        for arm in study.arms
-        for theta in arm.levels
-    ]
+    repeated = _repeated(study)
     return [
         _spec(arm, theta, run.model_copy(update={"seed": seed}))
         for seed in study.seeds.first_seeds()
-        for arm, theta, run in planned
+        for arm, theta, run in repeated
         if seed in study.seeds.first_seeds(arm.seeds)
     ]
+
+
+def _repeated(study: Study) -> list[tuple[Arm, float | None, Run]]:
+    """The runs that the seeds repeat, by arm and noise ratio; their own seed is of no meaning.
+
+    One error tells all arms that set what their scenarios do not take.
+    """
+    repeated, told = [], dict[str, None]()
+    for scenario, arm in product(study.scenarios, study.arms):
+        for theta in arm.levels:
+            try:
+                run = load_run(scenario, 0, {**study.changes, **arm.changes_at(theta)})
+                sources_of(run)
+                repeated.append((arm, theta, run))
+            except VoxDepthError as error:
+                told[f"arm {arm.name!r}: {error}"] = None
+    if told:
+        raise ScenarioError(f"the study {study.name!r}: {'; '.join(told)}")
+    return repeated
+
+
+def versions_of(specs: Iterable[RunSpec]) -> dict[str, str]:
+    """Return `simulation_versions`, and the digests of the user's code that runs fly, see `sources_of`."""
+    runs = {(s.run.scenario.mission.controller, s.run.scenario.corrector.name): s.run for s in specs}
+    return simulation_versions() | {name: own for run in runs.values() for name, own in sources_of(run).items()}
 
 
 def by_importance(study: Study, specs: Iterable[RunSpec], waiting: Iterable[RunSpec]) -> list[RunSpec]:
@@ -286,14 +332,6 @@ def digest(study: Study, specs: Sequence[RunSpec]) -> str:
     design = study.model_dump_json(exclude={"scenarios", "description", "time_limit_s"})
     runs = [f"{spec.scenario} {spec.arm} {spec.theta} {spec.key}" for spec in specs]
     return hashlib.sha256("\n".join([design, *runs]).encode()).hexdigest()
-
-
-def _run(study: Study, scenario: str, arm: Arm, theta: float | None) -> Run:
-    """The run of an arm at a noise ratio that the seeds repeat; its own seed is of no meaning."""
-    try:
-        return load_run(scenario, 0, {**study.changes, **arm.changes_at(theta)})
-    except ToolError as error:
-        raise ScenarioError(f"arm {arm.name!r} of the study {study.name!r}: {error}") from error
 
 
 def _spec(arm: Arm, theta: float | None, run: Run) -> RunSpec:

@@ -14,6 +14,7 @@ from swarm.pilot import Decision, PilotConfig
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.voxel_map import STATES
+from voxdepth.errors import no_such
 from voxdepth.geometry import back_project
 from voxdepth.metrics import TOO_FAR
 from voxdepth.tools.table import Table, Value
@@ -56,9 +57,10 @@ class Diagnosis:
     textureless: bool = False
     """Whether the object that was hit has no texture."""
     true_m: float | None = None
-    """Median true depth of the trusted pixels [m]; None unless the cause is `TOO_FAR` or `CORRECT`."""
+    """True depth [m] of the trusted pixel whose ratio of depths is the median, by which `TOO_FAR` and `CORRECT` are
+    told apart; None for other causes."""
     corrected_m: float | None = None
-    """Median corrected depth of the same pixels [m]."""
+    """Corrected depth of the same pixel [m]."""
     in_view_at_last: bool = False
     """Whether an image of the last second showed the place."""
     commanded_m_s: float | None = None
@@ -201,10 +203,11 @@ def diagnose(observations: Sequence[Observation], body: int, point_m: FloatArray
     if np.mean(trusted) < 0.5:
         return Diagnosis(cause=Cause.UNTRUSTED)
     true_m, corrected_m = true_m[trusted], corrected_m[trusted]
+    ratio = corrected_m / true_m
+    middle = np.argsort(ratio)[ratio.size // 2]
+    shown_m, at_m = round(float(corrected_m[middle]), 2), round(float(true_m[middle]), 2)  # As the text has them.
     return Diagnosis(
-        cause=Cause.TOO_FAR if np.median(corrected_m / true_m) > TOO_FAR else Cause.CORRECT,
-        true_m=float(np.median(true_m)),
-        corrected_m=float(np.median(corrected_m)),
+        cause=Cause.TOO_FAR if shown_m > TOO_FAR * at_m else Cause.CORRECT, true_m=at_m, corrected_m=shown_m
     )
 
 
@@ -217,7 +220,7 @@ def colliding_runs(data: StudyData, arms: Sequence[str], limit: int | None) -> M
     found: dict[str, list[RunSpec]] = {arm.name: [] for arm in data.study.arms}
     for arm in arms:
         if arm not in found:
-            raise ScenarioError(f"the study has no arm {arm!r}: choose from {', '.join(found)}")
+            raise ScenarioError(no_such("arm", arm, found))
     for spec in data.collisions:
         found[spec.arm].append(spec)
     return {arm: specs[:limit] for arm, specs in found.items() if not arms or arm in arms}

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from ..errors import ScenarioError
 from ..flight import fly
-from .design import RunSpec
+from .design import RunSpec, key_of
 from .store import Completion, Failure, RunRecord
 
 FlyOne = Callable[[RunSpec], RunRecord]
@@ -17,8 +17,10 @@ def run_one(spec: RunSpec) -> RunRecord:
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
-        ScenarioError: A number of the result is not finite.
+        ScenarioError: The key is not that of the run, or a number of the result is not finite.
     """
+    if key_of(spec.run) != spec.key:
+        raise ScenarioError("the code of a controller or corrector has changed since the study began: see --resume")
     record = RunRecord.of(spec.key, fly(spec.run, threads=1))
     for figures in (record.metrics, *record.drones, *map(vars, record.contacts)):
         for name, value in figures.items():

@@ -8,9 +8,8 @@ from pathlib import Path
 from swarm.types import Outcome
 
 from ..errors import ScenarioError
-from ..provenance import simulation_versions
 from ..runner import fly_and_write
-from .design import RunSpec
+from .design import RunSpec, versions_of
 from .store import RunRecord, StudyData
 
 TOLERANCE = 1e-6
@@ -90,7 +89,7 @@ def fly_again(data: StudyData, spec: RunSpec, out: Path, *, record: bool) -> tup
     if not other:
         same = f"the same as in the study, errors of depth within {DEPTH_TOLERANCE:g}, others within {TOLERANCE:g}"
         return finished.folder, True, f"{now.outcome}: {same}"
-    versions = [name for name, version in simulation_versions().items() if data.versions.get(name) != version]
+    versions = [name for name, version in versions_of([spec]).items() if data.versions.get(name) != version]
     verdict = (
         f"{now.outcome}, in the study {before.outcome}: NOT the same; other: {', '.join(other)}; "
         f"other versions: {', '.join(versions) or 'none'}; the study was begun on {data.machine}"

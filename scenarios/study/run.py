@@ -153,7 +153,7 @@ def run_study(
 
     Raises:
         ScenarioError: The study cannot be resolved, its store cannot be used, or no run can be flown.
-        MissionError: A controller cannot be loaded.
+        PluginError: A controller cannot be loaded.
         KeyboardInterrupt: Ctrl-C was pressed; completed runs are stored.
     """
     specs = expand(study)

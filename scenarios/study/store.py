@@ -13,7 +13,7 @@ import pydantic
 
 from sim.types import Contact
 from swarm.types import Outcome
-from voxdepth.model import first_problem
+from voxdepth.model import problems
 from voxdepth.tools.files import to_toml
 from voxdepth.tools.locks import locked
 from voxdepth.tools.provenance import machine
@@ -22,8 +22,7 @@ from ..config import Run
 from ..errors import ScenarioError
 from ..files import Loaded
 from ..flight import Finished
-from ..provenance import simulation_versions
-from .design import RunSpec, Study, digest
+from .design import RunSpec, Study, digest, versions_of
 
 FILE = "study.sqlite"
 UNREADABLE = (ValueError, TypeError, KeyError)
@@ -107,7 +106,7 @@ class StudyData:
     failures: Mapping[str, Failure]
     """The last failure of each run that has no result, by key."""
     versions: Mapping[str, str]
-    """`simulation_versions` when the study began; the first published studies have no entry for the code."""
+    """`versions_of` its runs when the study began; the first published studies have no entry for the code."""
     machine: str
     """The machine on which the study began."""
 
@@ -279,7 +278,7 @@ class Store:
                 raise  # Damage, not other keys.
             raise ScenarioError(
                 f"{self._path} was written by a version of voxdepth with other keys "
-                f"({first_problem(error, 'scenario')}): use that one"
+                f"({problems(error, model, 'scenario')}): use that one"
             ) from error
 
     def _rows(self, query: str) -> list[sqlite3.Row]:
@@ -299,7 +298,7 @@ class Store:
             "study": study.model_dump_json(),
             "study_toml": to_toml(study),
             "digest": digest(study, specs),
-            "versions": json.dumps(simulation_versions()),
+            "versions": json.dumps(versions_of(specs)),
             "machine": machine(),
         }
         runs = {spec.key: spec.run.model_dump_json() for spec in specs}
@@ -324,6 +323,13 @@ class Store:
     def _require_same(self, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> None:
         meta = self._meta()
         name = self._parsed(Study, meta["study"]).name
+        before, now = json.loads(meta["versions"]), versions_of(specs)
+        changed = [one for one in before | now if before.get(one) != now.get(one)]
+        if edited := [one for one in changed if ":" in one and one in before and one in now]:
+            raise ScenarioError(
+                f"the code of {' and '.join(edited)} has changed since {self._folder} was begun, so results may "
+                "differ: take the change back, or use another --out"
+            )
         if meta["digest"] != digest(study, specs):
             raise ScenarioError(
                 f"{self._folder} holds another version of the study {name!r}: the study or one of its scenarios has "
@@ -334,12 +340,10 @@ class Store:
             raise ScenarioError(
                 f"{self._folder} holds runs of the study {name!r}: go on with --resume, or use another --out"
             )
-        before, now = json.loads(meta["versions"]), simulation_versions()
-        names = [name for name in before | now if before.get(name) != now.get(name)]
-        changed = [f"{name} {before.get(name, 'unknown')} -> {now.get(name, 'unknown')}" for name in names]
         if changed:
+            told = ", ".join(f"{one} {before.get(one, 'unknown')} -> {now.get(one, 'unknown')}" for one in changed)
             raise ScenarioError(
-                f"{self._folder} was begun with other versions ({', '.join(changed)}), so results may differ: install "
+                f"{self._folder} was begun with other versions ({told}), so results may differ: install "
                 "those versions (code: check out that revision), or use another --out"
             )
 

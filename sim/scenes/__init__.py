@@ -7,7 +7,8 @@ of `SceneSpec` with that `kind`. Its code is loaded when a scenario names it, an
 from importlib.metadata import entry_points
 from typing import Annotated, Any
 
-from pydantic import PlainValidator, SerializeAsAny, ValidationInfo
+from pydantic import PlainValidator, SerializeAsAny, TypeAdapter, ValidationInfo
+from pydantic_core import PydanticKnownError
 
 from ..bodies import SceneSpec
 from .city import CitySpec
@@ -33,14 +34,20 @@ def _spec_of(scene: Any, info: ValidationInfo) -> SceneSpec:
         return scene
     kind = scene.get("kind") if isinstance(scene, dict) else None
     spec = KINDS.get(kind) or _loaded(kind)
-    return spec.model_validate(scene, context=info.context)
+    scenes: TypeAdapter[dict[Any, SceneSpec]] = TypeAdapter(dict[Any, spec])  # type: ignore[valid-type]
+    return scenes.validate_python({kind: scene}, context=info.context)[kind]  # Errors lie below the kind, as in unions.
 
 
 def _loaded(kind: Any) -> type[SceneSpec]:
     """The specification of a kind of another distribution."""
+    if kind is None:
+        raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})
     others = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
     if kind not in others:
-        raise ValueError(f"expected a kind, one of {', '.join((*KINDS, *sorted(others)))}, got {kind!r}: set `kind`")
+        known = ", ".join(map(repr, dict.fromkeys((*KINDS, *sorted(others)))))
+        raise PydanticKnownError(
+            "union_tag_invalid", {"discriminator": "'kind'", "tag": str(kind), "expected_tags": known}
+        )
     try:
         spec: type[SceneSpec] = others[kind].load()
     except Exception as error:  # foreign code may raise anything

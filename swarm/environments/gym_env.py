@@ -7,6 +7,9 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from voxdepth.model import explained
+
+from ..errors import MissionError
 from .episode import require_followers
 from .learner import ACTION_SIZE, Observation
 from .task import LearningTask
@@ -47,14 +50,15 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         task: Fields of `LearningTask`, by name.
 
     Raises:
-        MissionError: There is no such render mode, or the learner is no follower.
-        pydantic.ValidationError: A field of the task is unknown or impossible.
+        MissionError: There is no such render mode, the learner is no follower, or a field of the task is unknown or
+            impossible.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
 
     def __init__(self, *, learner: int | None = None, render_mode: str | None = None, **task: Any) -> None:
-        self._task = LearningTask(**task)
+        with explained(LearningTask, MissionError):
+            self._task = LearningTask(**task)
         self._learner = self._task.followers[0] if learner is None else learner
         require_followers(self._task, [self._learner])
         self._view = EpisodeView(self._task, render_mode)

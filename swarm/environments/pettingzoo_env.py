@@ -8,6 +8,8 @@ from gymnasium import spaces
 from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
+from voxdepth.model import explained
+
 from ..errors import MissionError
 from .episode import Episode
 from .gym_env import Action, action_space, observation_space
@@ -32,8 +34,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         task: Fields of `LearningTask`, by name.
 
     Raises:
-        MissionError: There is no such render mode.
-        pydantic.ValidationError: A field of the task is unknown or impossible.
+        MissionError: There is no such render mode, or a field of the task is unknown or impossible.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -44,7 +45,8 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
     }
 
     def __init__(self, *, render_mode: str | None = None, **task: Any) -> None:
-        self._task = LearningTask(**task)
+        with explained(LearningTask, MissionError):
+            self._task = LearningTask(**task)
         self._view = EpisodeView(self._task, render_mode)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}

@@ -137,7 +137,7 @@ def test_commas_in_a_setting_do_not_part_methods(tmp_path: Path) -> None:
         (["sim-XX"], "there is no sequence 'sim-XX'; choose one of: sim-KTC"),
         (["--methods", "raw,magic"], "there is no corrector 'magic'; choose one of: raw"),
         (["--methods", "raw,raw"], "--methods names 'raw' twice"),
-        (["--methods", "nowhere:make"], "cannot find the corrector 'nowhere:make'"),
+        (["--methods", "nowhere:make"], "the corrector 'nowhere:make' cannot be loaded"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from swarm.team import Route
 from swarm.types import MissionResult, Outcome
 from tests.helpers import ROUGH, wall
 from tests.swarm_missions import mission_among
+from voxdepth.errors import PluginError
 
 EXACT: dict[str, Any] = {
     "link": {"loss": 0.0},
@@ -107,7 +108,7 @@ def test_a_command_that_is_not_finite_ends_the_mission_with_an_error_and_without
     task = config(route(0, 0, 30, 0), controller=f"{__name__}:Dividing")
     with (
         mission_among(config=task) as mission,
-        pytest.raises(MissionError, match=r"drone 0 gave a command that is not finite at 1\.00 s: velocity \[nan"),
+        pytest.raises(PluginError, match=r"for drone 0 at 1\.00 s, expected velocity_m_s as finite numbers .*\(\[nan"),
     ):
         mission.run()
 

@@ -24,7 +24,7 @@ from sim import testing
 from tests.integration.test_cli import voxdepth
 from voxdepth import VoxDepth, VoxDepthConfig
 from voxdepth.baselines.single_frame import Raw
-from voxdepth.corrector_spec import find_corrector
+from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import ConfigError
 from voxdepth.tools.errors import ToolError
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
@@ -38,7 +38,7 @@ def smoother(intrinsics: Intrinsics) -> DepthCorrector:
 
 
 def table_of(name: str, frames: int = testing.FRAMES) -> dict:
-    return measure(find_corrector(name), lambda case: None, frames=frames)
+    return measure(CorrectorSpec.of(name).create, lambda case: None, frames=frames)
 
 
 @pytest.mark.slow
@@ -135,13 +135,13 @@ def test_missing_and_foreign_golden_figures_say_what_to_do(tmp_path: Path) -> No
 @pytest.mark.parametrize("name", ["no.such:thing", "tests.helpers:nothing"])
 def test_correctors_that_are_not_there_are_named(name: str) -> None:
     with pytest.raises(ConfigError, match=name):
-        find_corrector(name)
+        CorrectorSpec.of(name)
 
 
 def test_a_case_is_recorded_where_it_can_be(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ToolError, match=r"x\.rrd"):
-        record_case(tmp_path / "file" / "x.rrd", "scale/low", corrected(find_corrector("raw"), "scale/low", 1))
+        record_case(tmp_path / "file" / "x.rrd", "scale/low", corrected(CorrectorSpec.of("raw").create, "scale/low", 1))
 
 
 @pytest.mark.slow

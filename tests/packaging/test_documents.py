@@ -184,11 +184,14 @@ def test_the_example_of_a_listed_world_is_flown(tmp_path: Path) -> None:
     assert fly(run).result.outcome is Outcome.SUCCESS
 
 
-def test_the_example_of_a_study_can_be_loaded(tmp_path: Path) -> None:
+def test_the_example_of_a_study_can_be_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from scenarios.study.design import expand, load_study
 
     study, arms = blocks(ROOT / "docs" / "running_studies.md", "toml")
-    (tmp_path / "mine.toml").write_text(study + arms.replace("wide-median", "median"))
+    (tmp_path / "mine.toml").write_text(study + arms)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "my_avoidance.py").write_text("from examples.straight_controller import create\n")
+    (tmp_path / "my_corrector.py").write_text("class Mine:\n    latency_s = 0.01\n")
     loaded = load_study(str(tmp_path / "mine.toml"))
     assert len(loaded.arms) == 5
     controllers = {spec.arm: spec.run.scenario.mission.controller for spec in expand(loaded)}

@@ -65,10 +65,10 @@ def test_every_corrector_but_the_default_is_in_the_file_and_no_fill_is_certain()
     ("text", "reason"),
     [
         ("[raw", "Expected ']'"),
-        ("raw = 3", "raw Input should be a valid dictionary"),
-        ("[raw]\nsensors = 1", "raw.sensors Extra inputs are not permitted"),
+        ("raw = 3", "raw: expected a table of keys, got 3"),
+        ("[raw]\nsensors = 1", "unknown key 'raw.sensors'"),
         ("[raw]\nmemory = nan", "raw.memory"),
-        ("[raw]\nmemory = 1.5", "less than or equal to 1"),
+        ("[raw]\nmemory = 1.5", "raw.memory: expected at most 1, got 1.5"),
         (None, "No such file"),
     ],
 )

@@ -427,7 +427,7 @@ def test_fields_of_a_calibration_beside_the_bag_count_before_the_camera_info(lay
     assert open_dataset(path).intrinsics.baseline_m == 0.07
     assert open_dataset(path, intrinsics=CAMERA).intrinsics is CAMERA
     (folder / "calibration.toml").write_text("baseline = 0.095\n")
-    with pytest.raises(DatasetError, match=r"unknown: \['baseline'\]"):
+    with pytest.raises(DatasetError, match=r"unknown key 'baseline' \(did you mean baseline_m"):
         open_dataset(path)
 
 

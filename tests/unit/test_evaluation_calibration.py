@@ -100,21 +100,6 @@ def scored(**given: Any) -> set[str]:
     return {f.mask for f in done.measurements}
 
 
-def test_a_method_may_give_neither() -> None:
-    both = scored()
-    assert {"confidence 0.9-1", "source sensor"} <= both
-    assert scored(confidence=None, source=None) == both - {
-        "confidence 0.9-1", "source sensor", "source sensor, confidence 0.9-1"
-    }  # fmt: skip
-
-    class Bare(Raw):
-        def process(self, frame: Frame) -> Any:
-            return type("Result", (), {"depth_m": frame.depth_m.copy()})()
-
-    done = run(Method(name="x", make=lambda intrinsics: Bare()), evaluation_frames(2), TRUE_GROUPS, CAMERA)
-    assert not any(f.mask.startswith(("confidence", "source")) for f in done.measurements)
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [

@@ -99,7 +99,7 @@ def test_a_text_may_have_a_setting(setting: str, config: dict[str, Any]) -> None
     ("corrector", "message"),
     [
         ("temporal[fill]", r"expected a corrector with a setting as in temporal\[fill=all\], got 'temporal\[fill\]'"),
-        ("temporal[fil=all]", "unknown key 'fil'; did you mean fill"),
+        ("temporal[fil=all]", r"unknown key 'fil' \(did you mean fill"),
         ("magic", "there is no corrector 'magic'"),
         ({"name": "median", "config": {"window": 5}}, "'median' takes no configuration"),
         ({"name": "temporal", "config": {"windov": 5}}, "config of the corrector 'temporal': unknown key 'windov'"),

@@ -1,5 +1,6 @@
 """What a drone had seen of what it hit."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -21,6 +22,7 @@ from swarm.cost_map import CostMap
 from swarm.pilot import Decision, PilotConfig
 from swarm.voxel_map import FREE, OCCUPIED, UNOBSERVABLE, MapConfig
 from tests.helpers import wall, world_of
+from voxdepth.metrics import TOO_FAR
 from voxdepth.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(width_px=40, height_px=30, fx_px=20.0, fy_px=20.0, cx_px=19.5, cy_px=14.5, baseline_m=1.0)
@@ -156,3 +158,14 @@ def test_the_table_has_a_row_for_each_arm() -> None:
         "map a second before: occupied": "0",
     }
     assert set(table.texts[1][1:]) == {"0"}
+
+
+def test_the_verdict_follows_from_the_distances_that_are_told() -> None:
+    random = np.random.default_rng(0)
+    for _ in range(100):
+        one = seen(1.0, true_m=2.0)
+        true_m = random.uniform(1.7, 2.4, CAMERA.shape).astype(np.float32)
+        shown_m = true_m * random.normal(1.1, 0.3, CAMERA.shape).clip(0.2).astype(np.float32)
+        found = diagnose([replace(one, true_m=true_m, corrected_m=shown_m)] * 3, WALL, AHEAD_M)
+        verdict, shown, true = re.fullmatch(r"(.*), shown at (\S+) m instead of (\S+) m", str(found)).groups()
+        assert (verdict == Cause.TOO_FAR) == (float(shown) > TOO_FAR * float(true))

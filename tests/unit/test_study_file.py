@@ -124,7 +124,7 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
         ('"mission.pilot.evidence.min_confidence"', '"rig.depth"', "changes must not set rig.depth"),
         ('"96x64"', '"big"', "arms.0.size"),
         ("seeds = {", 'changes = { "corrector" = "median" }\nseeds = {', "changes must not set corrector"),
-        ('name = "mine"', 'name = "../mine"', "name: String should match pattern"),
+        ('name = "mine"', 'name = "../mine"', "name: expected a text of the form"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "c"\n[[arms]]', "names no arm of the study: 'c'"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "b"\n[[arms]]', "needs arms of one theta, 'b' has 2"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "a"\n[[arms]]', "must name two arms, got 'a' twice"),
@@ -143,7 +143,7 @@ def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, old: str, new: str, m
         ({"scenarios": ["nowhere"]}, "there is no scenario 'nowhere'"),
         ({"changes": {"mission.drones": 0}}, "mission.drones"),
         ({"changes": {"mission.wings": 2}}, "unknown key 'mission.wings'"),
-        ({"arms": [arm("a"), arm("odd", size="0x60")]}, "arm 'odd' of the study 'tiny': .*rig.width_px"),
+        ({"arms": [arm("a"), arm("odd", size="0x60")]}, "the study 'tiny': arm 'odd': .*rig.width_px"),
     ],
 )
 def test_what_is_wrong_with_a_run_is_said_before_anything_flies(changes: dict[str, Any], message: str) -> None:

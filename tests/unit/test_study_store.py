@@ -13,7 +13,6 @@ from scenarios.study.design import expand
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
 from scenarios.study.store import FILE, Failure, Store, read_study
-from swarm.errors import MissionError
 from swarm.types import Outcome
 from tests.studies import HIT, Scripted, arm, fake, noisy, record, results_of, study, unseen
 from voxdepth.tools.errors import ToolError
@@ -159,7 +158,7 @@ def test_a_store_of_other_packages_or_code_is_refused(tmp_path: Path, change: st
 
 def test_a_controller_that_cannot_be_loaded_is_refused_before_anything_flies(tmp_path: Path) -> None:
     lost = study(arm("a", changes={"mission.controller": "nowhere:factory"}))
-    with pytest.raises(MissionError, match="controller 'nowhere:factory' cannot be loaded"):
+    with pytest.raises(ScenarioError, match="arm 'a': cannot find the module of 'nowhere:factory'"):
         run_study(lost, tmp_path / "out", Serial(fake), unseen)
     assert not (tmp_path / "out").exists()
 

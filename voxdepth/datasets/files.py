@@ -7,7 +7,7 @@ from math import isfinite
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
-from ..errors import DatasetError, FrameError
+from ..errors import DatasetError, FrameError, did_you_mean, similar
 from ..types import Intrinsics
 from ..units import Unit
 
@@ -18,6 +18,15 @@ OPTIONAL = {field.name for field in fields(Intrinsics) if field.default is not M
 """Fields that may be left out."""
 UNITS_PER_M = "units_per_m"
 """Key of the steps of a metre in the depth, which a `calibration.toml` may state, too."""
+WANTED = {
+    "fx_px": "focal length along x [px]",
+    "fy_px": "focal length along y [px]",
+    "cx_px": "column of the principal point [px], near half of the width",
+    "cy_px": "row of the principal point [px], near half of the height",
+    "width_px": "width of the images [px]",
+    "height_px": "height of the images [px]",
+}
+"""Fields that may not, and what they are."""
 LARGEST_FILE_BYTES = 2**28
 """Larger files are no images or lists of one camera."""
 
@@ -121,9 +130,16 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
     """
     if given is not None:
         return given
-    values = camera_fields(folder)
-    known = stated(of_format()) if values.keys() <= OPTIONAL else {}
-    return intrinsics_from({**known, **values}, calibration_path(folder))
+    path = calibration_path(folder)
+    if not path.exists():
+        return of_format()
+    values, found = camera_fields(folder), []
+    if values.keys() <= OPTIONAL:
+        try:
+            values = {**stated(of_format()), **values}
+        except DatasetError as error:  # Told below, with what is missing.
+            found.append(str(error))
+    return intrinsics_from(values, path, found)
 
 
 def choose_unit(dataset: Path, given: float | None, of_format: Unit) -> Unit:
@@ -147,23 +163,31 @@ def stated(intrinsics: Intrinsics) -> dict[str, int | float]:
     return {name: value for name, value in asdict(intrinsics).items() if value is not None}
 
 
-def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
-    """Intrinsics of the fields that the file `path` gives; those that have a default may be left out."""
+def intrinsics_from(values: Mapping[str, object], path: Path, found: Iterable[str] = ()) -> Intrinsics:
+    """Intrinsics of the fields that the file `path` gives; those that have a default may be left out.
+
+    A `DatasetError` tells all problems at once, those that were found before first, with the missing lines as a note.
+    """
     kinds = {field.name: field.type for field in fields(Intrinsics)}
-    unknown = sorted(values.keys() - kinds.keys())
-    missing = sorted(kinds.keys() - values.keys() - OPTIONAL)
-    if unknown or missing:
-        raise DatasetError(
-            f"expected {', '.join(kinds)}, {UNITS_PER_M} in {path}; missing: {missing}, unknown: {unknown}"
-        )
+    known = (*kinds, UNITS_PER_M)
+    unknown = [name for name in values if name not in kinds]
+    found = [*found, *(f"unknown key {name!r}{did_you_mean(*similar(name, known))}" for name in unknown)]
     numbers: dict[str, Any] = {}
-    for name, value in values.items():
+    for name, value in ((name, value) for name, value in values.items() if name in kinds):
         number = as_number(value)
         if number is None or (kinds[name] is int and type(value) is not int):
             wanted = "a whole number" if kinds[name] is int else "a finite number"
             got = str(value)[:80] if isinstance(value, str | int | float) else f"a {type(value).__name__}"
-            raise DatasetError(f"expected {wanted} for {name} in {path}, got {got}")
-        numbers[name] = int(number) if kinds[name] is int else number
+            found.append(f"expected {wanted} for {name}, got {got}")
+        else:
+            numbers[name] = int(number) if kinds[name] is int else number
+    if missing := [name for name in WANTED if name not in values]:
+        found.append(f"it lacks {', '.join(missing)}: add these lines with the values of your camera")
+    if found:
+        error = DatasetError(f"{path}: {'; '.join(found)}")
+        for name in missing:
+            error.add_note(f"{name} = {0 if kinds[name] is int else 'nan'}  # {WANTED[name]}")
+        raise error
     try:
         return Intrinsics(**numbers)
     except FrameError as error:

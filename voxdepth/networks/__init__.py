@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field
 
 from ..errors import ConfigError
-from ..model import Model
+from ..model import Model, explained
 
 FOLDER = Path(__file__).parent
 FORMAT = 1
@@ -98,12 +98,11 @@ def load(name: str, folder: Path = FOLDER) -> Network:
 def read_card(file: Path) -> Card:
     """Read the card of a network, or raise a `ConfigError`."""
     try:
-        return Card.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise ConfigError(f"the card {file} is damaged: {first['loc'][0]}: {first['msg']}; {_RESTORE}") from error
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read the card {file}: {str(error).splitlines()[0]}; {_RESTORE}") from error
+    with explained(Card, ConfigError, f"the card {file} is damaged, {_RESTORE}: "):
+        return Card.model_validate(content)
 
 
 _RESTORE = f"restore it with pip install --force-reinstall 'voxdepth[{EXTRA}]'"

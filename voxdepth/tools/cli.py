@@ -81,7 +81,10 @@ def create_app() -> typer.Typer:
 
 
 def main() -> None:
-    """Run the command line; warnings and our own errors print one line, and errors exit with code 2."""
+    """Run the command line; warnings and our own errors print one line, and errors exit with code 2.
+
+    Below its line an error may have others, which are to be pasted.
+    """
     os.environ.setdefault("RUST_LOG", RERUN_LOG)
     warnings.formatwarning = lambda message, *_, **__: f"voxdepth: {message}\n"
     for stream in (sys.stdout, sys.stderr):
@@ -101,7 +104,7 @@ def explained(error: BaseException) -> str | None:
     """Return the line for an error that its user can mend; None for a defect of the program."""
     ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
     if isinstance(error, ours):
-        return str(error)
+        return "\n".join([str(error), *getattr(error, "__notes__", ())])
     if isinstance(error, ModuleNotFoundError):
         return _missing(error)
     if isinstance(error, OSError) and error.filename is not None:  # A name may be too long, or a folder be locked.

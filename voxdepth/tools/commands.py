@@ -11,6 +11,7 @@ from .errors import ToolError
 from .options import (
     CORRECTOR_HELP,
     DEFAULT_CORRECTOR,
+    Baseline,
     DepthTopic,
     GrayTopic,
     UnitsPerM,
@@ -58,6 +59,7 @@ def correct(
     gray_topic: GrayTopic = None,
     within: Within = 20.0,
     units_per_m: UnitsPerM = None,
+    baseline: Baseline = None,
     rosbag2: Annotated[bool, typer.Option("--rosbag2", help="Write a folder of ROS 2 in place of images.")] = False,
 ) -> None:
     """Correct the depth of a recorded sequence; the result appears when it is complete.
@@ -87,6 +89,7 @@ def correct(
         gray_topic=gray_topic,
         within_ms=within,
         units_per_m=units_per_m,
+        baseline_m=baseline,
     )
     dataset = opened(folder)
     correction = _planned(folder, dataset, spec, frames, output)
@@ -160,10 +163,8 @@ def _planned(
 
 def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
     """Return a corrector with the configuration in its text or in a TOML file, perhaps that of an earlier result."""
-    import pydantic
-
     from ..corrector_spec import CorrectorSpec, parse_corrector
-    from ..model import first_problem
+    from ..model import explained
     from ..registry import config_of
     from .files import read_toml
 
@@ -179,10 +180,8 @@ def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
             if made_by != name:
                 raise ToolError(f"{config} configures the corrector {made_by!r}: ask for that with --corrector")
             given = given["config"]
-    try:
+    with explained(CorrectorSpec, ToolError, f"{config or '--corrector'}: "):
         return CorrectorSpec(name=name, config=given)
-    except pydantic.ValidationError as error:
-        raise ToolError(f"{config or '--corrector'}: {first_problem(error, 'corrector')}") from error
 
 
 def _print_report(console: "Console", report: Mapping[str, Any]) -> None:

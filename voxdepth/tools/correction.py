@@ -18,7 +18,7 @@ from ..errors import PipelineError
 from ..model import Model
 from ..pipeline import CorrectionPipeline
 from ..registry import PAPER
-from ..soundness import KINDS, first_fault
+from ..soundness import fault_of
 from ..types import CorrectedDepth, DepthCorrector, Frame, Source
 from .errors import ToolError
 from .files import atomic, to_toml
@@ -193,16 +193,12 @@ def _spread(values: Sequence[float]) -> dict[str, float]:
 
 
 def _require_sound(corrector: str, frame: Frame, corrected: object) -> None:
-    """Refuse what no corrector may return; see `first_fault`.
+    """Refuse what no corrector may return; see `fault_of`.
 
     Raises:
         ToolError: The result is no `CorrectedDepth`, has another shape or type, or impossible values.
     """
-    if isinstance(corrected, CorrectedDepth):
-        fault = first_fault({name: getattr(corrected, name) for name in KINDS}, frame.depth_m.shape)
-    else:
-        fault = f"expected a CorrectedDepth, got {type(corrected).__name__}; CorrectedDepth.of makes one"
-    if fault is not None:
+    if fault := fault_of(corrected, frame.depth_m.shape):
         raise ToolError(f"the corrector {corrector!r} is faulty: for a frame at {frame.stamp_s} s, {fault}")
 
 

@@ -9,7 +9,7 @@ import typer
 
 from .errors import ToolError
 from .extensions import extensions
-from .options import DepthTopic, GrayTopic, UnitsPerM, Within, counter
+from .options import Baseline, DepthTopic, GrayTopic, UnitsPerM, Within, counter
 
 if TYPE_CHECKING:
     from .evaluation.kinds import Opened
@@ -54,6 +54,7 @@ def evaluate(
     gray_topic: GrayTopic = None,
     within: Within = 20.0,
     units_per_m: UnitsPerM = None,
+    baseline: Baseline = None,
 ) -> None:
     """Compare all methods on the same frames: errors, coverage, flicker, latency; tables, figures and a report.
 
@@ -70,7 +71,13 @@ def evaluate(
     from voxdepth.tools.recorded import Opener, restrict_opencv
 
     restrict_opencv()
-    opened = Opener(depth_topic=depth_topic, gray_topic=gray_topic, within_ms=within, units_per_m=units_per_m)
+    opened = Opener(
+        depth_topic=depth_topic,
+        gray_topic=gray_topic,
+        within_ms=within,
+        units_per_m=units_per_m,
+        baseline_m=baseline,
+    )
     plan = _planned(sequences or [], data or [], opened, methods, frames, seed, out)
     console = Console()
     try:

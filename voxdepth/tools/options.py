@@ -17,7 +17,10 @@ DEFAULT_CORRECTOR = "temporal"
 """The same word as in the registry, which is not imported for `--help`."""
 NAMES_HELP = "voxdepth is VoxDepth (the paper), and temporal (ours) is the default"
 """What the names of the two methods mean that are no baselines."""
-CORRECTOR_HELP = rf"Depth corrector by name, perhaps with a setting as in temporal\[fill=all]: {NAMES_HELP}."
+CORRECTOR_HELP = (
+    rf"Depth corrector by name, perhaps with a setting as in temporal\[fill=all]: {NAMES_HELP}. Your own as "
+    "module:factory."
+)
 """Without the backslash the setting would be taken for the markup of Rich."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
@@ -40,6 +43,12 @@ UnitsPerM = Annotated[
         metavar="N",
         help="Steps of a metre in the depth: 1000 for millimetres, 1 for metres. Default: what calibration.toml, the "
         "data or their format say.",
+    ),
+]
+Baseline = Annotated[
+    float | None,
+    typer.Option(
+        "--baseline", metavar="M", help="Distance of the stereo cameras in metres. Default: what PATH states."
     ),
 ]
 

@@ -1,7 +1,8 @@
 """Recorded sequences as commands open them: OpenCV is silent, and what is assumed of a camera is told."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import typer
@@ -28,11 +29,14 @@ class Opener:
     gray_topic: str | None = None
     within_ms: float = 20.0
     units_per_m: float | None = None
+    baseline_m: float | None = None
+    """Baseline in place of the one that is stated [m]; None keeps that."""
     _told: set[Path] = field(default_factory=set)
 
     def __call__(self, path: Path) -> Dataset:
         """Open a folder or a bag."""
-        dataset = open_dataset(
+        opened = partial(
+            open_dataset,
             path,
             self.format,
             depth_topic=self.depth_topic,
@@ -40,6 +44,9 @@ class Opener:
             within_s=self.within_ms / 1000,
             units_per_m=self.units_per_m,
         )
+        dataset = opened()
+        if self.baseline_m is not None:
+            dataset = opened(intrinsics=replace(dataset.intrinsics, baseline_m=self.baseline_m))
         for assumption in _assumptions(path, dataset) if path not in self._told else ():
             self._told.add(path)
             typer.echo(f"{path} {assumption}", err=True)
@@ -52,6 +59,6 @@ def _assumptions(path: Path, dataset: Dataset) -> Iterator[str]:
         yield f"{assumed}; state the camera in {calibration_path(path)} if it is another one"
     if dataset.intrinsics.baseline_m is None:
         yield (
-            f"states no baseline of its camera, {ASSUMED_BASELINE_M:g} m is assumed: state it in metres as baseline_m "
-            f"in {calibration_path(path)}"
+            f"states no baseline of its camera, {ASSUMED_BASELINE_M:g} m is assumed: state it in metres by "
+            f"--baseline, or as baseline_m in {calibration_path(path)}"
         )

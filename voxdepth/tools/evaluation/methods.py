@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...corrector_spec import CorrectorFactory, find_corrector, parse_corrector
+from ...corrector_spec import CorrectorFactory, parse_corrector
 from ...registry import (
     AUTHORS,
     CORRECTOR_NAMES,
@@ -65,8 +65,6 @@ def find_method(name: str) -> Method:
     """
     if name == ORACLE:
         return Method(name=name, make=_oracle, sees_true_pose=True)
-    if ":" in name:
-        return Method(name=name, make=find_corrector(name), is_foreign=True)
     corrector, setting = parse_corrector(name)
     config = resolve_config(corrector, setting) if setting else config_of(corrector)
     return Method(

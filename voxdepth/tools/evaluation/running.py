@@ -4,13 +4,13 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from ...soundness import first_fault
-from ...types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
+from ...errors import PluginError
+from ...soundness import fault_of
+from ...types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
 from .groups import Groups
 from .measurements import Measurement, measured, of_frames
 from .methods import Method
@@ -21,14 +21,6 @@ from .sources import EvaluationFrame, Frames
 
 class MethodError(Exception):
     """A method could not be made or closed, or gave no valid depth; the message says what it gave."""
-
-
-class Output(NamedTuple):
-    """The scored part of a method's output for a frame; images have the shape (H, W)."""
-
-    depth_m: FloatImage
-    confidence: FloatImage | None
-    source: GrayImage | None
 
 
 def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) -> Scores:
@@ -49,15 +41,15 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
         start_s = _other_threads_s()
         for index in range(len(frames)):
             frame = frames[index]
-            output, time_s = _processed(corrector, _visible(frame, method), index)
+            corrected, time_s = _processed(corrector, _visible(frame, method), index)
             times_s.append(time_s)
-            score.add(frame, *output)
+            score.add(frame, corrected.depth_m, corrected.confidence, corrected.source)
         background_s = _other_threads_s() - start_s
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s)),
         frame_close=score.frame_close,
         frame_errors_m=score.frame_errors_m,
-        thumbnail=encoded_thumbnail(output.depth_m),
+        thumbnail=encoded_thumbnail(corrected.depth_m),
     )
 
 
@@ -81,7 +73,8 @@ def _method_errors(what: str) -> Iterator[None]:
     try:
         yield
     except (Exception, SystemExit) as error:
-        raise MethodError(" ".join(f"{what}: {type(error).__name__}: {error}".split())) from error
+        told = str(error) if isinstance(error, PluginError) else f"{what}: {type(error).__name__}: {error}"
+        raise MethodError(" ".join(told.split())) from error
 
 
 @contextmanager
@@ -116,14 +109,12 @@ def _visible(frame: EvaluationFrame, method: Method) -> Frame:
     return replace(frame.frame, T_world_cam=frame.T_world_cam)
 
 
-def _processed(corrector: DepthCorrector, frame: Frame, index: int) -> tuple[Output, float]:
+def _processed(corrector: DepthCorrector, frame: Frame, index: int) -> tuple[CorrectedDepth, float]:
     """Return the validated output of a method for a frame, and the time it took [s]."""
     with _method_errors(f"frame {index}"):
         start = time.perf_counter()
-        result = corrector.process(frame)
+        corrected = corrector.process(frame)
         time_s = time.perf_counter() - start
-        output = Output._make(getattr(result, name, None) for name in Output._fields)
-    given = {name: image for name, image in output._asdict().items() if name == "depth_m" or image is not None}
-    if fault := first_fault(given, frame.depth_m.shape):
+    if fault := fault_of(corrected, frame.depth_m.shape):
         raise MethodError(f"frame {index}: {fault}")
-    return output, time_s
+    return corrected, time_s

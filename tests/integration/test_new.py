@@ -1,0 +1,62 @@
+"""`voxdepth new` writes files that fly as they are."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from scenarios.commands.general import NEXT
+from scenarios.config import load_run
+from scenarios.flight import fly
+from scenarios.study.design import expand, load_study
+from voxdepth.tools.cli import create_app
+from voxdepth.tools.errors import ToolError
+
+SHORT = {"mission.duration_s": 0.6, "mission.drones": 2, "rig.width_px": 64, "rig.height_px": 36}
+
+
+def new(kind: str, name: str) -> Any:
+    return CliRunner().invoke(create_app(), ["new", kind, name], catch_exceptions=True)
+
+
+@pytest.mark.parametrize("kind", NEXT)
+def test_what_is_written_flies(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    name = f"my_own_{kind}"
+    done = new(kind, name)
+    assert done.stdout.endswith(f"fly it with: {NEXT[kind].format(name)}\n"), done.exception
+    (path,) = tmp_path.iterdir()
+    assert "NAME" not in path.read_text()
+    assert NEXT[kind].format(name) in path.read_text()
+    if kind == "study":
+        (run, *_) = [spec.run for spec in expand(load_study(path.name).model_copy(update={"changes": SHORT}))]
+    else:
+        own = {"controller": {"mission.controller": f"{name}:create"}, "corrector": {"corrector": f"{name}:Corrector"}}
+        assert new("scenario", "world").exit_code == 0
+        world = path.name if kind == "scenario" else "world.toml"
+        run = load_run(world, 0, {**SHORT, **own.get(kind, {})})
+    finished = fly(run, threads=1)
+    assert finished.result.outcome == "timeout"
+    assert float(finished.result.metrics["leader_progress_m"] or 0) > 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "told"),
+    [
+        ("scenario", "a/b", "must consist of letters"),
+        ("controller", "my-own", "must consist of letters"),
+        ("corrector", "json", "another module of that name"),
+        ("study", "there", "there is a there.toml already"),
+    ],
+)
+def test_a_name_that_cannot_be_is_refused(
+    kind: str, name: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.toml").write_text("mine")
+    done = new(kind, name)
+    assert isinstance(done.exception, ToolError)
+    assert told in str(done.exception)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]

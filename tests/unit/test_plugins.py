@@ -1,0 +1,219 @@
+"""Controllers and correctors of users: found beside them, checked, and part of what a result depends on."""
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.errors import ScenarioError
+from scenarios.study.design import expand
+from scenarios.study.executors import Serial
+from scenarios.study.one_run import run_one
+from scenarios.study.run import run_study
+from swarm.controllers import Role, load_controller
+from swarm.task import MissionConfig
+from tests.studies import arm, fake, study, unseen
+from tests.swarm_scenes import ONBOARD, RADIUS_M
+from voxdepth import CorrectionPipeline, Frame, Intrinsics, create_corrector
+from voxdepth.errors import PipelineError, PluginError
+from voxdepth.pipeline import StagedCorrector
+from voxdepth.registry import latency_s
+
+CAMERA = Intrinsics(width_px=24, height_px=16, fx_px=20, fy_px=20, cx_px=12, cy_px=8, baseline_m=0.1)
+CORRECTOR = """from dataclasses import replace
+import numpy as np
+from voxdepth import CorrectedDepth, DepthCorrector
+
+class Mine(DepthCorrector):
+    latency_s = 0.004
+    def __init__(self, intrinsics): ...
+    def process(self, frame):
+        good = CorrectedDepth.of(frame, frame.depth_m.copy())
+        return {result}
+"""
+CONTROLLER = """import numpy as np
+from sim.types import VelocityCommand
+from swarm.pilot import Decision
+
+class Mine:
+    def __init__(self, role, config): ...
+    def decide(self, situation):
+        return {result}
+"""
+COMMAND = "Decision(command=VelocityCommand(velocity_m_s={velocity}, yaw_rad={yaw}), state='free')"
+HOVER = COMMAND.format(velocity="np.zeros(3)", yaw="0.0")
+
+Write = Callable[[str], str]
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Write:
+    """Writes a module of an own name into the current folder and returns its name."""
+    name = f"mine_{abs(hash(request.node.nodeid))}"
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+
+    def write(text: str) -> str:
+        (tmp_path / f"{name}.py").write_text(text)
+        return name
+
+    return write
+
+
+def frame(stamp_s: float = 0.0) -> Frame:
+    return Frame(stamp_s=stamp_s, gray=np.zeros(CAMERA.shape, np.uint8), depth_m=np.ones(CAMERA.shape, np.float32))
+
+
+def agent_of(name: str) -> Any:
+    config = MissionConfig(drones=1)
+    (team,) = config.teams()
+    return load_controller(name)(Role(drone=0, team=team, radius_m=RADIUS_M, camera=ONBOARD), config)
+
+
+def test_a_corrector_beside_the_user_is_used_by_its_name(module: Write) -> None:
+    name = f"{module(CORRECTOR.format(result='good'))}:Mine"
+    corrector = create_corrector(name, CAMERA)
+    assert (corrector.process(frame()).depth_m == 1).all()
+    corrector.reset()
+    assert latency_s(name) == 0.004
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("x = 1\n1 / 0\n", "line 2: ZeroDivisionError: division by zero"),
+        ("import no_such_module_of_mine\n", "line 1: ModuleNotFoundError: No module named 'no_such_module_of_mine'"),
+        ("def Mine(:\n", "line 1: SyntaxError"),
+        ("exit(3)\n", "line 1: SystemExit: 3"),
+        ("mine = 3\n", "has no attribute 'Mine'"),
+        ("Mine = 3\n", "got 3"),
+    ],
+)
+@pytest.mark.parametrize("load", [lambda name: create_corrector(name, CAMERA), load_controller])
+def test_what_cannot_be_loaded_is_told_with_its_line(load: Any, text: str, told: str, module: Write) -> None:
+    name = module(text)
+    with pytest.raises(PluginError, match=r"factory\((intrinsics|role, config)\)") as error:
+        load(f"{name}:Mine")
+    assert told in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("result", "told"),
+    [
+        ("None", "expected a CorrectedDepth, got NoneType"),
+        ("good.depth_m", "expected a CorrectedDepth, got ndarray"),
+        ("replace(good, depth_m=good.depth_m[::2])", "expected depth_m as float32 of shape (16, 24), got float32 of"),
+        (
+            "replace(good, depth_m=good.depth_m.astype(np.float64))",
+            "expected depth_m as float32 of shape (16, 24), got",
+        ),
+        ("replace(good, confidence=good.confidence * 2)", "expected confidence in 0..1"),
+        ("good if frame.nothing else None", "line 10: AttributeError"),
+        ("exit()", "line 10: SystemExit"),
+    ],
+)
+def test_a_faulty_corrector_is_told_with_its_file(result: str, told: str, module: Write, tmp_path: Path) -> None:
+    name = module(CORRECTOR.format(result=result))
+    with pytest.raises(PluginError, match=r"for a frame at 2\.5 s") as error:
+        create_corrector(f"{name}:Mine", CAMERA).process(frame(2.5))
+    assert str(error.value).startswith(f"the corrector '{name}:Mine' ({tmp_path / name}.py) ")
+    assert told in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("factory", "told"),
+    [
+        ("def Mine(intrinsics): return None", "returns a DepthCorrector, got NoneType without process"),
+        ("def Mine(): return None", "failed when it is made: TypeError: Mine() takes 0 positional arguments"),
+        ("def Mine(intrinsics): raise OSError('no licence')", "failed when it is made: line 1: OSError: no licence"),
+    ],
+)
+def test_a_factory_that_makes_no_corrector_is_told_with_its_file(factory: str, told: str, module: Write) -> None:
+    name = module(factory)
+    with pytest.raises(PluginError, match=f"{name}.py") as error:
+        create_corrector(f"{name}:Mine", CAMERA)
+    assert told in str(error.value)
+
+
+def test_a_corrector_in_stages_keeps_them_and_is_checked(module: Write) -> None:
+    stages = "    def align(self, frame): return frame\n    def combine(self, aligned):\n"
+    text = CORRECTOR.replace("        return {result}\n", "        return good\n") + stages
+    name = f"{module(text + '        return self.process(aligned) if aligned.stamp_s < 1 else None')}:Mine"
+    corrector = create_corrector(name, CAMERA)
+    assert isinstance(corrector, StagedCorrector)
+    with CorrectionPipeline(corrector, [frame(0.0), frame(1.0)]) as pipeline, pytest.raises(PipelineError) as error:
+        list(pipeline)
+    assert "for a frame at 1.0 s, expected a CorrectedDepth, got NoneType" in str(error.value.__cause__)
+
+
+@pytest.mark.parametrize(
+    ("result", "told"),
+    [
+        ("None", "expected a Decision with a VelocityCommand, got NoneType"),
+        ("Decision(command=np.zeros(3), state='free')", "expected a Decision with a VelocityCommand, got ndarray"),
+        (
+            COMMAND.format(velocity="np.zeros(2)", yaw="0.0"),
+            "expected velocity_m_s as finite numbers of shape (3,), got",
+        ),
+        (COMMAND.format(velocity="np.full(3, np.nan)", yaw="0.0"), "expected velocity_m_s as finite numbers"),
+        (COMMAND.format(velocity="np.zeros(3)", yaw="'north'"), "expected yaw_rad as finite numbers of shape (), got"),
+        ("1 / 0", "line 8: ZeroDivisionError"),
+    ],
+)
+def test_a_faulty_controller_is_told_with_its_file(result: str, told: str, module: Write, tmp_path: Path) -> None:
+    name = module(CONTROLLER.format(result=result))
+    with pytest.raises(PluginError, match=r"for drone 0 at 1\.50 s") as error:
+        agent_of(f"{name}:Mine").decide(SimpleNamespace(time_s=1.5))
+    assert str(error.value).startswith(f"the controller '{name}:Mine' ({tmp_path / name}.py) ")
+    assert told in str(error.value)
+
+
+def flown_by(**changes: Any) -> Any:
+    """A study with the user's code in one of its arms."""
+    return study(arm("ours"), arm("theirs", **changes))
+
+
+@pytest.mark.parametrize("place", ["controller", "corrector", "package"])
+def test_a_study_is_not_continued_after_an_edit_of_the_code_that_it_flies(
+    place: str, module: Write, tmp_path: Path
+) -> None:
+    text = {"controller": CONTROLLER.format(result=HOVER)}.get(place, CORRECTOR.format(result="good"))
+    name, edited = module(text), tmp_path / "edited.py"
+    if place == "package":
+        for path in (tmp_path / f"{name}_all" / "__init__.py", tmp_path / f"{name}_all" / "core.py"):
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text)
+        name, edited = f"{name}_all.core", tmp_path / f"{name}_all" / "__init__.py"
+    else:
+        edited = tmp_path / f"{name}.py"
+    own = (
+        {"changes": {"mission.controller": f"{name}:Mine"}} if place == "controller" else {"corrector": f"{name}:Mine"}
+    )
+    planned = flown_by(**own)
+    before = [spec.key for spec in expand(planned)]
+    run_study(planned, tmp_path / "out", Serial(fake), unseen)
+    run_study(planned, tmp_path / "out", Serial(fake), unseen, resume=True)
+    edited.write_text(text + "\n# another version\n")
+    changed = [old != spec.key for old, spec in zip(before, expand(planned), strict=True)]
+    assert changed == [spec.arm == "theirs" for spec in expand(planned)]
+    with pytest.raises(ScenarioError, match=f"the code of {name}:Mine has changed since .*another --out"):
+        run_study(planned, tmp_path / "out", Serial(fake), unseen, resume=True)
+    edited.write_text(text)
+    run_study(planned, tmp_path / "out", Serial(fake), unseen, resume=True)
+
+
+def test_an_edit_while_the_study_flies_ends_its_runs(module: Write, tmp_path: Path) -> None:
+    name = module(CONTROLLER.format(result=HOVER))
+    spec = expand(flown_by(changes={"mission.controller": f"{name}:Mine"}))[1]
+    module(CONTROLLER.format(result=HOVER) + "\n")
+    with pytest.raises(ScenarioError, match="has changed since the study began"):
+        run_one(spec)
+
+
+def test_code_that_is_not_there_is_refused_before_anything_flies(module: Write) -> None:
+    for own in ({"changes": {"mission.controller": "no_such_mine:create"}}, {"corrector": "no_such_mine:create"}):
+        with pytest.raises((ScenarioError, ValueError), match="no_such_mine"):
+            expand(flown_by(**own))

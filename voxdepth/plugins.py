@@ -1,0 +1,179 @@
+"""Code of users that they name as `module:factory`: where it lies, how it is loaded, and what is wrong with it."""
+
+import hashlib
+import logging
+import pkgutil
+import sys
+import traceback
+from collections.abc import Callable
+from functools import cache
+from importlib.util import find_spec
+from multiprocessing import parent_process
+from pathlib import Path
+from typing import Any
+
+from .errors import PluginError
+from .pipeline import StagedCorrector
+from .soundness import fault_of
+from .types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
+
+FAULTS = (Exception, SystemExit)
+"""What the code of users may raise by mistake."""
+_LOGGER = logging.getLogger(__name__)
+
+
+def load(kind: str, name: str, signature: str) -> Callable[..., Any]:
+    """Import the module of `module:factory`, perhaps from the current folder, and return its factory.
+
+    The import runs the code of the module. A scenario or a study from somebody else may name any that is installed, so
+    one that is not in the current folder is logged before that.
+
+    Args:
+        kind: What is loaded, as in `controller`.
+        name: The name.
+        signature: How the factory is called and what it returns, for errors.
+
+    Raises:
+        PluginError: There is no such module, it raises an error, or it has no callable of that name.
+    """
+    if not all(name.partition(":")):
+        raise PluginError(f"a {kind} must be 'module:factory', as in 'mine:create', got {name!r}")
+    _search_here()
+    _announce(name)
+    try:
+        factory = pkgutil.resolve_name(name)
+    except FAULTS as error:
+        raise PluginError(
+            f"the {kind} {name!r} cannot be loaded: {_told(error, source_of(name))}; its module must lie in the folder "
+            f"{Path.cwd()} or in one that PYTHONPATH names, or be installed, and have {signature}"
+        ) from error
+    if not callable(factory):
+        raise PluginError(f"the {kind} {name!r} must be {signature}, got {factory!r}")
+    made: Callable[..., Any] = factory
+    return made
+
+
+def source_of(name: str) -> Path | None:
+    """The file of the module of `module:factory`; None if it has none. The packages around it are imported."""
+    _search_here()
+    try:
+        found = find_spec(name.partition(":")[0])
+    except FAULTS:  # The packages around a module are imported, and may fail.
+        return None
+    return Path(found.origin) if found is not None and found.has_location and found.origin else None
+
+
+def digest_of(file: Path) -> str:
+    """The SHA-256 of a source file, in a package with those beside it."""
+    files = sorted(file.parent.glob("*.py")) if file.with_name("__init__.py").exists() else [file]
+    content = b"".join(path.name.encode() + b"\0" + path.read_bytes() + b"\0" for path in files)
+    return hashlib.sha256(content).hexdigest()
+
+
+class Plugin:
+    """An object that a factory of a user made: every fault of its code is a `PluginError` that names its file.
+
+    Args:
+        kind: What it is, as in `controller`.
+        name: Its name.
+        method: The method that it must have.
+        make: Makes it.
+        signature: How the factory is called and what it returns, for errors.
+    """
+
+    def __init__(self, kind: str, name: str, method: str, signature: str, make: Callable[[], Any]) -> None:
+        self._file = source_of(name)
+        self._title = f"the {kind} {name!r}" + (f" ({self._file})" if self._file else "")
+        self.made = self.run("when it is made", make)
+        if not callable(getattr(self.made, method, None)):
+            raise self.faulty(f"expected {signature}, got {type(self.made).__name__} without {method}")
+
+    def run(self, when: str, call: Callable[..., Any], *arguments: Any) -> Any:
+        """Call its code and return what that returns."""
+        try:
+            return call(*arguments)
+        except FAULTS as error:
+            raise PluginError(f"{self._title} failed {when}: {_told(error, self._file)}") from error
+
+    def faulty(self, fault: str) -> PluginError:
+        """The error about what it returned."""
+        return PluginError(f"{self._title} is faulty: {fault}")
+
+
+class PluginCorrector:
+    """A corrector of a user, whose results are checked."""
+
+    def __init__(self, plugin: Plugin, shape: tuple[int, int]) -> None:
+        self._plugin, self._shape = plugin, shape
+        self.bare: DepthCorrector = plugin.made
+        self.uses_gray = bool(getattr(self.bare, "uses_gray", True))
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        """Correct one frame."""
+        return self._sound(frame, self.bare.process, frame)
+
+    def reset(self) -> None:
+        """Forget the stream."""
+        self._plugin.run("when it is reset", getattr(self.bare, "reset", lambda: None))
+
+    def close(self) -> None:
+        """End the threads of the corrector, if it has some."""
+        self._plugin.run("when it is closed", getattr(self.bare, "close", lambda: None))
+
+    def _sound(self, frame: Frame, call: Callable[..., Any], argument: Any) -> CorrectedDepth:
+        corrected: CorrectedDepth = self._plugin.run(_at(frame), call, argument)
+        if fault := fault_of(corrected, self._shape):
+            raise self._plugin.faulty(f"{_at(frame)}, {fault}")
+        return corrected
+
+
+class StagedPluginCorrector(PluginCorrector):
+    """A corrector of a user in two stages, which may still overlap."""
+
+    bare: StagedCorrector
+
+    def align(self, frame: Frame) -> Any:
+        """Do everything that depends on earlier frames."""
+        return frame, self._plugin.run(_at(frame), self.bare.align, frame)
+
+    def combine(self, aligned: Any) -> CorrectedDepth:
+        """Do the rest."""
+        frame, own = aligned
+        return self._sound(frame, self.bare.combine, own)
+
+
+def make_corrector(name: str, factory: Callable[[Intrinsics], Any], intrinsics: Intrinsics) -> DepthCorrector:
+    """Make the corrector of a user for one camera. Every fault of it is a `PluginError`."""
+    plugin = Plugin("corrector", name, "process", CORRECTOR, lambda: factory(intrinsics))
+    kind = StagedPluginCorrector if isinstance(plugin.made, StagedCorrector) else PluginCorrector
+    return kind(plugin, intrinsics.shape)
+
+
+def _at(frame: Frame) -> str:
+    return f"for a frame at {frame.stamp_s} s"
+
+
+CORRECTOR = "a factory(intrinsics) that returns a DepthCorrector"
+"""How the factory of a corrector is called."""
+
+
+def _search_here() -> None:
+    """Put the current folder on the path; an installed command has its own folder there instead."""
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.insert(0, here)
+
+
+def _told(error: BaseException, file: Path | None) -> str:
+    """An error with the last line of the user's file on the way to it."""
+    if isinstance(error, SyntaxError):
+        return f"{error.filename}, line {error.lineno}: {type(error).__name__}: {error.msg}"
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
+    return f"{f'line {lines[-1]}: ' if lines else ''}{type(error).__name__}: {error}"
+
+
+@cache
+def _announce(name: str) -> None:
+    """Log the name of code that is not in the current folder, once: not in a worker, whose parent loads it first."""
+    file = source_of(name)
+    if parent_process() is None and (file is None or not file.is_relative_to(Path.cwd())):
+        _LOGGER.warning("this runs the code of %s: stop it if you do not know that", name)
