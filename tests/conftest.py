@@ -30,4 +30,4 @@ def pytest_collection() -> Generator[None, object, object]:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """The report of an evaluation has no figures, which take longer than the evaluation of a test."""
     for figures in ("all_figures", "error_maps"):
-        monkeypatch.setattr(f"scenarios.evaluation.report.{figures}", lambda evaluation: [])
+        monkeypatch.setattr(f"voxdepth.tools.evaluation.report.{figures}", lambda evaluation: [])
