@@ -129,7 +129,7 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
     [
         (
             ["run", "atlantis"],
-            "there is no scenario 'atlantis'; choose one of: city, corridor, crossing, exposure, forest, ",
+            "there is no scenario 'atlantis'; choose one of: city, corridor, crossing, dim, exposure, forest, ",
         ),
         (
             ["run", "city", "--drones", "0"],

@@ -313,8 +313,8 @@ def test_a_baseline_that_is_assumed_is_told_with_the_place_to_state_it(sequence:
         done = correct(tmp_path / "walk", "--out", tmp_path / out, "--corrector", "raw", "--frames", "2")
         assert done.exit_code == 0, done.output
         message = (
-            f"{tmp_path / 'walk'} states no baseline of its camera, 0.05 m is assumed: state it in metres as "
-            f"baseline_m in {calibration}\n"
+            f"{tmp_path / 'walk'} states no baseline of its camera, 0.05 m is assumed: state it in metres by "
+            f"--baseline, or as baseline_m in {calibration}\n"
         )
         assert done.stderr == message * times
 

@@ -129,13 +129,13 @@ def test_a_bag_becomes_a_folder_of_images_like_any_other_recording(bag: Path, tm
 def test_times_that_ros_does_not_have_are_refused_before_anything_is_written(
     first_s: float, name: str, options: list[str], tmp_path: Path
 ) -> None:
-    folder, pixels = tmp_path / "walk", np.full((48, 64), 9)
-    for kind, made in (("rgb", pixels.astype(np.uint8)), ("depth", pixels.astype(np.uint16))):
+    folder, pixels = tmp_path / "walk", np.full((48, 64), 900)
+    for kind, made in (("rgb", (pixels // 10).astype(np.uint8)), ("depth", pixels.astype(np.uint16))):
         (folder / kind).mkdir(parents=True)
         cv2.imwrite(str(folder / kind / "0.png"), made)
         (folder / f"{kind}.txt").write_text(f"{first_s} {kind}/0.png\n")
     lens = "fx_px = 60.0\nfy_px = 60.0\ncx_px = 31.5\ncy_px = 23.5\nwidth_px = 64\nheight_px = 48\n"
-    (folder / "calibration.toml").write_text(lens)
+    (folder / "calibration.toml").write_text(f"{lens}baseline_m = 0.05\nunits_per_m = 1000\n")
     done = run("correct", folder, "--out", tmp_path / name, *options)
     assert isinstance(done.exception, ToolError)
     assert f"expected times of 0 to 2147483648 s for a bag of ROS 2, got {first_s} s of frame 0" in str(done.exception)
