@@ -92,6 +92,7 @@ def _fault_of(decision: object) -> str | None:
     velocity_m_s, yaw_rad = decision.command.velocity_m_s, decision.command.yaw_rad
     for what, value, shape in (("velocity_m_s", velocity_m_s, (3,)), ("yaw_rad", yaw_rad, ())):
         numbers = np.array(value)
-        if numbers.shape != shape or numbers.dtype.kind not in "fiu" or not np.isfinite(numbers).all():
-            return f"{what} as finite numbers of shape {shape}, got {value!r}"
+        is_array = isinstance(value, np.ndarray) or not shape
+        if not is_array or numbers.shape != shape or numbers.dtype.kind not in "fiu" or not np.isfinite(numbers).all():
+            return f"{what} as {'an array of ' if shape else ''}finite numbers of shape {shape}, got {value!r}"
     return None

@@ -1,5 +1,6 @@
 """Code of users that they name as `module:factory`: where it lies, how it is loaded, and what is wrong with it."""
 
+import ast
 import hashlib
 import logging
 import pkgutil
@@ -64,10 +65,24 @@ def source_of(name: str) -> Path | None:
 
 
 def digest_of(file: Path) -> str:
-    """The SHA-256 of a source file, in a package with those beside it."""
-    files = sorted(file.parent.glob("*.py")) if file.with_name("__init__.py").exists() else [file]
+    """The SHA-256 of a source file with the modules beside it that it imports, in a package with all beside it."""
+    files = (
+        sorted(file.parent.glob("*.py")) if file.with_name("__init__.py").exists() else sorted(_imported(file, {file}))
+    )
     content = b"".join(path.name.encode() + b"\0" + path.read_bytes() + b"\0" for path in files)
     return hashlib.sha256(content).hexdigest()
+
+
+def _imported(file: Path, known: set[Path]) -> set[Path]:
+    """Add the modules of the same folder that a module imports, and those that they import, to the known ones."""
+    for node in ast.walk(ast.parse(file.read_bytes())):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        for beside in (file.with_name(f"{name.partition('.')[0]}.py") for name in names):
+            if beside.exists() and beside not in known:
+                known.add(beside)
+                _imported(beside, known)
+    return known
 
 
 class Plugin:

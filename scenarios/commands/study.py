@@ -209,5 +209,7 @@ def _print_status(data: "StudyData") -> None:
     Progress(data).table().print(Console())
     for failure in list(data.failures.values())[:5]:
         typer.echo(f"{failure.kind} in run {data.runs[failure.key].short_key}: {failure.last_line}")
-    if data.failures:
+    if any("PluginError" in failure.last_line for failure in data.failures.values()):
+        typer.echo("after a change of your code, fly the study with another --out: it is another one then")
+    elif data.failures:
         typer.echo("fly them again with --resume --retry-errors")

@@ -165,7 +165,9 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     first = voxdepth("study", "diagnose", out, "--arm", "blind", "--limit", "1")
     assert "| blind | 1 | 0 | 0 | 0 | 0 | 0 | 0 | 1 |" in first.stdout
     assert "truth" not in first.stdout
-    assert "the study has no arm 'deaf'" in str(study_command("diagnose", out, "--arm", "deaf").exception)
+    assert "there is no arm 'deaf'; choose one of: truth, blind" in str(
+        study_command("diagnose", out, "--arm", "deaf").exception
+    )
 
 
 @pytest.mark.slow

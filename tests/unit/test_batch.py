@@ -9,8 +9,9 @@ from scenarios import batch
 from scenarios.batch import check_acceptance, in_processes
 from scenarios.config import Run, load_run
 from scenarios.errors import ScenarioError
-from swarm.controllers import _announce, load_controller
+from swarm.controllers import load_controller
 from swarm.types import Outcome
+from voxdepth import plugins
 
 
 def seed_of(run: Run) -> int:
@@ -37,7 +38,7 @@ def load(run: Run) -> bool:
 def test_a_controller_of_one_s_own_is_named_once_whatever_the_number_of_workers(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    _announce.cache_clear()
+    plugins._announce.cache_clear()
     own = {"mission.controller": "examples.straight_controller:create"}
     assert all(in_processes(load, [load_run("city", seed, own) for seed in range(4)], workers=2))
     assert (

@@ -20,6 +20,7 @@ from tests.swarm_scenes import ONBOARD, RADIUS_M
 from voxdepth import CorrectionPipeline, Frame, Intrinsics, create_corrector
 from voxdepth.errors import PipelineError, PluginError
 from voxdepth.pipeline import StagedCorrector
+from voxdepth.plugins import digest_of
 from voxdepth.registry import latency_s
 
 CAMERA = Intrinsics(width_px=24, height_px=16, fx_px=20, fy_px=20, cx_px=12, cy_px=8, baseline_m=0.1)
@@ -156,9 +157,12 @@ def test_a_corrector_in_stages_keeps_them_and_is_checked(module: Write) -> None:
         ("Decision(command=np.zeros(3), state='free')", "expected a Decision with a VelocityCommand, got ndarray"),
         (
             COMMAND.format(velocity="np.zeros(2)", yaw="0.0"),
-            "expected velocity_m_s as finite numbers of shape (3,), got",
+            "expected velocity_m_s as an array of finite numbers of shape (3,), got",
         ),
-        (COMMAND.format(velocity="np.full(3, np.nan)", yaw="0.0"), "expected velocity_m_s as finite numbers"),
+        (
+            COMMAND.format(velocity="np.full(3, np.nan)", yaw="0.0"),
+            "expected velocity_m_s as an array of finite numbers",
+        ),
         (COMMAND.format(velocity="np.zeros(3)", yaw="'north'"), "expected yaw_rad as finite numbers of shape (), got"),
         ("1 / 0", "line 8: ZeroDivisionError"),
     ],
@@ -217,3 +221,17 @@ def test_code_that_is_not_there_is_refused_before_anything_flies(module: Write) 
     for own in ({"changes": {"mission.controller": "no_such_mine:create"}}, {"corrector": "no_such_mine:create"}):
         with pytest.raises((ScenarioError, ValueError), match="no_such_mine"):
             expand(flown_by(**own))
+
+
+@pytest.mark.parametrize("statement", ["import gains", "from gains import GAIN", "import gains as g", "import other"])
+def test_the_digest_of_a_module_covers_those_beside_it_that_it_imports(tmp_path: Path, statement: str) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(f"{statement}\n")
+    (tmp_path / "other.py").write_text("import gains\nimport mine\n")
+    for name in ("gains", "apart"):
+        (tmp_path / f"{name}.py").write_text("GAIN = 3.0\n")
+    before = digest_of(file)
+    (tmp_path / "apart.py").write_text("GAIN = 0.1\n")
+    assert digest_of(file) == before
+    (tmp_path / "gains.py").write_text("GAIN = 0.1\n")
+    assert digest_of(file) != before
