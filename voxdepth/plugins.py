@@ -66,10 +66,9 @@ def source_of(name: str) -> Path | None:
 
 def digest_of(file: Path) -> str:
     """The SHA-256 of a source file with the modules beside it that it imports, in a package with all beside it."""
-    files = (
-        sorted(file.parent.glob("*.py")) if file.with_name("__init__.py").exists() else sorted(_imported(file, {file}))
-    )
-    content = b"".join(path.name.encode() + b"\0" + path.read_bytes() + b"\0" for path in files)
+    is_package = file.with_name("__init__.py").exists()
+    files = set(file.parent.glob("*.py")) if is_package else _imported(file, {file})
+    content = b"".join(path.name.encode() + b"\0" + path.read_bytes() + b"\0" for path in sorted(files))
     return hashlib.sha256(content).hexdigest()
 
 
