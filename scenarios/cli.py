@@ -42,17 +42,17 @@ def checks() -> "Sequence[Finding]":
 
 def sequences(names: "Sequence[str]", seed: int | None) -> "Sequence[Requested]":
     """Find shipped sequences and groups of them by name; they are recorded when they are opened."""
-    from .evaluation import Shipped
+    from .evaluation import shipped
     from .sequences import load_sequence, names_of
 
-    return [Shipped(load_sequence(name, seed, {})) for name in names_of(names)]
+    return [shipped(load_sequence(name, seed, {})) for name in names_of(names)]
 
 
 def recorded(folder: "Path") -> "Requested | None":
     """Find a recording of the simulator with the truth."""
-    from .evaluation import Folder, is_simulated
+    from .evaluation import existing, is_simulated
 
-    return Folder(folder) if is_simulated(folder) else None
+    return existing(folder) if is_simulated(folder) else None
 
 
 EXTENSION = Extension(

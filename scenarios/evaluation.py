@@ -4,7 +4,6 @@ import tomllib
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
@@ -20,7 +19,7 @@ from voxdepth.metrics import SeenBefore
 from voxdepth.tools.evaluation.groups import TRUE_GROUPS
 from voxdepth.tools.evaluation.references import TRUE_DEPTHS
 from voxdepth.tools.evaluation.sources import Code, EvaluationFrame
-from voxdepth.tools.evaluation.suite import name_of
+from voxdepth.tools.evaluation.suite import Requested, name_of
 from voxdepth.tools.files import to_toml
 from voxdepth.types import FloatImage, MaskImage
 
@@ -51,54 +50,41 @@ def _as_our_errors() -> Iterator[None]:
         raise ScenarioError(str(error)) from error
 
 
-@dataclass(frozen=True)
-class Shipped:
-    """A rendered sequence, which is recorded once below the folder of the results."""
-
-    planned: "SeededSequence"
-    has_poses = True
-
-    @property
-    def name(self) -> str:
-        """Name of the sequence."""
-        return self.planned.sequence.name
+def shipped(planned: "SeededSequence") -> Requested:
+    """Return a rendered sequence, which is recorded once below the folder of the results, see `recorded`."""
+    name = planned.sequence.name
 
     @_as_our_errors()
-    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> "SimulatedSource":
-        """Open its recording, see `recording`."""
-        return SimulatedSource(self.name, self.recording(out, frames, tell), self.planned.seed)
+    def opened(out: Path, frames: int, tell: Callable[[str], None]) -> SimulatedSource:
+        return SimulatedSource(name, recorded(planned, out, frames, tell), planned.seed)
 
-    def recording(self, out: Path, frames: int, tell: Callable[[str], None]) -> Recording:
-        """Return its recording, which is made if there is none of the same configuration with enough frames."""
-        configuration = to_toml(self.planned)
-        folder = out / RECORDINGS / f"{self.name}-{sha256(configuration.encode()).hexdigest()[:12]}"
-        with suppress(RecordingError):
-            recording = Recording.open(folder)
-            if recording.config_text == configuration and len(recording) >= frames:
-                return recording
-        from .sequences import record
-
-        rmtree(folder, ignore_errors=True)
-        record(self.planned, folder, frames, lambda done: tell(f"recording {self.name}, frame {done} of {frames}"))
-        return Recording.open(folder)
+    return Requested(name, has_poses=True, open=opened)
 
 
-@dataclass(frozen=True)
-class Folder:
-    """An existing recording of the simulator with the truth."""
+def recorded(planned: "SeededSequence", out: Path, frames: int, tell: Callable[[str], None]) -> Recording:
+    """Return a sequence's recording, which is made if there is none of the same configuration with enough frames."""
+    name, configuration = planned.sequence.name, to_toml(planned)
+    folder = out / RECORDINGS / f"{name}-{sha256(configuration.encode()).hexdigest()[:12]}"
+    with suppress(RecordingError):
+        recording = Recording.open(folder)
+        if recording.config_text == configuration and len(recording) >= frames:
+            return recording
+    from .sequences import record
 
-    path: Path
-    has_poses = True
+    rmtree(folder, ignore_errors=True)
+    record(planned, folder, frames, lambda done: tell(f"recording {name}, frame {done} of {frames}"))
+    return Recording.open(folder)
 
-    @property
-    def name(self) -> str:
-        """Name of the folder."""
-        return name_of(self.path)
+
+def existing(folder: Path) -> Requested:
+    """Return an existing recording of the simulator with the truth."""
+    name = name_of(folder)
 
     @_as_our_errors()
-    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> "SimulatedSource":
-        """Open the recording in the folder."""
-        return SimulatedSource(self.name, Recording.open(self.path), None)
+    def opened(out: Path, frames: int, tell: Callable[[str], None]) -> SimulatedSource:
+        return SimulatedSource(name, Recording.open(folder), None)
+
+    return Requested(name, has_poses=True, open=opened)
 
 
 class SimulatedSource:

@@ -1,6 +1,6 @@
 """Errors of depth cameras in numbers, for rendered sequences beside recordings of real cameras."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import cv2
@@ -44,19 +44,7 @@ PANELS = (
     ("flicker of a still camera", "pixels that gain or lose depth [%]", [FLICKER]),
 )
 """Title, vertical axis and columns of each panel of the figure."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Shadows:
-    """Runs of invalid pixels between two surfaces of different disparity, one row each."""
-
-    row: npt.NDArray[np.intp]
-    start: npt.NDArray[np.intp]
-    """First column."""
-    stop: npt.NDArray[np.intp]
-    """Column behind the last one."""
-    step_px: FloatArray
-    """Disparity of the surface on the right less that on the left; positive where the shadow is left of the nearer."""
+Places = npt.NDArray[np.intp]
 
 
 @dataclass(kw_only=True)
@@ -82,13 +70,13 @@ class Artefacts:
     def add(self, depth_m: FloatImage, intrinsics: Intrinsics) -> None:
         """Count a frame: depth [m], shape (H, W), 0 = invalid."""
         disparity_px = disparity(depth_m, intrinsics)
-        found = shadows(disparity_px)
-        left = found.step_px > 0
+        row, start, stop, step_px = shadows(disparity_px)
+        left = step_px > 0
         self.frames, self.pixels = self.frames + 1, self.pixels + depth_m.size
         self.n_left, self.n_shadows = self.n_left + int(left.sum()), self.n_shadows + len(left)
         usual = left if 2 * left.sum() >= len(left) else ~left
-        row, start, stop = found.row[usual], found.start[usual], found.stop[usual]
-        self.ratios.append((stop - start) / np.abs(found.step_px[usual]))
+        row, start, stop = row[usual], start[usual], stop[usual]
+        self.ratios.append((stop - start) / np.abs(step_px[usual]))
         rims = (start, stop) if usual is left else (stop, start)
         for name, col in zip(self.bends_px, rims, strict=True):
             self.bends_px[name].append(bends(depth_m.shape, row, col))
@@ -119,19 +107,18 @@ class Artefacts:
 
 def compare_artefacts(context: ExperimentContext) -> Findings:
     """Measure the artefacts of rendered sequences, and of recordings in folders if there are any."""
-    found: dict[str, Artefacts] = {}
-    rows = []
+    rows: dict[str, tuple[Value, ...]] = {}
     for name in context.sequences:
-        found[name] = measured(context.frames_of(name), intrinsics := context.recording(name).intrinsics)
-        rows.append(found[name].values(name, intrinsics))
+        intrinsics = context.recording(name).intrinsics
+        rows[name] = measured(context.frames_of(name), intrinsics).values(name, intrinsics)
     for folder in context.data:
         dataset, name = open_dataset(folder), folder.resolve().name
-        if name in found:
+        if name in rows:
             raise ScenarioError(f"two sequences are named {name!r}: rename a folder")
         context.report(name)
-        found[name] = measured(map(dataset.__getitem__, range(min(context.frames, len(dataset)))), dataset.intrinsics)
-        rows.append(found[name].values(name, dataset.intrinsics))
-    table = Table.of("Artefacts of raw depth", COLUMNS, rows)
+        frames = (dataset[index] for index in range(min(context.frames, len(dataset))))
+        rows[name] = measured(frames, dataset.intrinsics).values(name, dataset.intrinsics)
+    table = Table.of("Artefacts of raw depth", COLUMNS, list(rows.values()))
     return Findings(
         tables=(table,),
         notes=(
@@ -156,7 +143,7 @@ def compare_artefacts(context: ExperimentContext) -> Findings:
     )
 
 
-def measured(frames: Iterable[Frame] | Iterator[Frame], intrinsics: Intrinsics) -> Artefacts:
+def measured(frames: Iterable[Frame], intrinsics: Intrinsics) -> Artefacts:
     """Measure the artefacts of the frames of one camera."""
     found, before = Artefacts(), None
     for frame in frames:
@@ -173,18 +160,23 @@ def disparity(depth_m: FloatImage, intrinsics: Intrinsics) -> FloatImage:
     return np.divide(focal_baseline_px_m, depth_m, out=np.zeros_like(depth_m), where=depth_m > 0)
 
 
-def shadows(disparity_px: FloatImage) -> Shadows:
-    """Find the occlusion shadows of a disparity image, shape (H, W), 0 = invalid."""
+def shadows(disparity_px: FloatImage) -> tuple[Places, Places, Places, FloatArray]:
+    """Find the occlusion shadows of a disparity image, shape (H, W), 0 = invalid.
+
+    Returns:
+        Row, first column, and column behind the last one of each run of invalid pixels between two surfaces, and the
+        disparity of the right one less that of the left one [px], positive where the shadow is left of the nearer.
+    """
     edge = np.diff(np.pad(disparity_px == 0, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     (row, start), (_, stop) = np.nonzero(edge > 0), np.nonzero(edge < 0)
     inside = (start > 0) & (stop < disparity_px.shape[1])
     row, start, stop = row[inside], start[inside], stop[inside]
     step_px = (disparity_px[row, stop] - disparity_px[row, start - 1]).astype(np.float64)
     kept = (np.abs(step_px) >= STEP_PX) & (stop - start >= NARROWEST_PX)
-    return Shadows(row=row[kept], start=start[kept], stop=stop[kept], step_px=step_px[kept])
+    return row[kept], start[kept], stop[kept], step_px[kept]
 
 
-def bends(shape: tuple[int, ...], row: npt.NDArray[np.intp], col: npt.NDArray[np.intp]) -> FloatArray:
+def bends(shape: tuple[int, ...], row: Places, col: Places) -> FloatArray:
     """Second differences [px] of the columns of rims over the rows above and below, where both have a rim nearby."""
     height, width = shape
     mark = np.zeros((height + 2, width + 2 * RIM_REACH_PX + 1), np.bool_)

@@ -78,31 +78,20 @@ class Bins:
         self.confidence += np.bincount(place, n * confidence, BINS)
         self.correct += np.bincount(place, correct, BINS)
 
-    @property
-    def calibration_error(self) -> float:
-        """Expected calibration error: the mean over pixels of |mean confidence - share of correct| of their bin."""
-        return float(np.abs(self.confidence - self.correct).sum() / self.n.sum())
+    def shares(self) -> dict[str, float | None]:
+        """The expected calibration error, and the shares of the pixels that are trusted and shown, 0..1.
 
-    @property
-    def trusted_share(self) -> float:
-        """Share of the pixels of at least the confidence `TRUSTED`."""
-        return float(_from(TRUSTED, self.n) / self.n.sum())
-
-    @property
-    def shown_share(self) -> float:
-        """Share of the pixels of at least the confidence `SHOWN`."""
-        return float(_from(SHOWN, self.n) / self.n.sum())
-
-    @property
-    def trusted_correct(self) -> float | None:
-        """Share of correct pixels among the trusted ones; None if there are none."""
-        n = _from(TRUSTED, self.n)
-        return float(_from(TRUSTED, self.correct) / n) if n else None
-
-
-def _from(confidence: float, counts: FloatArray) -> float:
-    """The sum over the bins from that confidence on."""
-    return float(counts[round(confidence * BINS) :].sum())
+        The error is the mean over pixels of |mean confidence - share of correct| of their bin. The share of correct
+        pixels among the trusted ones is None if there are none.
+        """
+        trusted, shown = (slice(round(least * BINS), None) for least in (TRUSTED, SHOWN))
+        n, n_trusted = self.n.sum(), self.n[trusted].sum()
+        return {
+            "calibration error": float(np.abs(self.confidence - self.correct).sum() / n),
+            "trusted": float(n_trusted / n),
+            "correct of trusted": float(self.correct[trusted].sum() / n_trusted) if n_trusted else None,
+            "shown": float(self.n[shown].sum() / n),
+        }
 
 
 def fit(pixels: Pixels) -> Fills:
@@ -162,11 +151,10 @@ def count(context: ExperimentContext) -> dict[str, Pixels]:
     return pixels
 
 
-def _row(before: Bins, after: Bins | None) -> Iterator[Value]:
-    for value in ("calibration_error", "trusted_share", "trusted_correct", "shown_share"):
-        for bins in (before, after):
-            share = None if bins is None else getattr(bins, value)
-            yield None if share is None else 100 * share
+def _row(own: Bins, fitted: Bins | None) -> Iterator[Value]:
+    others = {} if fitted is None else fitted.shares()
+    for name, share in own.shares().items():
+        yield from (None if value is None else 100 * value for value in (share, others.get(name)))
 
 
 def _draw(found: dict[str, Bins], title: str, axes: Axes) -> None:

@@ -19,7 +19,7 @@ from voxdepth.tools.table import Table
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
-from ..evaluation import Shipped
+from ..evaluation import recorded, shipped
 from ..sequences import SeededSequence, load_sequence
 
 WIDTHS_PX = range(64, 2049)
@@ -121,13 +121,13 @@ class ExperimentContext:
         height_px = EVEN_PX * round(self.width_px * rig.height_px / rig.width_px / EVEN_PX)
         return load_sequence(name, self.seed, {"rig.width_px": self.width_px, "rig.height_px": height_px})
 
-    def recording(self, name: str, frames: int | None = None) -> Recording:
-        """The recording of a sequence with at least that many frames, which is made now if it does not exist.
+    def recording(self, name: str) -> Recording:
+        """The recording of a sequence with enough frames, which is made now if it does not exist.
 
         Raises:
             ScenarioError, SimError: The sequence cannot be recorded.
         """
-        return Shipped(self.sequence(name)).recording(self.out, self.frames if frames is None else frames, self.report)
+        return recorded(self.sequence(name), self.out, self.frames, self.report)
 
     def captures(self, name: str) -> Iterator[Capture]:
         """The first frames of a sequence with the truth; each is read when it is requested."""
@@ -146,7 +146,7 @@ class ExperimentContext:
         Raises:
             ScenarioError: A method failed.
         """
-        sequences = [Shipped(self.sequence(name)) for name in self.sequences]
+        sequences = [shipped(self.sequence(name)) for name in self.sequences]
         plan = Plan(sequences=sequences, methods=methods, frames=self.frames, out=self.out)
         evaluation = evaluate(plan, lambda what, results: self.report(f"{what}; {results} of {len(plan)} done"))
         for failed in evaluation.failures:

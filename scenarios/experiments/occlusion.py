@@ -96,15 +96,10 @@ def measure(captures: Iterable[Capture]) -> tuple[pd.DataFrame, pd.DataFrame]:
             )
             sums.append((width_px, int(mask[counted].sum()), squared_m2, completed_m2, int(counted.sum())))
     together = pd.DataFrame(sums, columns=["grown", "occluded", "squared", "completed", "n"]).groupby("grown").sum()
-    n, (as_is_db, completed_db) = (
-        together["n"],
-        (
-            [psnr_db(mean_m2, PEAK16_M) for mean_m2 in together[name] / together["n"]]
-            for name in ("squared", "completed")
-        ),
-    )
-    grown = {OCCLUDED: 100 * together["occluded"] / n, "PSNR": as_is_db, "PSNR completed": completed_db, "n": n}
-    return pd.DataFrame(frames), pd.DataFrame(grown)
+    means_m2 = together[["squared", "completed"]].div(together["n"], axis="index")
+    grown = means_m2.map(psnr_db, peak=PEAK16_M).set_axis(["PSNR", "PSNR completed"], axis="columns")
+    grown.insert(0, OCCLUDED, 100 * together["occluded"] / together["n"])
+    return pd.DataFrame(frames), grown.assign(n=together["n"])
 
 
 def loss_percent(shares: Sequence[float], psnrs_db: Sequence[float]) -> float | None:

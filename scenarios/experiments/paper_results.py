@@ -3,18 +3,13 @@
 from collections.abc import Sequence
 from statistics import mean
 
+import pandas as pd
+
 from voxdepth.tools.table import Column, Table, Value
 
 METHODS = ("VD", "RS", "GS", "DS")
 """VoxDepth, RealSense, GSmooth, DeepSmooth."""
-SEQUENCES = {
-    "sim-LN": "LN",
-    "sim-MB": "MB",
-    "sim-KTS": "KTS",
-    "sim-KTC": "KTC",
-    "sim-PLF": "PLF",
-    "sim-PLW": "PLW",
-}
+SEQUENCES = {f"sim-{name}": name for name in ("LN", "MB", "KTS", "KTC", "PLF", "PLW")}
 """The paper's name of the dataset that a shipped sequence stands for, in the paper's order."""
 PSNR_DB = {
     "LN": (17.46, 13.04, 13.14, 14.16),
@@ -52,31 +47,29 @@ REAL = ("LN", "MB")
 SYNTHETIC = ("KTS", "KTC", "PLF", "PLW")
 AHEAD, BEHIND = ("LN", "KTS", "KTC", "PLF"), ("MB", "PLW")
 """Datasets on which VoxDepth has the lowest masked error of all methods, and the others."""
-VD = METHODS.index("VD")
 SATURATION = 175.0
 """Wrapped errors above this are nearly those of unrelated images, which score 179.96."""
 
 
 def percentages_table() -> Table:
     """Every percentage of the text that follows from the tables, as printed and as computed."""
-    gains = {name: gain(values) for name, values in PSNR_DB.items()}
-    ratios = {name: M_RMSE[name][VD] / min(_others(M_RMSE[name])) for name in M_RMSE}
-    leads = [100 * (1 / ratios[name] - 1) for name in AHEAD]
+    psnr_db, m_rmse = (pd.DataFrame(printed, METHODS).T for printed in (PSNR_DB, M_RMSE))
+    gains = 100 * (psnr_db["VD"] / psnr_db.drop(columns="VD").max(axis="columns") - 1)
+    over_rs = 100 * (psnr_db["VD"] / psnr_db["RS"] - 1)
+    ratios = m_rmse["VD"] / m_rmse.drop(columns="VD").min(axis="columns")
+    ahead, behind = ratios[list(AHEAD)], ratios[list(BEHIND)]
     real_switches = mean(SWITCHES[name] for name in REAL)
     without_kts, all_four = (mean(SWITCHES[name] for name in names) for names in (SYNTHETIC[1:], SYNTHETIC))
     fps, over_gs = FRAMES_PER_S, 100 * (FRAMES_PER_S["VD"] / FRAMES_PER_S["GS"] - 1)
     rows: list[Sequence[Value]] = [
-        ("PSNR over the best other, LN", 31.0, gains["LN"], "VD / best other - 1"),
-        ("PSNR over the best other, MB", 31.0, gains["MB"], "VD / best other - 1"),
-        ("PSNR over the best other, LN and MB", 31.0, mean(gains[name] for name in REAL), "mean of the two"),
-        ("PSNR over RealSense, LN and MB", 31.0, mean(over(name, "RS") for name in REAL), "mean of VD / RS - 1"),
-        ("PSNR over the best other, KTC, PLF, PLW", 14.07, mean(gains[name] for name in SYNTHETIC[1:]),
-         "mean of three"),
-        ("masked RMSE, LN, KTS, KTC, PLF", 25.23, mean(leads), "mean of best other / VD - 1"),
-        ("masked RMSE, the same as a reduction", 25.23, mean(100 * (1 - ratios[name]) for name in AHEAD),
-         "mean of 1 - VD / best other"),
-        ("masked RMSE, MB and PLW", 2.08, mean(100 * (ratios[name] - 1) for name in BEHIND),
-         "mean of VD / best other - 1"),
+        ("PSNR over the best other, LN", 31.0, float(gains["LN"]), "VD / best other - 1"),
+        ("PSNR over the best other, MB", 31.0, float(gains["MB"]), "VD / best other - 1"),
+        ("PSNR over the best other, LN and MB", 31.0, mean(gains[list(REAL)]), "mean of the two"),
+        ("PSNR over RealSense, LN and MB", 31.0, mean(over_rs[list(REAL)]), "mean of VD / RS - 1"),
+        ("PSNR over the best other, KTC, PLF, PLW", 14.07, mean(gains[list(SYNTHETIC[1:])]), "mean of three"),
+        ("masked RMSE, LN, KTS, KTC, PLF", 25.23, mean(100 * (1 / ahead - 1)), "mean of best other / VD - 1"),
+        ("masked RMSE, the same as a reduction", 25.23, mean(100 * (1 - ahead)), "mean of 1 - VD / best other"),
+        ("masked RMSE, MB and PLW", 2.08, mean(100 * (behind - 1)), "mean of VD / best other - 1"),
         ("fewer switches, synthetic without KTS", 40.33, 100 * (1 - without_kts / real_switches),
          "1 - mean / mean of LN, MB"),
         ("fewer switches, all synthetic", 40.33, 100 * (1 - all_four / real_switches), "1 - mean / mean of LN, MB"),
@@ -90,21 +83,7 @@ def percentages_table() -> Table:
     return Table.of("The paper's percentages by its own tables", columns, rows, name="arithmetic")
 
 
-def gain(values: Sequence[float]) -> float:
-    """Excess of VoxDepth's value over the highest of the others [%]."""
-    return 100 * (values[VD] / max(_others(values)) - 1)
-
-
-def over(name: str, method: str) -> float:
-    """Excess of VoxDepth's PSNR of a dataset over that of another method [%]."""
-    return 100 * (PSNR_DB[name][VD] / PSNR_DB[name][METHODS.index(method)] - 1)
-
-
 def saturated() -> tuple[int, int]:
     """The number of printed masked errors above `SATURATION`, and the number of all."""
     values = [value for row in M_RMSE.values() for value in row]
     return sum(value > SATURATION for value in values), len(values)
-
-
-def _others(values: Sequence[float]) -> Sequence[float]:
-    return [value for place, value in enumerate(values) if place != VD]

@@ -11,8 +11,8 @@ from pandas.api.types import infer_dtype
 
 from voxdepth.tools.figure import Picture
 from voxdepth.tools.files import write
-from voxdepth.tools.frame_files import write_frame
 from voxdepth.tools.page import render_page
+from voxdepth.tools.table import write_frame
 from voxdepth.tools.viewer import RECORDING
 
 from ..errors import ScenarioError

@@ -89,10 +89,8 @@ def test_the_fit_is_the_share_of_correct_pixels() -> None:
 def test_the_calibration_error_is_the_distance_to_the_share_of_correct_pixels() -> None:
     bins = Bins()
     bins.add(np.float32([0.95, 0.55, 0.05]), np.array([60.0, 20, 20]), np.array([57.0, 5, 0]))
-    assert bins.calibration_error == pytest.approx((0 + 6 + 1) / 100)
-    assert bins.trusted_share == pytest.approx(0.8)
-    assert bins.shown_share == pytest.approx(0.8)
-    assert bins.trusted_correct == pytest.approx(62 / 80)
+    expected = {"calibration error": 0.07, "trusted": 0.8, "correct of trusted": 62 / 80, "shown": 0.8}
+    assert bins.shares() == pytest.approx(expected)
 
 
 def test_it_is_not_measured_with_the_sequences_of_the_fit(tmp_path: Path) -> None:

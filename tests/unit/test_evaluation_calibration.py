@@ -29,6 +29,11 @@ def row(*values: float) -> np.ndarray:
     return np.array([values], np.float32)
 
 
+def corrected(depth_m: np.ndarray, confidence: np.ndarray, source: np.ndarray | None = None) -> CorrectedDepth:
+    no_source = np.zeros(depth_m.shape, np.uint8)
+    return CorrectedDepth(depth_m=depth_m, confidence=confidence, source=no_source if source is None else source)
+
+
 def found(score: CalibrationScore, metric: str) -> dict[str, tuple[float | None, int]]:
     return {f.mask: (f.value, f.n) for f in score.measurements() if f.metric == metric}
 
@@ -38,7 +43,7 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
     truth_m = np.full((1, 9), 10, np.float32)
     depth_m = truth_m + row(0, 1, 3, 2, 0, 4, 0.4, 0.6, 9)
     score = CalibrationScore(TELE, "holes")
-    score.add(depth_m, truth_m, truth_m > 0, truth_m > 0, confidence, None)
+    score.add(corrected(depth_m, confidence), truth_m, truth_m > 0, truth_m > 0)
     mae = found(score, "mae")
     expected = {
         "confidence 0": (0, 1), "confidence 0-0.1": (2, 2), "confidence 0.2-0.3": (2, 1), "confidence 0.3-0.4": (4, 1),
@@ -47,7 +52,7 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
     assert mae == {mask: (pytest.approx(value, abs=1e-6), n) for mask, (value, n) in expected.items()}
     assert found(score, "correct")["confidence 0.9-1"] == (0.5, 2)
     score = CalibrationScore(replace(TELE, baseline_m=0.02), "holes")  # 2 px at 10 m: a quarter of a pixel decides
-    score.add(depth_m, truth_m, truth_m > 0, truth_m > 0, confidence, None)
+    score.add(corrected(depth_m, confidence), truth_m, truth_m > 0, truth_m > 0)
     assert found(score, "correct")["confidence 0.9-1"] == (1, 2)
     assert found(score, "median")["confidence 0-0.1"][0] == pytest.approx(2, rel=0.01)
 
@@ -56,7 +61,7 @@ def test_every_tenth_falls_into_the_bin_that_it_ends() -> None:
     for k in range(1, 11):
         score = CalibrationScore(TELE, "holes")
         one = row(1)
-        score.add(one, one, one > 0, one > 0, row(k / 10), None)
+        score.add(corrected(one, row(k / 10)), one, one > 0, one > 0)
         assert list(found(score, "mae")) == [CONFIDENCES[k]]
 
 
@@ -67,8 +72,9 @@ def test_errors_by_source_leave_out_what_does_not_count() -> None:
     depth_m = row(11, 12, 14, 15, 0, 19, 60, 10, 10)
     counted = row(1, 1, 1, 1, 1, 0, 1, 1, 1) > 0
     score = CalibrationScore(TELE, "holes")
-    score.add(depth_m, truth_m, counted, counted, None, source)
-    assert found(score, "mae") == {"source sensor": (1, 1), "source memory": (3, 2), "source inpainted": (5, 1)}
+    score.add(corrected(depth_m, np.zeros_like(depth_m), source), truth_m, counted, counted)
+    mae = {mask: of for mask, of in found(score, "mae").items() if mask.startswith("source")}
+    assert mae == {"source sensor": (1, 1), "source memory": (3, 2), "source inpainted": (5, 1)}
 
 
 def test_the_share_of_right_pixels_in_a_bin_is_also_that_of_each_source_and_of_holes() -> None:
@@ -78,7 +84,7 @@ def test_the_share_of_right_pixels_in_a_bin_is_also_that_of_each_source_and_of_h
     confidence = row(0.55, 0.55, 0.55, 0.95, 0.55, 0)
     source = np.array([[1, 2, 2, 2, 3, 0]], np.uint8)
     hidden = row(0, 1, 1, 0, 1, 1) > 0
-    score.add(depth_m, truth_m, truth_m > 0, hidden, confidence, source)
+    score.add(corrected(depth_m, confidence, source), truth_m, truth_m > 0, hidden)
     correct = found(score, "correct")
     assert {mask: correct[mask] for mask in correct if ", " in mask} == {
         "source sensor, confidence 0.5-0.6": (1, 1),

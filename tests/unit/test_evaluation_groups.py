@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.evaluation_clips import CAMERA, evaluation_frames
-from voxdepth.metrics import Sums, by_range
+from voxdepth.metrics import RANGE_BINS_M, Sums
 from voxdepth.tools.evaluation.groups import (
     BINS,
     HOLE_GROUPS,
@@ -22,6 +22,7 @@ from voxdepth.tools.evaluation.groups import (
 )
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.scoring import METRICS, Score
+from voxdepth.types import CorrectedDepth
 
 PATCH_GROUPS = held_out_groups("patches")
 
@@ -40,8 +41,8 @@ def test_the_sums_of_groups_are_those_of_each_mask_and_range(groups: Groups, see
         for where in split(labels, len(groups))
     ]
     for mask, within in product(groups.masks, RANGES):
-        bins = by_range(truth_m)
-        there = np.any([bins[BINS[index]] for index in RANGES[within]], axis=0)
+        ends_m = [RANGE_BINS_M[BINS[index]] for index in RANGES[within]]
+        there = np.any([(truth_m >= low_m) & (truth_m < high_m) for low_m, high_m in ends_m], axis=0)
         of_kind = np.isin(kind, [groups.kinds.index(name) for name in groups.masks[mask]])
         expected = Sums.of(depth_m, truth_m, there & of_kind)
         added = sum((parts[member] for member in groups.members(mask, within)), Sums())
@@ -72,7 +73,7 @@ def measurement(score: Score, *wanted: str) -> Measurement:
 def test_a_frame_given_wholly_empty_leaves_no_figure_after_completion() -> None:
     score = Score(TRUE_GROUPS, CAMERA)
     for index, frame in enumerate(evaluation_frames(3)):
-        score.add(frame, frame.reference_m * np.float32(index != 1))
+        score.add(frame, CorrectedDepth.of(frame.frame, frame.reference_m * np.float32(index != 1)))
     for metric in METRICS:
         assert measurement(score, metric, "all", "0-20 m", "completed").value is None, metric
         assert measurement(score, metric, "all", "0-20 m", "filled").value is not None, metric
@@ -85,7 +86,8 @@ def test_without_the_truth_the_ratio_in_16_bits_is_of_held_out_pixels() -> None:
     kind[:, :10] = 1
     depth_m = frame.reference_m + np.float32(0.5) * kind
     score = Score(PATCH_GROUPS, CAMERA)
-    score.add(replace(frame, labels=PATCH_GROUPS.label(frame.reference_m, kind)), depth_m)
+    labelled = replace(frame, labels=PATCH_GROUPS.label(frame.reference_m, kind))
+    score.add(labelled, CorrectedDepth.of(frame.frame, depth_m))
     ratio = measurement(score, "psnr16_mm", "patches", "all", "completed")
     assert ratio.value == pytest.approx(20 * np.log10(65.535 / 0.5), rel=1e-5)
     assert ratio.n == kind.sum()

@@ -80,11 +80,10 @@ def test_patches_stay_at_their_places_and_count_only_on_measured_surfaces_withou
     assert not later.reference_m[first.hidden & ~later.hidden].any(), "they are withheld, and not scored"
 
 
-def test_patches_of_a_seed_are_the_same_and_those_of_another_are_not() -> None:
+def test_patches_are_the_same_again() -> None:
     depth_m = np.full(CAMERA.shape, WALL_M, np.float32)
-    one, same, other = (Patches(CAMERA, seed).of(0, depth_m).hidden for seed in (0, 0, 1))
+    one, same = (Patches(CAMERA).of(0, depth_m).hidden for _ in range(2))
     np.testing.assert_array_equal(one, same)
-    assert (one != other).any()
 
 
 def test_a_slanted_surface_is_smooth_and_a_post_is_not() -> None:

@@ -26,9 +26,10 @@ from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.quantities import QUANTITIES
 from voxdepth.tools.evaluation.report import method_table, print_results
 from voxdepth.tools.evaluation.result_cache import Result
-from voxdepth.tools.evaluation.scoring import MovingScore, Score
+from voxdepth.tools.evaluation.scoring import Score
 from voxdepth.tools.evaluation.sources import EvaluationFrame, FrameCache
 from voxdepth.tools.evaluation.suite import Evaluation
+from voxdepth.types import CorrectedDepth
 
 MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n"
 """The post has the segmentation id 1: it is the second of two movers. The first one, id 0, is the wall's."""
@@ -44,7 +45,7 @@ def moving_recording(folder: Path, n_frames: int) -> Path:
     return folder
 
 
-def measurement(score: MovingScore | Score, *wanted: str) -> Measurement:
+def measurement(score: Score, *wanted: str) -> Measurement:
     (found,) = (f for f in score.measurements() if (f.metric, f.mask, f.range, f.on) == wanted)
     return found
 
@@ -112,8 +113,8 @@ def test_survival_and_ghosts_by_hand_beside_those_of_raw_depth() -> None:
     remembered_m[:, :2] = WALL_M  # a memory of the wall over the post
     remembered_m[:, 10:13] = POST_M  # and one of the post over the wall
     remembered_m[:, 13] = 0
-    score = MovingScore()
-    score.add(frame, remembered_m)
+    score = Score(TRUE_GROUPS, CAMERA)
+    score.add(frame, CorrectedDepth.of(frame.frame, remembered_m))
     height = CAMERA.height_px
     for wanted, value, n in (
         (("survival", "moving", "all", "as given"), 0.8, 10),
@@ -128,19 +129,20 @@ def test_survival_and_ghosts_by_hand_beside_those_of_raw_depth() -> None:
 def test_without_movers_there_are_no_such_figures() -> None:
     score = Score(TRUE_GROUPS, CAMERA)
     for frame in evaluation_frames(2):
-        score.add(frame, frame.reference_m)
+        score.add(frame, CorrectedDepth.of(frame.frame, frame.reference_m))
     assert not {f.metric for f in score.measurements()} & {"survival", "survival_raw", "ghosts", "ghosts_raw"}
     seen_by_nobody = replace(
         evaluation_frames(1)[0], moving=np.zeros(CAMERA.shape, bool), departed_m=np.zeros(CAMERA.shape)
     )
-    score.add(seen_by_nobody, seen_by_nobody.reference_m)
+    score.add(seen_by_nobody, CorrectedDepth.of(seen_by_nobody.frame, seen_by_nobody.reference_m))
     assert not any(f.metric == "survival" for f in score.measurements()), "a share of no pixel is left out"
 
 
 def done_with_movers() -> Evaluation:
-    score = MovingScore()
+    score = Score(TRUE_GROUPS, CAMERA)
     frame = moving_frame()
-    score.add(frame, np.where(frame.frame.depth_m > 0, frame.frame.depth_m, np.float32(POST_M)))
+    filled_m = np.where(frame.frame.depth_m > 0, frame.frame.depth_m, np.float32(POST_M))
+    score.add(frame, CorrectedDepth.of(frame.frame, filled_m))
     result = Result(key=key_of("s", "m"), measurements=tuple(score.measurements()))
     return Evaluation(results=(result,), sequences={"s": info_of("s")}, reused=0)
 

@@ -25,8 +25,7 @@ from voxdepth.tools.evaluation.quantities import QUANTITIES, is_measured
 from voxdepth.tools.evaluation.report import method_table, print_results, rendered
 from voxdepth.tools.evaluation.result_cache import Result, SequenceInfo, encoded_thumbnail
 from voxdepth.tools.evaluation.suite import Evaluation
-from voxdepth.tools.frame_files import write_frame
-from voxdepth.tools.table import Table
+from voxdepth.tools.table import Table, write_frame
 
 NASTY = "<script>alert('x')</script>"
 

@@ -114,7 +114,7 @@ def test_sequences_scored_by_measured_depth_count_the_change_of_depth() -> None:
     for k in range(3):
         flickering_m = frame.reference_m + np.float32(0.1 * (k % 2))
         changed = replace(frame, labels=labels, reference_m=flickering_m, static=np.ones(CAMERA.shape, bool))
-        score.add(changed, flickering_m)
+        score.add(changed, CorrectedDepth.of(changed.frame, flickering_m))
     flicker = [f for f in score.measurements() if f.metric == "flicker"]
     assert {f.range for f in flicker} == {"all", "0-20 m", "2-5 m", "5-10 m"}
     assert all(f.value == pytest.approx(0.1, rel=1e-4) for f in flicker)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.evaluation import Shipped, SimulatedSource
+from scenarios.evaluation import SimulatedSource, shipped
 from scenarios.sequences import load_sequence
 from sim.recording import Recording
 from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of, truth_of, write_recording
@@ -173,7 +173,7 @@ def test_frames_of_a_killed_run_are_deleted_and_nothing_else(recording: Path, tm
     left, ours = tmp_path / f"{suite.FRAME_CACHE}abc", tmp_path / "frames-of-mine"
     for folder in (left, ours):
         folder.mkdir()
-        (folder / "000000.npz").touch()
+        (folder / "000000.pickle").touch()
     run(tmp_path, recording, methods=(GOOD,))
     assert not left.exists()
     assert ours.is_dir()
@@ -189,10 +189,14 @@ def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_written(tm
 def test_frames_that_cannot_be_kept_are_an_error_of_the_results(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*args: Any, **arrays: Any) -> None:
-        raise OSError(28, "No space left on device")
+    really = Path.write_bytes
 
-    monkeypatch.setattr(np, "savez", full)
+    def full(path: Path, data: bytes) -> int:
+        if path.suffix == ".pickle":
+            raise OSError(28, "No space left on device")
+        return really(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
     done = run(tmp_path, recording)
     assert [(result.error or "").startswith("cannot keep frame 0 in ") for result in done.results] == [True, True]
     assert all((result.error or "").endswith(": No space left on device") for result in done.results)
@@ -363,17 +367,17 @@ def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
 ) -> None:
     recorded = Counted([])
     monkeypatch.setattr("scenarios.sequences.record", recorded)
-    shipped = Shipped(load_sequence("sim-LN", 3, {}))
+    requested = shipped(load_sequence("sim-LN", 3, {}))
     told: list[str] = []
-    source = shipped.open(tmp_path, 4, told.append)
+    source = requested.open(tmp_path, 4, told.append)
     assert isinstance(source, SimulatedSource)
     assert (source.seed, len(source), told[-1]) == (3, 4, "recording sim-LN, frame 4 of 4")
-    shipped.open(tmp_path, 3, told.append)
+    requested.open(tmp_path, 3, told.append)
     assert recorded.made == [4]
-    other = Shipped(load_sequence("sim-LN", 4, {}))
+    other = shipped(load_sequence("sim-LN", 4, {}))
     done = evaluate(Plan(sequences=[other], methods=[GOOD], frames=3, out=tmp_path), lambda what, n: None)
     assert (done.results[0].error, done.results[0].key.seed) == (None, 4)
-    assert shipped.open(tmp_path, 4, told.append).seed == 3
+    assert requested.open(tmp_path, 4, told.append).seed == 3
     assert recorded.made == [4, 3], "each seed has a recording of its own"
     names = [folder.name for folder in (tmp_path / "recordings").iterdir()]
     assert len(names) == 2

@@ -47,7 +47,7 @@ def test_shadows_are_measured_in_steps_on_either_side(width_px: int, ratio: floa
 def test_holes_within_one_surface_and_at_the_border_are_no_shadows() -> None:
     disparity_px = np.full(CAMERA.shape, FAR_PX, np.float32)
     disparity_px[20:30, 50:80], disparity_px[:, :15] = 0, 0
-    assert len(shadows(disparity_px).row) == 0
+    assert len(shadows(disparity_px)[0]) == 0
 
 
 def test_a_straight_edge_has_no_bends_however_slanted_and_a_zigzag_has() -> None:

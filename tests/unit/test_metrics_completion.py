@@ -1,12 +1,10 @@
 """Completion by the nearest valid pixel, and range bins."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import RANGE_BINS_M, by_range
 
 seeds = st.integers(0, 10_000)
 
@@ -51,21 +49,3 @@ def test_an_image_without_depth_stays_without() -> None:
     assert not dense_m.any()
     assert dense_m is not empty
     assert dense_m.dtype == np.float32
-
-
-@given(seeds)
-def test_every_pixel_with_a_surface_is_in_one_bin(seed: int) -> None:
-    truth_m = np.random.default_rng(seed).exponential(8, (9, 9)).astype(np.float32)
-    truth_m[0] = [0, np.inf, np.nan, -1, 0, np.inf, np.nan, -1, 0]
-    bins = np.sum(list(by_range(truth_m).values()), axis=0)
-    np.testing.assert_array_equal(bins, np.isfinite(truth_m) & (truth_m > 0))
-
-
-@pytest.mark.parametrize(
-    ("depth_m", "name"),
-    [(0.1, "0-2 m"), (2, "2-5 m"), (4.999, "2-5 m"), (5, "5-10 m"), (10, "10-20 m"), (20, "20+ m"), (900, "20+ m")],
-)
-def test_a_bin_begins_with_its_first_number(depth_m: float, name: str) -> None:
-    masks = by_range(np.full((1, 1), depth_m, np.float32))
-    assert list(masks) == list(RANGE_BINS_M)
-    assert [key for key, mask in masks.items() if mask.all()] == [name]

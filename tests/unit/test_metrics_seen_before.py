@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from voxdepth.errors import FrameError
 from voxdepth.geometry import inverse_rigid
 from voxdepth.metrics import SeenBefore
+from voxdepth.metrics.seen_before import FRAMES
 from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
 
 CAMERA = Intrinsics.from_hfov(width_px=24, height_px=16, hfov_deg=80)
@@ -142,9 +143,9 @@ def test_what_was_behind_the_camera_was_not_seen() -> None:
     assert not seen.any()
 
 
-@pytest.mark.parametrize(("frames_between", "remembered"), [(2, True), (3, False)])
+@pytest.mark.parametrize(("frames_between", "remembered"), [(FRAMES - 1, True), (FRAMES, False)])
 def test_only_the_last_n_frames_count(frames_between: int, remembered: bool) -> None:
-    splitter = SeenBefore(CAMERA, n=3)
+    splitter = SeenBefore(CAMERA)
     splitter.split(NONE, wall(5), at(), wall(5))
     for _ in range(frames_between):
         splitter.split(NONE, wall(5), at(), wall(0))
@@ -166,5 +167,3 @@ def test_images_are_neither_changed_nor_kept() -> None:
 def test_images_of_another_camera_are_refused() -> None:
     with pytest.raises(FrameError, match=r"camera \(16, 24\), holes \(1, 8\)"):
         SeenBefore(CAMERA).split(np.zeros((1, 8), bool), wall(5, STRIP), at(), wall(5, STRIP))
-    with pytest.raises(FrameError, match="at least 1 frame"):
-        SeenBefore(CAMERA, n=0)

@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from voxdepth.tools.frame_files import write_frame
-from voxdepth.tools.table import Column, Table
+from voxdepth.tools.table import Column, Table, write_frame
 
 
 def table() -> Table:

@@ -6,7 +6,7 @@ from .flying import flying_share
 from .moving import Share, ghost_share, survival
 from .obstacles import Phantoms, near_share
 from .paper import m_rmse_u16_wrap, psnr_minmax8
-from .pixels import RANGE_BINS_M, by_range, is_correct
+from .pixels import RANGE_BINS_M, is_correct
 from .seen_before import SeenBefore
 from .sums import TOO_FAR, DepthErrors, Sums, depth_errors, psnr_db
 
@@ -20,7 +20,6 @@ __all__ = [
     "SeenBefore",
     "Share",
     "Sums",
-    "by_range",
     "depth_errors",
     "fill_rate",
     "flying_share",

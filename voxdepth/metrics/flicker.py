@@ -32,6 +32,10 @@ class Changes(Addable):
         return self.switched / self.pixels if self.pixels else None
 
 
+_Known = tuple[FloatImage, FloatImage, MaskImage]
+"""Depth and true depth [m] of a frame, and the pixels that count, shape (H, W) each."""
+
+
 class Flicker:
     """Accumulates `|e_t - e_(t-1)|` at the same pixel, where e is depth minus truth.
 
@@ -42,7 +46,7 @@ class Flicker:
 
     def __init__(self, n_groups: int = 1) -> None:
         self.groups = [Changes()] * n_groups
-        self._previous: tuple[FloatImage, FloatImage, MaskImage] | None = None
+        self._previous: _Known | None = None
 
     @property
     def total(self) -> Changes:
@@ -70,12 +74,7 @@ class Flicker:
             self._compare(self._previous, (depth_m, truth_m, judged_pixels(truth_m, static)), group)
         self._previous = depth_m.copy(), truth_m.copy(), known
 
-    def _compare(
-        self,
-        before: tuple[FloatImage, FloatImage, MaskImage],
-        now: tuple[FloatImage, FloatImage, MaskImage],
-        group: GrayImage,
-    ) -> None:
+    def _compare(self, before: _Known, now: _Known, group: GrayImage) -> None:
         require_same_shape(depth_m=now[0], previous_depth_m=before[0])
         both = before[2] & now[2]
         depth_before, depth_now, group = before[0][both], now[0][both], group[both]

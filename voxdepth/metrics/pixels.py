@@ -73,15 +73,6 @@ def require_depth(depth_m: npt.NDArray[np.floating[Any]]) -> None:
         )
 
 
-def by_range(truth_m: FloatImage) -> dict[str, MaskImage]:
-    """The pixels of each of `RANGE_BINS_M`, shape (H, W); every pixel with a true surface is in one bin."""
-    known = truth_m > 0
-    return {
-        name: known & (truth_m >= np.float32(start_m)) & (truth_m < np.float32(end_m))
-        for name, (start_m, end_m) in RANGE_BINS_M.items()
-    }
-
-
 def is_correct(
     depth_m: FloatImage | FloatArray, reference_m: FloatImage | FloatArray, focal_baseline_px_m: float
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

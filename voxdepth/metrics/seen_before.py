@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import FrameError
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, Intrinsics, MaskImage
 from .pixels import judged_pixels, require_same_shape
 
+FRAMES = 60
+"""Number of past frames that are searched."""
 RAW_TOLERANCE = 0.05
 """A pixel was measured correctly when its raw depth is within this part of the truth."""
 SURFACE_TOLERANCE = 0.02
@@ -36,7 +37,7 @@ class _Past(NamedTuple):
 
 
 class SeenBefore:
-    """Splits the holes of a sequence's frames into those seen correctly in the last `n` frames and those never seen.
+    """Splits the holes of a sequence's frames into those seen correctly in the last `FRAMES` frames, and others.
 
     A hole pixel's true point is projected with the true poses into past frames, newest first. It was seen if it falls
     on a pixel whose true depth agrees within 2 % + 2 cm (the same surface) and whose raw depth was within 5 % of that.
@@ -44,11 +45,9 @@ class SeenBefore:
     takes 4 bytes a pixel.
     """
 
-    def __init__(self, intrinsics: Intrinsics, n: int = 60) -> None:
-        if n < 1:
-            raise FrameError(f"expected to look back at least 1 frame, got {n}")
+    def __init__(self, intrinsics: Intrinsics) -> None:
         self._shape = intrinsics.shape
-        self._past: deque[_Past] = deque(maxlen=n)
+        self._past: deque[_Past] = deque(maxlen=FRAMES)
         self._K = np.eye(4)
         self._K[0, [0, 2]] = intrinsics.fx_px, intrinsics.cx_px
         self._K[1, [1, 2]] = intrinsics.fy_px, intrinsics.cy_px

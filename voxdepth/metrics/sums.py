@@ -43,19 +43,20 @@ class DepthErrors(Addable):
     @property
     def mae_m(self) -> float | None:
         """Mean absolute error [m]."""
-        return self._mean(self.abs_error_m)
+        return self.mean(self.abs_error_m)
 
     @property
     def too_far_share(self) -> float | None:
         """Share of filled pixels more than 10 % too far, 0..1."""
-        return self._mean(self.too_far)
+        return self.mean(self.too_far)
 
     @property
     def hole_share(self) -> float | None:
         """Share of pixels without a depth, 0..1."""
         return 1 - self.filled / self.pixels if self.pixels else None
 
-    def _mean(self, total: float) -> float | None:
+    def mean(self, total: float) -> float | None:
+        """The mean over the filled pixels of a sum over them."""
         return total / self.filled if self.filled else None
 
 
@@ -125,7 +126,7 @@ class Sums(DepthErrors):
     @property
     def rmse_m(self) -> float | None:
         """Root of the mean squared error [m]."""
-        return _root(self._mean(self.squared_error_m2))
+        return _root(self.mean(self.squared_error_m2))
 
     @property
     def median_abs_m(self) -> float | None:
@@ -135,31 +136,16 @@ class Sums(DepthErrors):
     @property
     def inverse_rmse_per_m(self) -> float | None:
         """Root of the mean squared error of inverse depth [1/m]; times focal length and baseline, of disparity [px]."""
-        return _root(self._mean(self.squared_inverse_error_per_m2))
+        return _root(self.mean(self.squared_inverse_error_per_m2))
 
     @property
     def too_near_share(self) -> float | None:
         """Share of filled pixels more than 10 % too near, 0..1."""
-        return self._mean(self.too_near)
-
-    @property
-    def off_share(self) -> float | None:
-        """Share of filled pixels more than 10 % too far or too near, 0..1: neither side can be won by a bias."""
-        return self._mean(self.too_far + self.too_near)
-
-    @property
-    def close_share(self) -> float | None:
-        """Share of filled pixels within 5 % of the truth, 0..1."""
-        return self._mean(self.close)
-
-    @property
-    def close_share_of_all(self) -> float | None:
-        """Share of all pixels whose depth is within 5 % of the truth, 0..1; a pixel without a depth is not."""
-        return self.close / self.pixels if self.pixels else None
+        return self.mean(self.too_near)
 
     def psnr_db(self, peak_m: float) -> float | None:
         """Peak signal-to-noise ratio [dB]; see the function of that name."""
-        mean_squared_m2 = self._mean(self.squared_error_m2)
+        mean_squared_m2 = self.mean(self.squared_error_m2)
         return None if mean_squared_m2 is None else psnr_db(mean_squared_m2, peak_m)
 
 

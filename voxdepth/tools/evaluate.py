@@ -120,10 +120,10 @@ def _planned(
 def requested_of(folder: Path, opened: "Opened") -> "list[Requested]":
     """Return what can be compared in a folder: a recording that an extension knows, or each kind of its pixels."""
     from .evaluation.kinds import kinds_of
-    from .evaluation.suite import Judged
+    from .evaluation.suite import judged
 
     known = [found for extension in extensions() if (found := extension.recorded(folder)) is not None]
-    return known or [Judged(folder, kind, opened) for kind in kinds_of(folder, opened)]
+    return known or [judged(folder, kind, opened) for kind in kinds_of(folder, opened)]
 
 
 def _shipped(names: Sequence[str], seed: int | None) -> "list[Requested]":

@@ -5,7 +5,10 @@ import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isnan
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
+
+from .files import write
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -198,3 +201,22 @@ class Table:
         for row in self.texts:
             printed.add_row(*(escape(text) for text in row))
         return printed
+
+
+def write_frame(stem: Path, frame: "pd.DataFrame") -> list[Path]:
+    """Write a frame as `STEM.csv` and `STEM.parquet`, each in one step, and return both paths.
+
+    The frame has the column types that the Parquet file shall have. A failure is a `ToolError`.
+    """
+    from pandas.api.types import is_numeric_dtype
+
+    parquet = io.BytesIO()
+    frame.to_parquet(parquet, index=False)
+    texts = {name: frame[name].map(csv_entry) for name in frame if not is_numeric_dtype(frame[name])}
+    files = {
+        stem.with_name(f"{stem.name}.csv"): frame.assign(**texts).to_csv(index=False, lineterminator="\n").encode(),
+        stem.with_name(f"{stem.name}.parquet"): parquet.getvalue(),
+    }
+    for path, data in files.items():
+        write(path, data)
+    return list(files)

@@ -158,12 +158,16 @@ def calibrated_methods(evaluation: Evaluation) -> list[str]:
 
 def error_maps(evaluation: Evaluation) -> list[Picture]:
     """Draw the depth and the errors of the last frame of each sequence that has a reference there."""
-    return [_error_maps(evaluation, info) for info in evaluation.sequences.values() if _reference_of(info).any()]
+    return [
+        _error_maps(evaluation, info)
+        for info in evaluation.sequences.values()
+        if decoded_thumbnail(info.reference).any()
+    ]
 
 
 def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     """Draw raw, reference and corrected depth of the last frame of a sequence, each with its error map."""
-    reference_m = _reference_of(info)
+    reference_m = decoded_thumbnail(info.reference)
     shown = {"raw, as given to the methods": info.raw}
     for method in shown_methods(evaluation):
         thumbnail = evaluation.result(info.name, method).thumbnail
@@ -265,10 +269,6 @@ def _panels(
     width_in = min(WIDEST_PANEL_IN, PANEL_IN[0] * PANEL_COLUMNS / min(PANEL_COLUMNS, len(draws)))
     png = panels("", draws, columns=PANEL_COLUMNS, panel_in=(width_in, PANEL_IN[1]), shared_legend=True)
     return [Picture(title=title, caption=caption, png=png)]
-
-
-def _reference_of(info: SequenceInfo) -> FloatImage:
-    return decoded_thumbnail(info.reference)
 
 
 def _in_colors(depth_m: FloatImage, far_m: float) -> npt.NDArray[np.uint8]:

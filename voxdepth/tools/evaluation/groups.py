@@ -1,7 +1,7 @@
 """Disjoint groups of pixels, whose sums add up to every mask and range of the measurements."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -92,12 +92,5 @@ def held_out_groups(name: str) -> Groups:
     )
 
 
-HOLE_GROUPS = Groups(
-    kinds=("measured", "holes"),
-    masks={"all": ("measured", "holes"), "measured": ("measured",), "holes": ("holes",)},
-    hidden="holes",
-    independent="all",
-    reference_name="the truth",
-    is_true=True,
-)
+HOLE_GROUPS = replace(held_out_groups("holes"), independent="all", reference_name="the truth", is_true=True)
 """Groups of real recordings with a true depth of their pixels. Holes are pixels that the sensor has no depth for."""

@@ -39,12 +39,12 @@ def close_intervals(counts: Mapping[str, Sums], mask: str) -> Iterator[tuple[str
     draws = _drawn(counts)
     for method, own in draws.items():
         n = len(counts[method])
-        yield from ((method, m) for m in _measured(CLOSE[1:], _interval(own[1:], n), mask, AS_GIVEN, n))
+        _, *ends = _measured(CLOSE, own, mask, AS_GIVEN, n)  # The share itself is among the results of the method.
+        yield from ((method, m) for m in ends)
         others = [name for name in draws if name != method and is_baseline(name)]
         if others:
             lead = own - draws[max(others, key=lambda name: draws[name][0])]
-            values = float(lead[0]), *_interval(lead[1:], n)
-            yield from ((method, m) for m in _measured(LEAD, values, mask, AS_GIVEN, n))
+            yield from ((method, m) for m in _measured(LEAD, lead, mask, AS_GIVEN, n))
 
 
 def error_intervals(errors_m: Mapping[str, Sums]) -> Iterator[tuple[str, Measurement]]:
@@ -59,8 +59,7 @@ def error_intervals(errors_m: Mapping[str, Sums]) -> Iterator[tuple[str, Measure
     for method in (name for name in draws if name != RAW):
         n = len(errors_m[method])
         change = np.divide(draws[method], draws[RAW], out=np.full(1 + RESAMPLES, np.nan), where=draws[RAW] > 0) - 1
-        values = float(change[0]), *_interval(change[1:], n)
-        yield from ((method, m) for m in _measured(ERROR_CHANGE, values, "measured", FILLED, n))
+        yield from ((method, m) for m in _measured(ERROR_CHANGE, change, "measured", FILLED, n))
 
 
 def drawn_means(sums: Sums) -> Draws:
@@ -80,17 +79,9 @@ def _drawn(sums: Mapping[str, Sums]) -> dict[str, Draws]:
     return {method: drawn_means(frames) for method, frames in sums.items() if sum(pixels for _, pixels in frames)}
 
 
-def _interval(draws: Draws, n: int) -> tuple[float | None, float | None]:
-    """Return the ends of the interval of the draws from n frames; one frame has none."""
-    known = draws[np.isfinite(draws)]
-    if n < 2 or not known.size:
-        return None, None
-    low, high = np.percentile(known, PERCENTILES).tolist()
-    return low, high
-
-
-def _measured(
-    metrics: Sequence[str], values: Sequence[float | None], mask: str, on: str, n: int
-) -> Iterator[Measurement]:
-    for metric, value in zip(metrics, values, strict=True):
+def _measured(metrics: Sequence[str], draws: Draws, mask: str, on: str, n: int) -> Iterator[Measurement]:
+    """Yield the first of the draws from n frames, and the ends of the interval of the others; one frame has none."""
+    known = draws[1:][np.isfinite(draws[1:])]
+    ends = np.percentile(known, PERCENTILES).tolist() if n > 1 and known.size else (None, None)
+    for metric, value in zip(metrics, (float(draws[0]), *ends), strict=True):
         yield measured(Selector(metric, mask, NEAR, on), value, "share", n)

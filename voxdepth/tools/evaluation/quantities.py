@@ -34,16 +34,7 @@ HIDDEN = "hidden"
 HIDDEN_MASKS = (TRUE_GROUPS.hidden, *(kind.name for kind in HELD_OUT))
 MILLIMETRES_BELOW_M = 0.1
 """Lengths with a smaller median are shown in millimetres, as at a desk, and others in metres, as in a street."""
-UNITS = {
-    "%": (100, 1),
-    "mm": (1000, 1),
-    "m": (1, 3),
-    "1/m": (1, 4),
-    "dB": (1, 2),
-    "ms": (1, 1),
-    "no unit": (1, 2),
-    "count": (1, 0),
-}
+UNITS = {"%": (100, 1), "mm": (1000, 1), "m": (1, 3), "1/m": (1, 4), "dB": (1, 2), "ms": (1, 1), "count": (1, 0)}
 """Factor from the unit of the measurements, and decimal places, by the unit of a quantity."""
 
 

@@ -76,8 +76,8 @@ class Patches:
     measured surface.
     """
 
-    def __init__(self, intrinsics: Intrinsics, seed: int = SEED) -> None:
-        self._intrinsics, self._seed = intrinsics, seed
+    def __init__(self, intrinsics: Intrinsics) -> None:
+        self._intrinsics = intrinsics
         self._places: list[MaskImage] | None = None
 
     def of(self, index: int, depth_m: FloatImage) -> Referenced:
@@ -95,7 +95,7 @@ class Patches:
 
     def _drawn(self, measured: MaskImage, step: MaskImage) -> list[MaskImage]:
         """Draw places that lie on one surface and do not touch each other."""
-        rng = np.random.default_rng(self._seed)
+        rng = np.random.default_rng(SEED)
         places: list[MaskImage] = []
         taken = np.zeros(measured.shape, np.bool_)
         smallest_px, largest_px = np.array(PATCH_PX) * measured.shape[1] / PATCH_IMAGE_PX

@@ -9,10 +9,9 @@ import pandas as pd
 
 from ... import registry
 from ..files import write
-from ..frame_files import write_frame
 from ..page import TEMPLATES, render_page
 from ..provenance import CORRECTION, Provenance
-from ..table import MISSING, Column, Table, Value
+from ..table import MISSING, Column, Table, Value, write_frame
 from .figures import all_figures, calibrated_methods, count_text, error_maps, range_text
 from .groups import ALL, NEAR
 from .measurements import FILLED, Selector

@@ -43,7 +43,7 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
             frame = frames[index]
             corrected, time_s = _processed(corrector, _visible(frame, method), index)
             times_s.append(time_s)
-            score.add(frame, corrected.depth_m, corrected.confidence, corrected.source)
+            score.add(frame, corrected)
         background_s = _other_threads_s() - start_s
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s)),

@@ -7,11 +7,10 @@ from functools import cached_property
 from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from ...datasets import open_dataset
 from ...errors import VoxDepthError
 from ..errors import ToolError
 from ..files import as_tool_error
@@ -30,40 +29,22 @@ FRAME_CACHE = ".voxdepth-frames-"
 """Prefix of the temporary folders of frames, of which a killed run leaves one behind."""
 
 
-class Requested(Protocol):
+@dataclass(frozen=True)
+class Requested:
     """A sequence to compare methods on. No two in a plan may have the same name."""
 
+    name: str
     has_poses: bool
     """Whether the true poses are known, which the oracle needs."""
-
-    @property
-    def name(self) -> str:
-        """Name of the sequence."""
-
-    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
-        """Open its first frames, which may first be made below the folder of the results; `tell` hears of it.
-
-        Here and when frames are read, a `VoxDepthError` says why that fails.
-        """
+    open: Callable[[Path, int, Callable[[str], None]], FrameSource]
+    """Opens its first frames, which may first be made below the folder of the results; the function that it is given
+    hears of it. Here and when frames are read, a `VoxDepthError` says why that fails."""
 
 
-@dataclass(frozen=True)
-class Judged:
-    """One kind of pixels of an existing recording of any format."""
-
-    path: Path
-    kind: Kind
-    opened: Opened = open_dataset
-    has_poses = False
-
-    @property
-    def name(self) -> str:
-        """Name of the folder and of the kind."""
-        return f"{name_of(self.path)}-{self.kind.name}"
-
-    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
-        """Open the recording in the folder."""
-        return DatasetSource(self.name, self.opened(self.path), self.kind)
+def judged(path: Path, kind: Kind, opened: Opened) -> Requested:
+    """Return one kind of pixels of an existing recording of any format."""
+    name = f"{name_of(path)}-{kind.name}"
+    return Requested(name, has_poses=False, open=lambda out, frames, tell: DatasetSource(name, opened(path), kind))
 
 
 def name_of(folder: Path) -> str:
