@@ -1,12 +1,11 @@
 """Flying many runs in parallel, as the acceptance check of a scenario."""
 
 import multiprocessing
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 from swarm.controllers import load_controller
 from swarm.types import Outcome
@@ -46,15 +45,11 @@ def in_processes(function: Callable[[Run], T], runs: Sequence[Run], *, workers: 
             ) from error
 
 
-def acceptance_run(name: str, seed: int, changes: Mapping[str, Any] = MappingProxyType({})) -> Run:
-    """Return a run with the depth, corrector and image size of the scenario's acceptance check, and further changes."""
+def acceptance_run(name: str, seed: int) -> Run:
+    """Return a run with the depth, corrector and image size of the scenario's acceptance check."""
     check = load_run(name, seed, {}).scenario.acceptance
-    settings = {
-        "rig.depth": check.depth,
-        "corrector": check.corrector,
-        **images_of(check.width_px, check.height_px, check.decimate),
-    }
-    return load_run(name, seed, {**settings, **changes})
+    size = images_of(check.width_px, check.height_px, check.decimate)
+    return load_run(name, seed, {"rig.depth": check.depth, "corrector": check.corrector, **size})
 
 
 class Promise(NamedTuple):

@@ -70,11 +70,6 @@ class Scenario(MissionSetup):
         """Simulated time from a capture until the controller knows its percept."""
         return self.mission.latency_s + self.latency_of_corrector_s
 
-    def with_fixed_latency(self) -> "Scenario":
-        """Return the scenario with the latency of its corrector written out, for results that can be repeated."""
-        latency_s = {**self.corrector_latency_s, self.corrector.name: self.latency_of_corrector_s}
-        return self.model_copy(update={"corrector_latency_s": latency_s})
-
 
 def images_of(width_px: int, height_px: int, decimate: int = 1) -> dict[str, int]:
     """Return the values of a scenario whose cameras match images of a size, by dotted key."""
@@ -91,18 +86,15 @@ class Run(Model):
     def title(self) -> str:
         """The run in one line."""
         rig, prior = self.scenario.rig, self.scenario.mission.pose_prior
-        depth = depth_label(rig.depth, rig.noise.scale.theta)
+        depth = f"noisy, theta {rig.noise.scale.theta:g}" if rig.depth == "noisy" else rig.depth
         corrector = registry.title(str(self.scenario.corrector))
         text = f"{self.scenario.name}, seed {self.seed}: depth {depth}, corrector {corrector}"
         return text if prior.kind == "none" else f"{text}, pose prior {prior.label}"
 
 
-def depth_label(depth: str, theta: float) -> str:
-    """Return the name of a sensor model, with its noise ratio if it has one."""
-    return f"noisy, theta {theta:g}" if depth == "noisy" else depth
-
-
 def load_run(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Run:
-    """Return a run of a scenario, with the latency of its corrector written out; see `files.load`."""
+    """Return a run of a scenario, with the latency of its corrector written out to be repeatable; see `files.load`."""
     run = load(Run, "scenarios", name_or_path, seed, changes)
-    return run.model_copy(update={"scenario": run.scenario.with_fixed_latency()})
+    scenario = run.scenario
+    latency_s = {**scenario.corrector_latency_s, scenario.corrector.name: scenario.latency_of_corrector_s}
+    return run.model_copy(update={"scenario": scenario.model_copy(update={"corrector_latency_s": latency_s})})

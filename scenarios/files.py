@@ -53,7 +53,10 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         data = {field: data, "seed": 0}
     if not isinstance(data[field], dict):
         raise ScenarioError(f"{path}: {field} must be a table of keys, got {shorten(data[field])}")
-    chosen = {key: _chosen(key, value, path) for key, value in changes.items()}
+    chosen = {
+        key: value if isinstance(value, Chosen) else Chosen(value, f"{path} with {key} = {shorten(value)}")
+        for key, value in changes.items()
+    }
     changed = deepcopy(data)
     for key, choice in chosen.items():
         _set(changed[field], key, choice.value)
@@ -67,10 +70,6 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         keys = problem_keys(error, model, field)
         culprits = dict.fromkeys(choice.where for key in keys for choice in _concerned(chosen, key))
         raise ScenarioError(f"{', '.join(culprits)}: {problems(error, model, field)}") from error
-
-
-def _chosen(key: str, value: Any, path: Path) -> Chosen:
-    return value if isinstance(value, Chosen) else Chosen(value, f"{path} with {key} = {shorten(value)}")
 
 
 def _concerned(chosen: Mapping[str, Chosen], key: str) -> list[Chosen]:

@@ -92,14 +92,14 @@ def folder_name(run: Run) -> str:
 def _make_recorder(run: Run, path: Path) -> Recorder:
     from .rerun.mission import MissionRecorder
 
-    identity = f"{run.scenario.name}-{run.seed}-{run.scenario.rig.depth}-{run.scenario.corrector}"
+    scenario = run.scenario
     return MissionRecorder(
         path,
-        run.scenario.rig,
-        recording_id=identity,
+        scenario.rig,
+        recording_id=f"{scenario.name}-{run.seed}-{scenario.rig.depth}-{scenario.corrector}",
         title=run.title,
-        image_every=run.scenario.recording.image_every,
-        has_stages=run.scenario.corrector.name == PAPER,
+        image_every=scenario.recording.image_every,
+        has_stages=scenario.corrector.name == PAPER,
     )
 
 

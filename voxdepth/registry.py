@@ -190,20 +190,17 @@ def create_bare(
         ConfigError: The name is unknown, the corrector takes no configuration or another one, it needs a camera with a
             baseline or an extra that is not installed, or it belongs to another distribution and cannot be loaded.
     """
-    require_known(name)
-    entry = _REGISTRY.get(name)
-    if config is not None and (entry is None or entry.config is None):
+    default = config_of(name)
+    if config is not None and default is None:
         raise _takes_no_config(name)
-    if entry is None:
+    if name not in _REGISTRY:
         from .plugins import make_corrector
 
         return make_corrector(code_of(name) or name, _load(name), intrinsics)
-    camera = (intrinsics,) if entry.takes_camera else ()
-    if config is None:
-        config = config_of(name)
-    resolved = resolve_config(name, config) if isinstance(config, Mapping) else config
-    configured = () if entry.config is None else (resolved,)
-    corrector: DepthCorrector = _imported(entry.path)(*camera, *configured, **entry.options)
+    entry = _REGISTRY[name]
+    resolved = resolve_config(name, config) if isinstance(config, Mapping) else config or default
+    given = (intrinsics if entry.takes_camera else None, resolved)
+    corrector: DepthCorrector = _imported(entry.path)(*(one for one in given if one is not None), **entry.options)
     return corrector
 
 
@@ -230,9 +227,9 @@ def latency_s(name: str) -> float:
 
 def code_of(name: str) -> str | None:
     """The code of a corrector as `module:factory`; None for one of this library."""
-    if name in _REGISTRY or ":" in name:
-        return None if name in _REGISTRY else name
-    return next(iter(entry_points(group=ENTRY_POINTS, name=name))).value
+    if name in _REGISTRY:
+        return None
+    return name if ":" in name else next(iter(entry_points(group=ENTRY_POINTS, name=name))).value
 
 
 def _takes_no_config(name: str) -> ConfigError:

@@ -39,9 +39,9 @@ def given(**options: tuple[str, Any]) -> dict[str, Any]:
     """
     from ..files import Chosen
 
-    values = {name: value.value if isinstance(value, Enum) else value for name, (_, value) in options.items()}
-    return {
-        key: Chosen(values[name], f"--{name} {values[name]}")
-        for name, (key, _) in options.items()
-        if values[name] is not None
-    }
+    changes = {}
+    for name, (key, value) in options.items():
+        if value is not None:
+            plain = value.value if isinstance(value, Enum) else value
+            changes[key] = Chosen(plain, f"--{name} {plain}")
+    return changes

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -171,20 +170,7 @@ class Overwriting(Raw):
         return super().process(frame)
 
 
-class Halving(Raw):
-    """A corrector whose depth has half of the rows."""
-
-    def process(self, frame: Frame) -> CorrectedDepth:
-        return replace(super().process(frame), depth_m=frame.depth_m[::2])
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (Overwriting, "ValueError: assignment destination is read-only"),
-        (Halving, "expected depth_m as float32 of shape"),
-    ],
-)
-def test_correctors_that_go_wrong_are_told_where(wrong: type[Raw], message: str) -> None:
-    with pytest.raises(ScenarioError, match=f"the corrector failed on scale/low, frame 0: .*{message}"):
-        list(corrected(lambda intrinsics: wrong(), "scale/low", 2))
+def test_correctors_that_go_wrong_are_told_where() -> None:
+    message = "the corrector failed on scale/low, frame 0: ValueError: assignment destination is read-only"
+    with pytest.raises(ScenarioError, match=message):
+        list(corrected(lambda intrinsics: Overwriting(), "scale/low", 2))

@@ -75,15 +75,7 @@ def bag_in(path: Path) -> Path | None:
 
 
 class BagDataset:
-    """The frames of one camera in a bag.
-
-    Args:
-        path: A bag, or a folder with one.
-        intrinsics: Intrinsics that take precedence over all others.
-        depth_topic: Topic of the depth; None takes the only one.
-        gray_topic: Topic of the gray image; None takes the only one of the same camera.
-        within_s: Largest difference of the times of the two images of a frame.
-        units_per_m: Steps of a metre in the depth, which take precedence as the intrinsics do.
+    """The frames of one camera in a bag, or in a folder with one; it is made as `open_dataset` does.
 
     Raises:
         DatasetError: The bag is damaged, has no or several images of depth or gray of one camera, no camera or several,

@@ -1,9 +1,9 @@
 """Reading of folders, lists, calibrations and paths. A `DatasetError` names the file that is damaged, and its fault."""
 
+import sys
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import MISSING, asdict, fields
-from math import isfinite
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -118,11 +118,6 @@ def read_calibration(dataset: Path) -> dict[str, object]:
         raise DatasetError(f"{path} is no TOML ({error}); write the fields of Intrinsics into it") from error
 
 
-def camera_fields(dataset: Path) -> dict[str, object]:
-    """What the `calibration.toml` beside a dataset states of its camera."""
-    return {name: value for name, value in read_calibration(dataset).items() if name != UNITS_PER_M}
-
-
 def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callable[[], Intrinsics]) -> Intrinsics:
     """The given intrinsics, else those of a `calibration.toml` in the folder, else those that `of_format` returns.
 
@@ -133,7 +128,8 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
     path = calibration_path(folder)
     if not path.exists():
         return of_format()
-    values, found = camera_fields(folder), []
+    values, found = read_calibration(folder), []
+    values.pop(UNITS_PER_M, None)
     if values.keys() <= OPTIONAL:
         try:
             values = {**stated(of_format()), **values}
@@ -196,9 +192,6 @@ def intrinsics_from(values: Mapping[str, object], path: Path, found: Iterable[st
 
 def as_number(value: object) -> float | None:
     """A value of a file as a finite number; None if it is none."""
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        return None
-    try:
-        return float(value) if isfinite(value) else None
-    except OverflowError:
-        return None
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max:
+        return float(value)
+    return None

@@ -44,11 +44,7 @@ class Pair:
 class PairedImages(ABC):
     """Base of all readers. A format adds how it finds its files, what it knows of the camera, and how it stores depth.
 
-    Args:
-        folder: Folder of the dataset.
-        intrinsics: Intrinsics that take precedence over those of the folder and of the format.
-        within_s: Largest difference of the times of two images of one frame, where images are paired by time.
-        units_per_m: Steps of a metre in the depth; they take precedence as the intrinsics do.
+    It is made as `open_dataset` does.
 
     Raises:
         DatasetError: The folder is not of this format, a list or calibration in it is missing or damaged, there is no
@@ -222,16 +218,13 @@ def _candidates(
     first_s: Sequence[float], second_s: Sequence[float], within_s: float
 ) -> Iterator[tuple[float, int, int]]:
     starts = np.searchsorted(second_s, np.asarray(first_s) - within_s, side="left")
-    most = int((np.searchsorted(second_s, np.asarray(first_s) + within_s, side="right") - starts).max(initial=0))
-    if most > MAX_CANDIDATES:
+    ends = np.searchsorted(second_s, np.asarray(first_s) + within_s, side="right")
+    if (most := int((ends - starts).max(initial=0))) > MAX_CANDIDATES:
         raise DatasetError(
             f"expected at most {MAX_CANDIDATES} images within {within_s:g} s of another one, got {most}: are the times "
             "in seconds?"
         )
-    for i, (stamp_s, start) in enumerate(zip(first_s, starts, strict=True)):
-        for j in range(max(int(start) - 1, 0), len(second_s)):  # One earlier, since the difference is rounded.
-            difference_s = second_s[j] - stamp_s
-            if difference_s > within_s:
-                break
-            if abs(difference_s) <= within_s:
-                yield abs(difference_s), i, j
+    for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
+        for j in range(max(start - 1, 0), min(end + 1, len(second_s))):  # One more each, since differences are rounded.
+            if (difference_s := abs(second_s[j] - first_s[i])) <= within_s:
+                yield difference_s, i, j

@@ -19,7 +19,7 @@ from ..types import Intrinsics
 from ..units import Unit
 from .files import CALIBRATION, path_inside, read_text
 from .images import image_shape
-from .pairs import Pair, PairedImages, parse_stamp, require_increasing
+from .pairs import Pair, PairedImages, parse_stamp
 
 COLOUR_LIST, DEPTH_LIST, ASSOCIATIONS = "rgb.txt", "depth.txt", "associations.txt"
 UNIT = Unit(5000, least_m=0.4)
@@ -95,7 +95,6 @@ def _listed_pairs(folder: Path) -> list[Pair]:
         first, second = _entry(words[:2], path, source), _entry(words[2:], path, source)
         depth, colour = (first, second) if depth_first else (second, first)
         pairs.append(Pair(stamp_s=depth[0], gray=colour[1], depth=depth[1]))
-    require_increasing([pair.stamp_s for pair in pairs], f"the depth images of {path}")
     return pairs
 
 

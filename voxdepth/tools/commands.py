@@ -87,7 +87,7 @@ def correct(
         format=format.value,
         depth_topic=depth_topic,
         gray_topic=gray_topic,
-        within_ms=within,
+        within_s=within / 1000,
         units_per_m=units_per_m,
         baseline_m=baseline,
     )

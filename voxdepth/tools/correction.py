@@ -18,7 +18,6 @@ from ..errors import PipelineError
 from ..model import Model
 from ..pipeline import CorrectionPipeline
 from ..registry import PAPER
-from ..soundness import fault_of
 from ..types import CorrectedDepth, DepthCorrector, Frame, Source
 from .errors import ToolError
 from .files import atomic, to_toml
@@ -87,13 +86,11 @@ class Correction:
         frames = (self.dataset[index] for index in range(self.frames))
         with _original_errors(), CorrectionPipeline(self.corrector, frames) as pipeline:
             for index, (frame, corrected) in enumerate(pipeline):
-                name = self.dataset.name(index)
-                _require_sound(self.config.corrector, frame, corrected)
                 output.add(index, corrected)
                 listener(index, frame, corrected)
                 progress(index + 1)
                 yield FrameLine(
-                    name=name,
+                    name=self.dataset.name(index),
                     stamp_s=frame.stamp_s,
                     raw_pixels=int(np.count_nonzero(frame.depth_m)),
                     pixels={s.name.lower(): int(np.count_nonzero(corrected.source == s)) for s in Source},
@@ -190,16 +187,6 @@ def _summary(values: Sequence[Fact]) -> dict[str, int] | dict[str, float]:
 def _spread(values: Sequence[float]) -> dict[str, float]:
     p50, p95 = np.percentile(values, (50, 95))
     return {"p50": float(p50), "p95": float(p95), "max": max(values)}
-
-
-def _require_sound(corrector: str, frame: Frame, corrected: object) -> None:
-    """Refuse what no corrector may return; see `fault_of`.
-
-    Raises:
-        ToolError: The result is no `CorrectedDepth`, has another shape or type, or impossible values.
-    """
-    if fault := fault_of(corrected, frame.depth_m.shape):
-        raise ToolError(f"the corrector {corrector!r} is faulty: for a frame at {frame.stamp_s} s, {fault}")
 
 
 @contextmanager

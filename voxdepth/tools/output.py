@@ -1,7 +1,7 @@
 """What a correction writes: a folder of images, or a bag of ROS 2."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -118,10 +118,9 @@ class BagTopics:
         return self._store.types[f"sensor_msgs/msg/{kind}"](**fields)
 
 
-@contextmanager
-def image_folder(folder: Path, dataset: Dataset) -> Iterator[Output]:
+def image_folder(folder: Path, dataset: Dataset) -> AbstractContextManager[Output]:
     """Open a folder of images."""
-    yield ImageFolder(folder, dataset)
+    return nullcontext(ImageFolder(folder, dataset))
 
 
 @contextmanager

@@ -1,9 +1,9 @@
 """Recorded sequences as commands open them: OpenCV is silent, and what is assumed of a camera is told."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -20,33 +20,24 @@ def restrict_opencv() -> None:
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Opener:
-    """Opens recorded sequences, see `open_dataset`, and tells on stderr, once, what is assumed of each camera."""
+    """Opens recorded sequences, and tells on stderr, once, what is assumed of each camera.
 
-    format: str = "auto"
-    depth_topic: str | None = None
-    gray_topic: str | None = None
-    within_ms: float = 20.0
-    units_per_m: float | None = None
-    baseline_m: float | None = None
-    """Baseline in place of the one that is stated [m]; None keeps that."""
-    _told: set[Path] = field(default_factory=set)
+    Args:
+        baseline_m: Baseline in place of the one that is stated [m]; None keeps that.
+        options: Those of `open_dataset`.
+    """
+
+    def __init__(self, baseline_m: float | None = None, **options: Any) -> None:
+        self._baseline_m, self._options = baseline_m, options
+        self._told: set[Path] = set()
 
     def __call__(self, path: Path) -> Dataset:
         """Open a folder or a bag."""
-        opened = partial(
-            open_dataset,
-            path,
-            self.format,
-            depth_topic=self.depth_topic,
-            gray_topic=self.gray_topic,
-            within_s=self.within_ms / 1000,
-            units_per_m=self.units_per_m,
-        )
-        dataset = opened()
-        if self.baseline_m is not None:
-            dataset = opened(intrinsics=replace(dataset.intrinsics, baseline_m=self.baseline_m))
+        dataset = open_dataset(path, **self._options)
+        if self._baseline_m is not None:
+            camera = replace(dataset.intrinsics, baseline_m=self._baseline_m)
+            dataset = open_dataset(path, intrinsics=camera, **self._options)
         for assumption in _assumptions(path, dataset) if path not in self._told else ():
             self._told.add(path)
             typer.echo(f"{path} {assumption}", err=True)

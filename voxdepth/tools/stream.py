@@ -102,16 +102,16 @@ def layout(content: Any, timeline: str, **time: Any) -> rrb.Blueprint:
 
 def log_frame(log: Log, gray: GrayImage, raw_m: FloatImage, corrected: CorrectedDepth, far_m: float = FAR_M) -> None:
     """Record a frame, its gray image and measured depth [m] of the shape (H, W), and what a corrector made of it."""
-    log("gray", gray_image(gray))
+    log("gray", _jpeg(gray))
     log_depth(log, "raw", raw_m, far_m)
     log_depth(log, "corrected", corrected.depth_m, far_m)
     log("source", rr.SegmentationImage(labels_of(raw_m, corrected.source)))
-    log("confidence", confidence_image(corrected.confidence))
+    log("confidence", rr.EncodedImage(contents=encode(confidence_levels(corrected.confidence)), media_type="image/png"))
 
 
 def log_depth(log: Log, name: str, depth_m: FloatImage, far_m: float = FAR_M) -> None:
     """Record a depth image [m], shape (H, W), as values and in colours, which are blue from `far_m` on."""
-    log(f"depth/{name}", depth_image(depth_m))
+    log(f"depth/{name}", rr.EncodedDepthImage(blob=depth_png(depth_m), media_type="image/png", meter=CENTIMETRE))
     log(f"colors/{name}", depth_colors(depth_m, far_m))
 
 
@@ -126,15 +126,10 @@ def labels_of(raw_m: FloatImage, source: GrayImage) -> GrayImage:
     return np.where((source == Source.MEMORY) & (raw_m > 0), np.uint8(REPLACED), source)
 
 
-def gray_image(gray: GrayImage) -> rr.EncodedImage:
-    """Return a gray image as JPEG."""
-    _, jpeg = cv2.imencode(".jpg", gray, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+def _jpeg(image: GrayImage, *options: int) -> rr.EncodedImage:
+    """A gray or colour image as JPEG."""
+    _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, *options])
     return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
-
-
-def depth_image(depth_m: FloatImage) -> rr.EncodedDepthImage:
-    """Return a depth image [m] as PNG in centimetres."""
-    return rr.EncodedDepthImage(blob=depth_png(depth_m), media_type="image/png", meter=CENTIMETRE)
 
 
 def depth_colors(depth_m: FloatImage, far_m: float = FAR_M) -> rr.EncodedImage:
@@ -142,14 +137,7 @@ def depth_colors(depth_m: FloatImage, far_m: float = FAR_M) -> rr.EncodedImage:
 
     Rerun's own colours begin with far ones and color holes.
     """
-    settings = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111]
-    _, jpeg = cv2.imencode(".jpg", colored(depth_m, far_m), settings)
-    return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
-
-
-def confidence_image(confidence: FloatImage) -> rr.EncodedImage:
-    """Return confidences in 0..1 as PNG; white is certain."""
-    return rr.EncodedImage(contents=encode(confidence_levels(confidence)), media_type="image/png")
+    return _jpeg(colored(depth_m, far_m), cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111)
 
 
 def depth_png(depth_m: FloatImage) -> bytes:
