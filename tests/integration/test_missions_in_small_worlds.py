@@ -108,7 +108,9 @@ def test_a_command_that_is_not_finite_ends_the_mission_with_an_error_and_without
     task = config(route(0, 0, 30, 0), controller=f"{__name__}:Dividing")
     with (
         mission_among(config=task) as mission,
-        pytest.raises(PluginError, match=r"for drone 0 at 1\.00 s, expected velocity_m_s as finite numbers .*\(\[nan"),
+        pytest.raises(
+            PluginError, match=r"for drone 0 at 1\.00 s, expected velocity_m_s as an array of finite numbers .*\(\[nan"
+        ),
     ):
         mission.run()
 

@@ -121,8 +121,8 @@ def test_a_recording_opens_at_the_first_contact(tmp_path: Path, drone: int | Non
             recorder.contact(mission.world.steps, hit)
     recorder.close()
     reader = rr.chunk.RrdReader(tmp_path / "run.rrd")
-    newest = reader.stream(store=reader.blueprints()[-1]).to_chunks()
-    text = str([chunk.to_record_batch().to_pydict() for chunk in newest])
+    layouts = [chunk for store in reader.blueprints() for chunk in reader.stream(store=store).to_chunks()]
+    text = str([chunk.to_record_batch().to_pydict() for chunk in layouts])
     names = [f"{role} hits tower-1-2" for role in ("leader 0", "drone 1")]
     assert [name in text for name in names] == [drone == 0, drone == 1]
     assert (str({"min": 1_000_000_000, "max": 5_000_000_000}) in text) == (drone is not None)
