@@ -226,7 +226,10 @@ class World:
         """
         low, high = (way_m.min(axis=0) - radius_m).tolist(), (way_m.max(axis=0) + radius_m).tolist()
         near = pybullet.getOverlappingObjects(low, high, physicsClientId=self.client) or ()
-        bodies = [body for body, _ in near if body in self.bodies]
+        middle_m = (way_m.min(axis=0) + way_m.max(axis=0)) / 2
+        reach_m = float(np.linalg.norm(way_m - middle_m, axis=1).max())
+        fixed = (body for body, _ in near if body in self.bodies)
+        bodies = [body for body in fixed if self._apart_m(body, middle_m, radius_m, reach_m) <= reach_m]
         if not bodies:
             return True
         steps = np.ceil(np.linalg.norm(np.diff(way_m, axis=0), axis=1) / (radius_m / 2)).astype(np.int64)
