@@ -1,11 +1,14 @@
 """A Gymnasium environment: one follower learns, the mission's controller flies all others."""
 
+from functools import partial
 from typing import Any, SupportsFloat
 
+import cv2
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.vector import AsyncVectorEnv
 
 from .episode import require_followers
 from .learner import ACTION_SIZE, Observation
@@ -33,11 +36,6 @@ def observation_space(task: LearningTask) -> spaces.Space[Any]:
     )
 
 
-def action_space() -> spaces.Space[Any]:
-    """Return the space of actions; see `learner.Learner`."""
-    return spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
-
-
 class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     """Learn to follow a leader through a world seen by a corrected depth camera.
 
@@ -51,8 +49,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         task: Fields of `LearningTask` by name, and `scenario`, the name or path of the one whose fields are the others.
 
     Raises:
-        MissionError: There is no such render mode, the learner is no follower, or a field of the task is unknown or
-            impossible.
+        MissionError: An option is unknown or impossible.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
@@ -65,7 +62,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}
         self.observation_space = observation_space(self._task)
-        self.action_space = action_space()
+        self.action_space = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -84,9 +81,19 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         return observation, result.reward, result.terminated, result.truncated, episode.info()
 
     def render(self) -> Image | None:
-        """Return the image of the learner over a map, shape (H, W, 3), RGB; None without a render mode."""
+        """Return the picture of the learner, shape (H, W, 3), RGB; None without a render mode."""
         return self._view.render()
 
     def close(self) -> None:
         """Free the world; a second call does nothing."""
         self._view.close()
+
+
+def vector_env(num_envs: int, **options: Any) -> AsyncVectorEnv:
+    """Make environments with the options of `LeaderFollowerEnv`, each in a process of its own, on one thread."""
+    return AsyncVectorEnv([partial(_on_one_thread, **options)] * num_envs, context="spawn")
+
+
+def _on_one_thread(**options: Any) -> LeaderFollowerEnv:
+    cv2.setNumThreads(1)
+    return LeaderFollowerEnv(**options)

@@ -8,14 +8,12 @@ not turn would never see its direction of flight.
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from sim.frames import rotation_from_yaw, yaw_from_quaternion
 from sim.types import VelocityCommand
 from voxdepth.types import FloatArray, GrayImage
 
 from .. import rules
-from ..agents import create_pilot
 from ..controllers import Role
 from ..errors import MissionError
 from ..pilot import Decision, Situation
@@ -40,11 +38,7 @@ vectors are in the drone's heading frame (x forward, y left, z up, never tilted)
 
 
 def observe(situation: Situation, role: Role, task: LearningTask) -> Observation:
-    """Return the observation of a follower, clipped to the largest depth, speed and distance of the task.
-
-    Raises:
-        MissionError: The situation has no percept yet.
-    """
+    """Return what a follower observes, clipped to the limits of the task; without a percept it is a `MissionError`."""
     if situation.percept is None:
         raise MissionError("there is nothing to observe before the first image is known: fly on until then")
     depth_m = situation.percept.corrected.depth_m
@@ -54,17 +48,14 @@ def observe(situation: Situation, role: Role, task: LearningTask) -> Observation
     own, to_own = situation.own, heading_frame(situation).T
     max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
     leader_m = to_own @ (situation.leader.position_m - own.position_m)
-    clipped: dict[str, npt.NDArray[Any]] = {
-        "depth_m": np.clip(depth_m, 0.0, task.rig.max_depth_m),
+    vectors = {
         "velocity_m_s": np.clip(to_own @ own.velocity_m_s, -max_speed_m_s, max_speed_m_s),
         "leader_m": np.clip(leader_m, -lost_m, lost_m),
         "slot_m": np.clip(leader_m + to_own @ role.offset_m, -lost_m, lost_m),
     }
-    seen: dict[str, Any] = {name: values.astype(np.float32) for name, values in clipped.items()}
-    if task.observation == "nearness":
-        del seen["depth_m"]
-        seen["nearness"] = nearness
-    return seen
+    in_metres = task.observation == "metres"
+    image = {"depth_m": np.clip(depth_m, 0.0, task.rig.max_depth_m)} if in_metres else {"nearness": nearness}
+    return {**image, **{name: vector.astype(np.float32) for name, vector in vectors.items()}}
 
 
 class Learner:
@@ -83,26 +74,11 @@ class Learner:
 
     def decide(self, situation: Situation) -> Decision:
         """Return the velocity of the action in the world frame, with the heading turned by the action."""
-        velocity_m_s = self._velocity_m_s(situation)
+        velocity_m_s = heading_frame(situation) @ (self._max_speed_m_s * self.action[:3])
+        velocity_m_s = rules.limit(velocity_m_s, self._max_speed_m_s)
         self._yaw_rad += float(self.action[3]) * self._max_turn_rad
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=self._yaw_rad)
         return Decision(command=command, wanted_velocity_m_s=velocity_m_s, state="blind")
-
-    def _velocity_m_s(self, situation: Situation) -> FloatArray:
-        velocity_m_s = heading_frame(situation) @ (self._max_speed_m_s * self.action[:3])
-        return rules.limit(velocity_m_s, self._max_speed_m_s)
-
-
-class ShieldedLearner(Learner):
-    """Passes the action through obstacle avoidance, which also turns the camera: `action[3]` has no effect."""
-
-    def __init__(self, role: Role, config: MissionConfig) -> None:
-        super().__init__(role, config)
-        self._pilot = create_pilot(role, config)
-
-    def decide(self, situation: Situation) -> Decision:
-        """Return the safe velocity that is nearest to that of the action."""
-        return self._pilot.fly(self._velocity_m_s(situation), situation)
 
 
 def heading_frame(situation: Situation) -> FloatArray:

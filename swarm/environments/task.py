@@ -38,8 +38,7 @@ class RewardConfig(Model):
         - lost         when it is farther than `mission.lost_m` from its leader and its slot
         + arrival      when the mission is a success
 
-    The approach is the shaping of Ng, Harada and Russell (1999) without the discount: over an episode it adds up to the
-    difference of the first and the last distance, so that it cannot be earned by going to and fro.
+    The approach (Ng, Harada and Russell 1999, without the discount) cannot be earned by going to and fro.
     """
 
     slot_per_s: float = Field(default=1.0, ge=0)
@@ -65,8 +64,6 @@ class LearningTask(MissionSetup):
     others: Literal["truth", "same"] = "truth"
     """Drones that do not learn: with `truth` they fly by the true bodies of the world and have no camera, and with
     `same` they have the eyes of the learners and the controller of the mission."""
-    steering: Literal["direct", "shielded"] = "direct"
-    """Steering between an action and the drone: `direct`, or `shielded` by obstacle avoidance."""
     observation: Literal["metres", "nearness", "image"] = "metres"
     """The depth in metres, or its nearness as an image for convolutions, each with vectors; or that image alone."""
     record: Path | None = Field(default=None, strict=False)
