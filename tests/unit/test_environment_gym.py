@@ -176,7 +176,7 @@ class TestMistakes:
         ("options", "text"),
         [
             ({"depth": "laser"}, "rig.depth: expected"),
-            ({"scenario": "citty"}, "did you mean 'city'"),
+            ({"scenario": "citty"}, r"did you mean city\?"),
             ({"corector": "raw"}, "corector"),
         ],
     )
