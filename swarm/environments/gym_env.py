@@ -7,9 +7,6 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from voxdepth.model import explained
-
-from ..errors import MissionError
 from .episode import require_followers
 from .learner import ACTION_SIZE, Observation
 from .task import LearningTask
@@ -21,10 +18,14 @@ Action = npt.NDArray[np.float32]
 
 def observation_space(task: LearningTask) -> spaces.Space[Any]:
     """Return the space of `learner.Observation`."""
-    max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
+    max_speed_m_s, lost_m, shape = task.airframe.max_speed_m_s, task.mission.lost_m, task.rig.intrinsics.shape
+    nearness = spaces.Box(0, 255, (1, *shape), np.uint8)
+    if task.observation == "image":
+        return nearness
+    depth_m = spaces.Box(0.0, task.rig.max_depth_m, shape, np.float32)
     return spaces.Dict(
         {
-            "depth_m": spaces.Box(0.0, task.rig.max_depth_m, task.rig.intrinsics.shape, np.float32),
+            **({"depth_m": depth_m} if task.observation == "metres" else {"nearness": nearness}),
             "velocity_m_s": spaces.Box(-max_speed_m_s, max_speed_m_s, (3,), np.float32),
             "leader_m": spaces.Box(-lost_m, lost_m, (3,), np.float32),
             "slot_m": spaces.Box(-lost_m, lost_m, (3,), np.float32),
@@ -47,7 +48,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     Args:
         learner: Number of the learning drone; None takes the first follower.
         render_mode: `rgb_array`, or None for no pictures.
-        task: Fields of `LearningTask`, by name.
+        task: Fields of `LearningTask` by name, and `scenario`, the name or path of the one whose fields are the others.
 
     Raises:
         MissionError: There is no such render mode, the learner is no follower, or a field of the task is unknown or
@@ -57,8 +58,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
 
     def __init__(self, *, learner: int | None = None, render_mode: str | None = None, **task: Any) -> None:
-        with explained(LearningTask, MissionError):
-            self._task = LearningTask(**task)
+        self._task = LearningTask.of(**task)
         self._learner = self._task.followers[0] if learner is None else learner
         require_followers(self._task, [self._learner])
         self._view = EpisodeView(self._task, render_mode)

@@ -5,11 +5,14 @@ forward, left and up, and the turn to the left. The turn is needed because the c
 not turn would never see its direction of flight.
 """
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from sim.frames import rotation_from_yaw, yaw_from_quaternion
 from sim.types import VelocityCommand
-from voxdepth.types import FloatArray, FloatImage
+from voxdepth.types import FloatArray, GrayImage
 
 from .. import rules
 from ..agents import create_pilot
@@ -21,10 +24,15 @@ from .task import LearningTask
 
 ACTION_SIZE = 4
 
-Observation = dict[str, FloatImage]
-"""Arrays of float32 by name; all vectors are in the drone's heading frame (x forward, y left, z up, never tilted).
+NEAR_M = 1.0
+"""Depth of the largest nearness, 255. Nearness falls with 1 / depth, as disparity does; 0 = unknown."""
+
+Observation = dict[str, Any] | GrayImage
+"""With `observation="image"` the nearness image alone. Otherwise arrays by name, vectors and depth as float32; all
+vectors are in the drone's heading frame (x forward, y left, z up, never tilted).
 
 - `depth_m`: corrected depth along the optical axis [m], shape (H, W); 0 = unknown, `max_depth_m` = that far or farther.
+- `nearness`: in its place with `observation="nearness"`, shape (1, H, W), uint8.
 - `velocity_m_s`: own velocity, shape (3,).
 - `leader_m`: from the drone to its leader, as heard by radio, shape (3,).
 - `slot_m`: from the drone to its slot, which moves with the leader as it is heard, shape (3,).
@@ -39,16 +47,24 @@ def observe(situation: Situation, role: Role, task: LearningTask) -> Observation
     """
     if situation.percept is None:
         raise MissionError("there is nothing to observe before the first image is known: fly on until then")
+    depth_m = situation.percept.corrected.depth_m
+    nearness = np.where(depth_m > 0, 255 * NEAR_M / np.maximum(depth_m, NEAR_M), 0).astype(np.uint8)[None]
+    if task.observation == "image":
+        return nearness
     own, to_own = situation.own, heading_frame(situation).T
     max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
     leader_m = to_own @ (situation.leader.position_m - own.position_m)
-    clipped: dict[str, FloatArray] = {
-        "depth_m": np.clip(situation.percept.corrected.depth_m, 0.0, task.rig.max_depth_m),
+    clipped: dict[str, npt.NDArray[Any]] = {
+        "depth_m": np.clip(depth_m, 0.0, task.rig.max_depth_m),
         "velocity_m_s": np.clip(to_own @ own.velocity_m_s, -max_speed_m_s, max_speed_m_s),
         "leader_m": np.clip(leader_m, -lost_m, lost_m),
         "slot_m": np.clip(leader_m + to_own @ role.offset_m, -lost_m, lost_m),
     }
-    return {name: values.astype(np.float32) for name, values in clipped.items()}
+    seen: dict[str, Any] = {name: values.astype(np.float32) for name, values in clipped.items()}
+    if task.observation == "nearness":
+        del seen["depth_m"]
+        seen["nearness"] = nearness
+    return seen
 
 
 class Learner:

@@ -8,8 +8,6 @@ from gymnasium import spaces
 from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
-from voxdepth.model import explained
-
 from ..errors import MissionError
 from .episode import Episode
 from .gym_env import Action, action_space, observation_space
@@ -31,7 +29,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
 
     Args:
         render_mode: `rgb_array`, or None for no pictures.
-        task: Fields of `LearningTask`, by name.
+        task: As those of `LeaderFollowerEnv`.
 
     Raises:
         MissionError: There is no such render mode, or a field of the task is unknown or impossible.
@@ -45,8 +43,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
     }
 
     def __init__(self, *, render_mode: str | None = None, **task: Any) -> None:
-        with explained(LearningTask, MissionError):
-            self._task = LearningTask(**task)
+        self._task = LearningTask.of(**task)
         self._view = EpisodeView(self._task, render_mode)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 from sim.sensor import RigConfig
 from swarm.environments.gym_env import LeaderFollowerEnv
-from swarm.environments.view import GOAL, LEADER, LEARNER, SCRIPTED
+from swarm.environments.view import GOAL, LEADER, LEARNER, OTHER
 from swarm.errors import MissionError
 from tests.learning import DIVE, FORWARD, QUICK_RIG, TURN, quick
 from voxdepth.colors import colored
@@ -107,7 +107,7 @@ class TestPicture:
         np.testing.assert_array_equal(depth, colored(observation["depth_m"], rig.max_depth_m)[..., ::-1])
         assert (gray == gray[..., :1]).all()
         assert gray.std() > 10
-        for color in (LEARNER, LEADER, SCRIPTED, GOAL):
+        for color in (LEARNER, LEADER, OTHER, GOAL):
             assert (above == color).all(axis=2).any(), color
 
     def test_there_is_none_without_a_render_mode(self) -> None:
