@@ -10,7 +10,6 @@ from pydantic import Field
 from sim.bodies import Weather
 from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
-from sim.stereo import StereoConfig
 from voxdepth.model import Model, explained
 
 from ..compose import MissionSetup
@@ -26,7 +25,8 @@ SMALL_CITY = CitySpec(columns=2, rows=4, poles=4, weather=CALM)
 SHORT_MISSION = MissionConfig(
     drones=4, routes=(Route(goal_m=(30.0, 0.0, 6.0)),), duration_s=40.0, control_hz=10, latency_s=0.0
 )
-SMALL_RIG = RigConfig(width_px=240, height_px=180, decimate=3, stereo=StereoConfig(block_px=3))
+SMALL_BLOCKS = RigConfig().stereo.model_copy(update={"block_px": 3})
+SMALL_RIG = RigConfig(width_px=240, height_px=180, decimate=3, stereo=SMALL_BLOCKS)
 
 
 class RewardConfig(Model):
