@@ -1,8 +1,7 @@
 """Composing a mission from its parts: world, renderer, cameras, correctors and controllers."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
 
 import pydantic
 
@@ -23,6 +22,7 @@ from .guide import Chart, Guide
 from .mission import Mission
 from .recorder import Recorder
 from .task import MissionConfig
+from .team import Team
 
 
 class MissionSetup(Model):
@@ -89,16 +89,9 @@ def composed_mission(
         gray = gray or any(corrector.uses_gray for corrector in correctors if corrector)
         renderer = create_renderer(setup.renderer, world, threads=threads)
         rig = StereoRig(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads))
-        create = make_agent or load_controller(config.controller)
-        teams = {team.leader: team for team in config.teams()}
-        chart_of = cache(lambda leader: Chart(world, teams[leader]))
-
-        def create_agent(role: Role, config: MissionConfig) -> Agent:
-            if role.drone not in guided:
-                return create(role, config)
-            guide = Guide(role, config, chart_of(role.team.leader))
-            return Leader(role, config, guide) if role.leads else Follower(role, config, guide)
-
+        create_agent = make_agent or load_controller(config.controller)
+        if guided:
+            create_agent = _with_guides(create_agent, guided, world, config.teams())
         yield Mission(
             config,
             world,
@@ -111,3 +104,16 @@ def composed_mission(
             create_agent=create_agent,
             measured=measured,
         )
+
+
+def _with_guides(create: Factory, guided: Collection[int], world: World, teams: Sequence[Team]) -> Factory:
+    """Return a factory of agents in which some drones follow the rules of a mission by the true bodies of the world."""
+    charts = {team.leader: Chart(world, team) for team in teams if not set(guided).isdisjoint(team.members)}
+
+    def create_agent(role: Role, config: MissionConfig) -> Agent:
+        if role.drone not in guided:
+            return create(role, config)
+        guide = Guide(role, config, charts[role.team.leader])
+        return Leader(role, config, guide) if role.leads else Follower(role, config, guide)
+
+    return create_agent
