@@ -1,6 +1,7 @@
 """Fusion window size: the number of fused frames, against quality and time."""
 
 import time
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,33 +13,35 @@ from voxdepth.metrics import psnr_db
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.tools.figure import panels, plotted
-from voxdepth.tools.table import Column, Table, Value
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold
+from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, pivot
 from .occlusion import squared_error_m2
 
-SIZES = (2, 4, 6, 8, 10, 12)
-"""Frames in a window."""
-CHOSEN, LARGEST = 10, 12
-"""The paper's choice, and the size that it compares it with."""
+SIZES, CHOSEN, LARGEST = (2, 4, 6, 8, 10, 12), 10, 12
+"""Frames in a window: the paper's choice, and the size that it compares it with."""
 SIMILAR_DB = 0.1
 """Difference below which two qualities are similar; the paper says no number."""
 FIRST = LARGEST + 4
 """Number of the first scored frame: by then every window has made its first template."""
-COLUMNS = (
-    "sequence", Column("window", "frames"), Column("PSNR", "dB", ".3f"), Column("time per frame", "ms"),
-    Column("p50", "ms"), Column("p95", "ms"), Column("fusing per frame", "ms"), "n frames judged", "n frames timed",
-)  # fmt: skip
 
 
 def compare_windows(context: ExperimentContext) -> Findings:
     """Correct the same frames with every window size."""
-    rows = [(name, n, *measure(context, name, n)) for name in context.sequences for n in SIZES]
-    table = Table.of("Corrected depth by the size of the fusion window", COLUMNS, rows)
-    psnrs_db, times_ms = (table.pivot("window", "sequence", name) for name in ("PSNR", "time per frame"))
+    table = pd.DataFrame([measure(context, name, size) for name in context.sequences for size in SIZES])
+    psnrs_db, times_ms = (
+        pivot(table, "window [frames]", "sequence", values) for values in ("PSNR [dB]", "time per frame [ms]")
+    )
+    change_db = psnrs_db.loc[CHOSEN] - psnrs_db.loc[LARGEST]
+    saved = 100 * (1 - times_ms.loc[CHOSEN] / times_ms.loc[LARGEST])
+    found = "; ".join(f"{name} {change_db[name]:+.3f} dB and {saved[name]:.1f} % less time" for name in change_db.index)
+    claim = Claim(
+        "10 frames give similar quality to 12, and reduce latency by 3.61 %",
+        f"10 frames against 12: {found}",
+        all_hold((change_db.abs() < SIMILAR_DB) & (saved > 0)),
+    )
     return Findings(
-        tables=(table,),
-        claims=(_claim(psnrs_db, times_ms),),
+        tables={"table": table},
+        claims=(claim,),
         notes=(
             f"PSNR after completion, peak 65535 mm, over the frames from number {FIRST} on, when every "
             "window has made its template; every frame has the same weight.",
@@ -55,8 +58,8 @@ def compare_windows(context: ExperimentContext) -> Findings:
     )
 
 
-def measure(context: ExperimentContext, name: str, window_frames: int) -> tuple[Value, ...]:
-    """The numbers of a window size on a sequence, in the order of `COLUMNS`."""
+def measure(context: ExperimentContext, name: str, window_frames: int) -> dict[str, Any]:
+    """The row of a window size on a sequence."""
     corrector = VoxDepth(context.recording(name).intrinsics, VoxDepthConfig(window_frames=window_frames))
     times_ms, errors_m2, template, fusing_ms = [], [], None, 0.0
     for capture in context.captures(name):
@@ -73,19 +76,17 @@ def measure(context: ExperimentContext, name: str, window_frames: int) -> tuple[
             errors_m2.append(squared_error_m2(fill_from_nearest(depth_m), truth_m, counted) / counted.sum())
     corrector.close()
     p50_ms, p95_ms = np.percentile(times_ms, (50, 95)).tolist()
-    psnr = psnr_db(float(np.mean(errors_m2)), PEAK16_M)
-    return psnr, p50_ms + fusing_ms, p50_ms, p95_ms, fusing_ms, len(errors_m2), len(times_ms)
-
-
-def _claim(psnrs_db: pd.DataFrame, times_ms: pd.DataFrame) -> Claim:
-    change_db = psnrs_db.loc[CHOSEN] - psnrs_db.loc[LARGEST]
-    saved = 100 * (1 - times_ms.loc[CHOSEN] / times_ms.loc[LARGEST])
-    found = "; ".join(f"{name} {change_db[name]:+.3f} dB and {saved[name]:.1f} % less time" for name in change_db.index)
-    return Claim(
-        paper="10 frames give similar quality to 12, and reduce latency by 3.61 %",
-        found=f"10 frames against 12: {found}",
-        holds=all_hold((change_db.abs() < SIMILAR_DB) & (saved > 0)),
-    )
+    return {
+        "sequence": name,
+        "window [frames]": window_frames,
+        "PSNR [dB]": psnr_db(float(np.mean(errors_m2)), PEAK16_M),
+        "time per frame [ms]": p50_ms + fusing_ms,
+        "p50 [ms]": p50_ms,
+        "p95 [ms]": p95_ms,
+        "fusing per frame [ms]": fusing_ms,
+        "n frames judged": len(errors_m2),
+        "n frames timed": len(times_ms),
+    }
 
 
 WINDOW = Experiment(

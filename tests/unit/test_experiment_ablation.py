@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.experiments.ablation import DEFAULT_CONFIG, VARIANTS
+from scenarios.experiments.ablation import TOLD_POSE, VARIANTS, config_of, method_of
 from voxdepth import TemporalCorrector
 from voxdepth.registry import DEFAULT
+from voxdepth.temporal.config import TemporalConfig
 from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=80, baseline_m=0.1)
-BY_NAME = {variant.name: variant for variant in VARIANTS}
 RNG = np.random.default_rng(0)
 GRAY = cv2.GaussianBlur(RNG.integers(0, 255, CAMERA.shape, np.uint8), (3, 3), 0).astype(np.uint8)
 """One image, with corners: the camera stands still."""
@@ -18,7 +18,7 @@ GRAY = cv2.GaussianBlur(RNG.integers(0, 255, CAMERA.shape, np.uint8), (3, 3), 0)
 
 def corrected(name: str, *depths_m: FloatImage) -> CorrectedDepth:
     """The last frame of a sequence, by a variant."""
-    corrector = TemporalCorrector(CAMERA, BY_NAME[name].config)
+    corrector = TemporalCorrector(CAMERA, config_of(name))
     for index, depth_m in enumerate(depths_m):
         result = corrector.process(Frame(stamp_s=index / 30, gray=GRAY, depth_m=depth_m))
     return result
@@ -35,13 +35,12 @@ def holed() -> FloatImage:
     return depth_m
 
 
-def test_names_and_configurations_are_each_one_of_a_kind() -> None:
-    assert len(BY_NAME) == len(VARIANTS)
-    configs = [variant.config for variant in VARIANTS if not variant.sees_true_pose]
+def test_configurations_are_each_one_of_a_kind_and_one_variant_is_told_the_pose() -> None:
+    configs = [config_of(name) for name in VARIANTS if name != TOLD_POSE]
     assert all(configs.count(config) == 1 for config in configs)
-    assert BY_NAME[DEFAULT].config == DEFAULT_CONFIG == BY_NAME["true-prior"].config
-    assert [variant.name for variant in VARIANTS if variant.method.sees_true_pose] == ["true-prior"]
-    assert BY_NAME[DEFAULT].method.name == DEFAULT, "the same cells as everywhere else"
+    assert config_of(DEFAULT) == TemporalConfig() == config_of(TOLD_POSE)
+    assert [name for name in VARIANTS if method_of(name).sees_true_pose] == [TOLD_POSE]
+    assert method_of(DEFAULT).name == DEFAULT, "the same results as everywhere else"
 
 
 @pytest.mark.parametrize(

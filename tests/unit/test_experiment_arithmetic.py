@@ -24,5 +24,5 @@ def test_half_of_the_masked_errors_are_saturated() -> None:
 
 def test_the_document_has_these_numbers() -> None:
     text = RESULTS.read_text(encoding="utf-8")
-    for claim, printed, computed, how in TABLE.rows:
+    for claim, printed, computed, how in TABLE.itertuples(index=False):
         assert f"| {claim} | {printed:.2f} | {computed:.2f} | {how} |" in text, claim

@@ -16,13 +16,9 @@ TIMEOUT_MS = 5000
 
 
 class Librealsense:
-    """librealsense with a camera that shows what it is given.
+    """A camera with the lens and the baseline of `camera`.
 
-    Args:
-        camera: Its lens and baseline.
-
-    Raises:
-        ImportError, OSError: The wheel of librealsense, or the libusb that it needs, is missing or cannot be loaded.
+    `ImportError` or `OSError` if the wheel of librealsense, or the libusb that it needs, is missing.
     """
 
     def __init__(self, camera: Intrinsics) -> None:

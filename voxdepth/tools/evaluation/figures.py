@@ -1,6 +1,6 @@
 """The figures of the report: every axis has its unit, every panel its sample size."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import pandas as pd
 from ... import registry
 from ...colors import colored, far_end_m
 from ...types import FloatImage
-from ..figure import MARKERS, Draw, Picture, label_axes, legend_label, line_color, log_scale, panels
+from ..figure import MARKERS, Picture, label_axes, legend_label, line_color, log_scale, panels
 from .groups import BINS, NEAR
 from .measurements import FILLED, Selector, of_frames
 from .methods import ORACLE
@@ -166,40 +166,48 @@ def error_maps(evaluation: Evaluation) -> list[Picture]:
 
 
 def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
-    """Draw raw, reference and corrected depth of the last frame of a sequence, each with its error map."""
+    """Draw raw and corrected depth of the last frame of a sequence, each with its error map, and the reference."""
     reference_m = decoded_thumbnail(info.reference)
+    thumbnails = {method: evaluation.result(info.name, method).thumbnail for method in shown_methods(evaluation)}
     shown = {"raw, as given to the methods": info.raw}
-    for method in shown_methods(evaluation):
-        thumbnail = evaluation.result(info.name, method).thumbnail
-        if thumbnail and method != "raw":
-            shown[registry.title(method)] = thumbnail
+    shown |= {registry.title(method): png for method, png in thumbnails.items() if png and method != "raw"}
     far_m = far_end_m([reference_m, decoded_thumbnail(info.raw)])
     end_m = ERROR_SHARE * far_m
-    draws: list[Draw] = [partial(_draw_image, "reference", _in_colors(reference_m, far_m), {})]
-    draws.append(partial(_draw_scale, _error_scale(end_m)))
+    images: dict[str, npt.NDArray[Any]] = {"reference": colored(reference_m, far_m)[..., ::-1]}
     for title, png in shown.items():
         depth_m = decoded_thumbnail(png)
-        draws.append(partial(_draw_image, title, _in_colors(depth_m, far_m), {}))
-        error_m = error_map(depth_m, reference_m, end_m)
-        draws.append(partial(_draw_image, f"error of {title}", error_m, _error_scale(end_m)))
+        images |= {
+            title: colored(depth_m, far_m)[..., ::-1],
+            f"error of {title}": error_map(depth_m, reference_m, end_m),
+        }
     height_in = ERROR_MAP_WIDTH_IN * reference_m.shape[0] / reference_m.shape[1] + 0.3
-    n = int(np.count_nonzero(reference_m))
+    draws = [partial(_draw_image, title, image) for title, image in images.items()]
     return Picture(
         title=f"{info.name}, frame {info.frames - 1}",
-        caption=f"Depth is red where near, blue at {far_m:g} m and beyond, and black where missing. Its error [m] is "
-        "that against the reference: red is too far, blue too near, white correct, black without depth, and grey "
-        f"without reference; n = {n} pixels of a narrowed image.",
+        caption=f"Depth is red where near, blue at {far_m:g} m and beyond, and black where missing. Its error is that "
+        f"against the reference: red is too far by up to {end_m:g} m and more, blue too near, white correct, black "
+        f"without depth, and grey without reference; n = {np.count_nonzero(reference_m)} pixels of a narrowed image.",
         png=panels("", draws, columns=ERROR_MAP_COLUMNS, panel_in=(ERROR_MAP_WIDTH_IN, height_in)),
     )
 
 
-def error_map(depth_m: FloatImage, reference_m: FloatImage, end_m: float) -> npt.NDArray[np.float32]:
-    """Return depth minus reference [m], shape (H, W), cut to the scale from `-end_m` to `end_m`.
+def error_map(depth_m: FloatImage, reference_m: FloatImage, end_m: float) -> npt.NDArray[np.float64]:
+    """Return depth minus reference [m] in colours, RGB, shape (H, W, 3), on a scale from `-end_m` to `end_m`.
 
-    Pixels without depth are below the scale, at `-2 * end_m`, those without a reference NaN.
+    Pixels without depth are black, those without a reference grey.
     """
-    error_m = np.where(depth_m > 0, np.clip(depth_m - reference_m, -end_m, end_m), np.float32(-2 * end_m))
-    return np.where(reference_m > 0, error_m, np.float32(np.nan)).astype(np.float32)
+    from matplotlib import colormaps
+
+    colors = colormaps["bwr"](0.5 + (depth_m - reference_m) / (2 * end_m))[..., :3]
+    colors[depth_m == 0] = 0.0
+    colors[reference_m == 0] = 0.7
+    return np.asarray(colors)
+
+
+def _draw_image(title: str, image: npt.NDArray[Any], axes: "Axes") -> None:
+    axes.imshow(image)
+    axes.set_title(title, fontsize=8, parse_math=False)
+    axes.set_axis_off()
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -269,35 +277,3 @@ def _panels(
     width_in = min(WIDEST_PANEL_IN, PANEL_IN[0] * PANEL_COLUMNS / min(PANEL_COLUMNS, len(draws)))
     png = panels("", draws, columns=PANEL_COLUMNS, panel_in=(width_in, PANEL_IN[1]), shared_legend=True)
     return [Picture(title=title, caption=caption, png=png)]
-
-
-def _in_colors(depth_m: FloatImage, far_m: float) -> npt.NDArray[np.uint8]:
-    """Return depth in colours, shape (H, W, 3), RGB."""
-    return colored(depth_m, far_m)[..., ::-1]
-
-
-def _draw_image(title: str, image: npt.NDArray[Any], style: Mapping[str, Any], axes: "Axes") -> None:
-    axes.imshow(image, **style)
-    axes.set_title(title, fontsize=8, parse_math=False)
-    axes.set_axis_off()
-
-
-def _draw_scale(scale: Mapping[str, Any], axes: "Axes") -> None:
-    """Draw the colours of errors within the panel, so that they touch no other."""
-    from matplotlib.cm import ScalarMappable
-
-    axes.set_axis_off()
-    bar = axes.figure.colorbar(
-        ScalarMappable(**scale), cax=axes.inset_axes((0.05, 0.5, 0.9, 0.12)), orientation="horizontal"
-    )
-    bar.set_label("error: depth minus reference [m]", fontsize=7, labelpad=1)
-    bar.ax.tick_params(labelsize=7)
-
-
-def _error_scale(end_m: float) -> dict[str, Any]:
-    """Return the colours of error maps and the range up to `end_m` that they stand for."""
-    from matplotlib import colormaps
-    from matplotlib.colors import Normalize
-
-    colors = colormaps["bwr"].with_extremes(under="black", bad="0.7")
-    return {"cmap": colors, "norm": Normalize(-end_m, end_m)}
