@@ -57,7 +57,8 @@ class ExperimentReport:
     @property
     def tables(self) -> list[Table]:
         """The tables of the findings as people read them."""
-        return [Table.of_frame(name, frame, name=name) for name, frame in self.findings.tables.items()]
+        found = self.findings.tables.items()
+        return [Table.of_frame(f"{self.experiment.name}: {name}", frame, name=name) for name, frame in found]
 
     def write(self) -> None:
         """Write the tables with their notes, the figure and `result.json` below `out`; a failure is a `ToolError`."""

@@ -25,7 +25,7 @@ from voxdepth.tools.evaluation import suite
 from voxdepth.tools.evaluation.kinds import HELD_OUT
 from voxdepth.tools.evaluation.measurements import Selector
 from voxdepth.tools.evaluation.methods import Method, find_methods
-from voxdepth.tools.evaluation.result_cache import Result, ResultCache
+from voxdepth.tools.evaluation.result_cache import Result, path_of, store
 from voxdepth.tools.evaluation.sources import DatasetSource, FrameCache
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.tools.locks import locked
@@ -118,11 +118,10 @@ def test_finished_results_are_taken_and_failed_ones_tried_again(
 )  # fmt: skip
 def test_a_result_of_anything_else_is_computed_again(recording: Path, tmp_path: Path, change: dict[str, Any]) -> None:
     (result,) = run(tmp_path, recording, methods=(GOOD,)).results
-    cache = ResultCache(tmp_path, "post")
-    cache.store(result.model_copy(update={"key": result.key.model_copy(update=change), "measurements": ()}))
+    store(tmp_path, result.model_copy(update={"key": result.key.model_copy(update=change), "measurements": ()}))
     again = run(tmp_path, recording, methods=(GOOD,))
     assert (again.reused, quality(again.results[0])) == (0, quality(result))
-    assert Result.model_validate_json(cache.path("good").read_bytes()) == again.results[0]
+    assert Result.model_validate_json(path_of(tmp_path, result.key).read_bytes()) == again.results[0]
 
 
 def test_another_number_of_frames_is_another_result(recording: Path, tmp_path: Path) -> None:
@@ -144,7 +143,7 @@ def test_a_damaged_result_and_one_of_another_layout_are_computed_again(
     recording: Path, tmp_path: Path, change: Callable[[bytes], bytes]
 ) -> None:
     (result,) = run(tmp_path, recording, methods=(GOOD,)).results
-    path = ResultCache(tmp_path, "post").path("good")
+    path = path_of(tmp_path, result.key)
     path.write_bytes(change(path.read_bytes()))
     (again,) = run(tmp_path, recording, methods=(GOOD,)).results
     assert quality(again) == quality(result)

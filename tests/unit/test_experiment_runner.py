@@ -61,7 +61,7 @@ def test_table_figure_and_report_are_written(tmp_path: Path) -> None:
     assert (folder / "figure.png").read_bytes().startswith(PNG)
     assert (folder / "more.txt").read_text() == "more"
     assert (folder / "table.md").read_text() == (
-        "Of 1 claim of the paper, 1 differs.\n\n`voxdepth experiment stub`\n\n**table**\n\n"
+        "Of 1 claim of the paper, 1 differs.\n\n`voxdepth experiment stub`\n\n**stub: table**\n\n"
         "| method | time [ms] | n |\n| --- | ---: | ---: |\n| one | 1.23 | 3 |\n| two | - | 0 |\n"
         "\n4 frames\n"
     )
