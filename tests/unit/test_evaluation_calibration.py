@@ -14,7 +14,7 @@ from voxdepth.tools.evaluation.groups import TRUE_GROUPS
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.methods import Method
 from voxdepth.tools.evaluation.quantities import QUANTITIES
-from voxdepth.tools.evaluation.report import calibration_table, method_table
+from voxdepth.tools.evaluation.report import method_table
 from voxdepth.tools.evaluation.result_cache import Result
 from voxdepth.tools.evaluation.running import MethodError, run
 from voxdepth.tools.evaluation.scoring import CONFIDENCES, CalibrationScore
@@ -163,15 +163,6 @@ def test_only_a_calibrated_confidence_is_drawn_with_its_counts(
     np.testing.assert_allclose(counts.get_ydata(), [100 / 6, 200 / 6, 300 / 6])
     assert axes.get_xlabel() == "confidence, n = 600 pixels"
     assert figures.calibrated_methods(replace(done, results=done.results[:1])) == []
-
-
-def test_a_table_has_the_share_of_right_pixels_by_source_and_in_holes() -> None:
-    bins = {"source memory, confidence 0.4-0.5": 0.25, "holes, confidence 0": 0.5, "holes, confidence 0.9-1": 0.75}
-    evaluation = Evaluation(results=(result("calibrated", bins),), sequences={"s": INFO}, reused=0)
-    table = calibration_table(evaluation, "calibrated")
-    assert table.column("pixels") == ["source memory", "holes"]
-    assert table.column("confidence 0.4-0.5") == ["25 (100)", "-"]
-    assert table.column("confidence 0.9-1") == ["-", "75 (300)"]
 
 
 def test_sources_stand_side_by_side_and_a_missing_one_stays_open(done: Evaluation) -> None:

@@ -10,13 +10,11 @@ from ... import registry
 from ..files import write
 from ..page import TEMPLATES, render_page
 from ..provenance import CORRECTION, Provenance
-from ..table import MISSING, Column, Table, Value, write_frame
-from .figures import all_figures, calibrated_methods, count_text, error_maps, range_text
+from ..table import MISSING, Column, Table, write_frame
+from .figures import all_figures, error_maps, range_text
 from .groups import ALL, NEAR
-from .measurements import FILLED, Selector
 from .methods import ORACLE
 from .quantities import QUANTITIES, Quantity, fitted, is_measured, select
-from .scoring import CALIBRATION_RANGE, CONFIDENCES, SOURCES, in_bin
 from .suite import Evaluation
 from .verdict import verdict
 
@@ -44,7 +42,6 @@ def rendered(evaluation: Evaluation) -> str:
         verdict=verdict(evaluation),
         failures=_failure_rows(evaluation),
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
-        calibration=[calibration_table(evaluation, method) for method in calibrated_methods(evaluation)],
         figures=all_figures(evaluation),
         error_maps=error_maps(evaluation),
         sequences=_sequence_table(evaluation),
@@ -64,23 +61,6 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
     rows.append(["n", *(counts[name] for name in measured)])
     marks = [["", *classes.loc[name, measured]] for name in methods] + [["", *["n"] * len(measured)]]
     return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note, classes=marks)
-
-
-def calibration_table(evaluation: Evaluation, method: str) -> Table:
-    """Return the share of correct pixels of a method by confidence: of each source, and of holes or held-out pixels."""
-    long = evaluation.measurements
-    rows: list[list[Value]] = []
-    for info in evaluation.sequences.values():
-        for mask in (*SOURCES.values(), info.hidden):
-            selectors = [Selector("correct", in_bin(mask, name), CALIBRATION_RANGE, FILLED) for name in CONFIDENCES]
-            cells = [(long.value(info.name, method, one), long.count(info.name, method, one)) for one in selectors]
-            if any(n for _, n in cells):
-                texts = [MISSING if share is None else f"{100 * share:.0f} ({count_text(n)})" for share, n in cells]
-                rows.append([info.name, mask, *texts])
-    shown = registry.title(method)
-    title = f"Right pixels of {shown} by confidence, and their number in brackets, {CALIBRATION_RANGE} [%]"
-    note = "Where the share falls while the confidence rises, the confidence does not rank these pixels."
-    return Table.of(title, ["sequence", "pixels", *CONFIDENCES], rows, note=note)
 
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:

@@ -89,14 +89,14 @@ class Evaluation:
             where = result.key.sequence, result.key.method
             if result.error is not None:
                 rows.append((*where, "error", "", "", "", None, "", 0, result.error))
-            rows += [(*where, *dict(m).values(), "") for m in result.measurements]
+            rows += [(*where, *m, "") for m in result.measurements]
         for info in self.sequences.values():
             ours = [result for result in self.results if result.key.sequence == info.name and result.frame_close]
             counts = {result.key.method: result.frame_close for result in ours}
             found = [*close_intervals(counts, info.hidden)]
             if info.independent == "all":
                 found += error_intervals({result.key.method: result.frame_errors_m for result in ours})
-            rows += [(info.name, method, *dict(m).values(), "") for method, m in found]
+            rows += [(info.name, method, *m, "") for method, m in found]
         return Measurements(rows)
 
     @property
