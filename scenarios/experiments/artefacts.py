@@ -59,16 +59,18 @@ def compare_artefacts(context: ExperimentContext) -> Findings:
         tables={"table": table.reset_index()},
         notes=(
             f"Shadows: at least {NARROWEST_PX} invalid pixels of a row between two disparities that differ by at least "
-            f"{STEP_PX:g} px; the median width in steps is 1 for a pair, and more for depth that is aligned to a "
-            "camera outside of it. Rims: mean second difference of the column over three rows, 0 for straight edges.",
+            f"{STEP_PX:g} px; their median width in steps is 1 for a pair. Rims: mean second difference of the column "
+            "over three rows, 0 for straight edges.",
             f"Islands: parts of at most {ISLAND_PX[-1]} px whose neighbours differ by at most {SAME_SURFACE_PX:g} px "
-            "of disparity. The sizes of islands and of holes are those in which the median pixel lies.",
-            f"Flicker: pixels with the same gray value that gain or lose their depth from a frame to the next, while "
-            f"the median gray value changes by at most {STILL_GRAY:g}; without a still camera there is none.",
+            "of disparity. The sizes of islands and of holes are those in which the median pixel lies. Flicker: pixels "
+            "with the same gray value that gain or lose their depth, where the camera stands still.",
         ),
         figure=panels(
             f"Artefacts of raw depth, up to {context.frames} frames of each",
-            [plotted(table[names], title, "", names[0], kind="bar", rot=60) for title, names in PANELS.items()],
+            [
+                plotted(table[names], title, "", " and ".join(names), kind="bar", rot=60)
+                for title, names in PANELS.items()
+            ],
             columns=3,
         ),
     )

@@ -52,7 +52,7 @@ def time_components(context: ExperimentContext) -> Findings:
         claims=tuple(_claim(str(images), of_ms) for images, of_ms in medians_ms.items()),
         notes=(
             "Fusion and inpainting run once in an epoch, the others on every frame; combine is warp, merge and median "
-            "filter. Reading is not timed, nothing runs in parallel. Frames before the second template are warm-up.",
+            "filter. Reading is not timed, nothing runs in parallel, and the first template is warm-up.",
         ),
         figure=panels(
             "Time of each component: median, ours with OpenCV on one thread",

@@ -105,9 +105,9 @@ def compare_confidence(context: ExperimentContext) -> Findings:
         tables={"table": pd.DataFrame(columns, CORRECTOR_NAMES).rename_axis("corrector").reset_index()},
         notes=(
             f"Fitted to seed {TRAINING_SEED}, measured with seed {context.seed or 0}. A depth counts where the truth "
-            f"is a surface, and not the open sky. {DEFAULT} has a confidence of its own.",
-            f"Trusted: a confidence of at least {TRUSTED:g}, from which a drone believes that space is free. Shown: of "
-            f"at least {SHOWN:g}, from which it believes that there is a surface. The error has {BINS} bins.",
+            f"is a surface. Trusted: a confidence of at least {TRUSTED:g}, from which a drone believes that space is "
+            f"free. Shown: of at least {SHOWN:g}, from which it believes that there is a surface. {DEFAULT} has its "
+            "own.",
             f"The fitted confidences are in {FILE}; those that are used are in voxdepth/{FILE}.",
         ),
         figure=panels(

@@ -7,22 +7,11 @@ from itertools import pairwise
 import pandas as pd
 
 from voxdepth.registry import DEFAULT, PAPER, title
+from voxdepth.tools.evaluation import scoring
 from voxdepth.tools.evaluation.groups import ALL
 from voxdepth.tools.evaluation.measurements import COMPLETED, FILLED, Selector, of_frames
 from voxdepth.tools.evaluation.methods import DEFAULT_FILLED, METHOD_NAMES, ORACLE, find_methods, is_baseline
 from voxdepth.tools.evaluation.report import rendered
-from voxdepth.tools.evaluation.scoring import (
-    CALIBRATION_RANGE,
-    CONFIDENCES,
-    GHOSTS,
-    PHANTOMS,
-    SKY_NEAR,
-    SOURCES,
-    STATIC,
-    STATIC_MEASURED,
-    SURVIVAL,
-    in_bin,
-)
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import Source
@@ -43,21 +32,16 @@ HOLES, COVERAGE = Selector("mae", "holes"), Selector("coverage", on=FILLED)
 SEEN, OFF = Selector("mae", "holes seen"), Selector("off", "holes")
 RMSE, MEDIAN = (Selector(metric, "measured", on=FILLED) for metric in ("rmse", "median"))
 PSNR_NEAR, PSNR_ALL = Selector("psnr_40m"), Selector("psnr_40m", range=ALL)
-FLICKER, FLICKER_MEASURED = (Selector("flicker", mask, on=FILLED) for mask in (STATIC, STATIC_MEASURED))
+FLICKER, FLICKER_MEASURED = (Selector("flicker", mask, on=FILLED) for mask in (scoring.STATIC, scoring.STATIC_MEASURED))
 LATENCY = of_frames("latency_p50")
-PARTS = {"all": None, "holes": "holes", "memory": SOURCES[Source.MEMORY], "inpainted": SOURCES[Source.INPAINTED]}
+PARTS = {
+    "all": None,
+    "holes": "holes",
+    "memory": scoring.SOURCES[Source.MEMORY],
+    "inpainted": scoring.SOURCES[Source.INPAINTED],
+}
 """Masks of the pixels whose confidence is judged."""
 NOT_MEASURED = "not measured"
-NOTES = (
-    "Baselines are all methods but voxdepth, temporal and true-pose, which splats the last frames by the true pose "
-    "and bounds what a memory can know. The best baseline is chosen for each sequence and each quantity.",
-    "The default method was tuned on seed 101, with a look at 102 and 103, so results of these seeds prove nothing. "
-    "Errors after completion are those of `temporal[fill=all]`, which shows a depth at every pixel; all else is of the "
-    "default, which leaves a pixel empty where its guess is unlikely.",
-    "Every sequence has the same weight in a mean. An undefined value shows as - and is in no mean; the closed share "
-    "of the gap is undefined where true-pose is not better than the best baseline. All quantities of all methods are "
-    "in report.html.",
-)
 
 
 class Comparison:
@@ -99,8 +83,8 @@ class Comparison:
 
     def pooled(self, mask: str | None, confidence: str) -> tuple[float | None, int]:
         """The share of correct pixels of a mask in a bin of confidence over all sequences, and their number."""
-        where = confidence if mask is None else in_bin(mask, confidence)
-        selector = Selector("correct", where, CALIBRATION_RANGE, FILLED)
+        where = confidence if mask is None else scoring.in_bin(mask, confidence)
+        selector = Selector("correct", where, scoring.CALIBRATION_RANGE, FILLED)
         counts = self.counts(selector)
         n = int(counts.sum())
         return (float((self.values(selector) * counts).sum() / n) if n else None), n
@@ -194,7 +178,7 @@ def largest_fall(mask: str | None) -> Values:
     """
 
     def fall(comparison: Comparison) -> pd.Series:
-        shares = [comparison.pooled(mask, confidence) for confidence in CONFIDENCES]
+        shares = [comparison.pooled(mask, confidence) for confidence in scoring.CONFIDENCES]
         known = [share for share, n in shares if share is not None and n >= MIN_PIXELS]
         falls = [100 * (lower - higher) for lower, higher in pairwise(known)]
         return pd.Series([max(falls)] if falls else [], dtype=float)
@@ -223,10 +207,11 @@ CRITERIA = (
     Criterion("PSNR of all surfaces above voxdepth's", 6, "dB", above(PAPER, PSNR_ALL), at_least=True),
     Criterion("Flicker of static pixels against raw", -70, "%", against(RAW, FLICKER)),
     Criterion("Flicker of static, measured pixels against raw", -70, "%", against(RAW, FLICKER_MEASURED)),
-    Criterion("Survival of what moves, less raw's", -1, "points", more_than_raw(SURVIVAL), at_least=True, each=True),
-    Criterion("Ghosts, less raw's", 1, "points", more_than_raw(GHOSTS), each=True),
-    Criterion("Sky shown within 20 m", 1, "%", lambda c: 100 * c.values(SKY_NEAR), each=True),
-    Criterion("Phantom obstacles, hover", 0, "", where_hovering(lambda c: c.values(PHANTOMS)), each=True),
+    Criterion("Survival of what moves, less raw's", -1, "points", more_than_raw(scoring.SURVIVAL),
+              at_least=True, each=True),
+    Criterion("Ghosts, less raw's", 1, "points", more_than_raw(scoring.GHOSTS), each=True),
+    Criterion("Sky shown within 20 m", 1, "%", lambda c: 100 * c.values(scoring.SKY_NEAR), each=True),
+    Criterion("Phantom obstacles, hover", 0, "", where_hovering(lambda c: c.values(scoring.PHANTOMS)), each=True),
     *(Criterion(f"Median time of a frame of {size}", ms, "ms", time_of(size), each=True)
       for size, ms in SIZES_MS.items()),
     *(Criterion(f"Largest fall of the share of correct pixels where confidence rises, {name}", 0, "points",
@@ -244,7 +229,12 @@ def compare_default(context: ExperimentContext) -> Findings:
     frame, label = pd.DataFrame(errors_m).rename(columns=title), f"best baseline of each sequence; {ORACLE} is a bound"
     return Findings(
         tables={"table": pd.DataFrame([criterion.row(comparison) for criterion in CRITERIA])},
-        notes=NOTES,
+        notes=(
+            "Baselines are all methods but voxdepth, temporal and true-pose, an oracle; the best one is chosen for "
+            "each sequence and each quantity. Errors after completion are those of `temporal[fill=all]`. Every "
+            "sequence has the same weight. All quantities of all methods are in report.html.",
+            "The default method was tuned on seed 101, with a look at 102 and 103, so results of these prove nothing.",
+        ),
         figure=panels(
             f"MAE in holes within 20 m, after completion, n = {context.frames} frames of each sequence",
             [plotted(frame.loc[part], label, "sequence", "MAE in holes [m]", kind="bar", rot=0) for part in parts],

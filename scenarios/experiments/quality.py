@@ -67,12 +67,9 @@ def compare_quality(context: ExperimentContext) -> Findings:
             claim for vd in ("VD", "VD-code") for claim in (*_psnr_claims(psnrs_db, vd), *_masked_claims(masked_m, vd))
         ),
         notes=(
-            f"After warm-up: without the first {SETTLED_FRAMES} frames, in which the first template is made. The "
-            "claims and the figure are about these. VD-code is what the public code of the paper's authors does.",
-            "The paper's numbers were measured on other data, a RealSense's and Mid-Air's: compare orders rather than "
-            "sizes. A size agrees here if it is within a factor of two of the paper's.",
-            "DS is our own network, the corrector learned: DeepSmooth's weights are not public. GS is our "
-            "reconstruction of GSmooth, whose text and code are not public. RS fills from the left, as the paper says.",
+            f"After warm-up: without the first {SETTLED_FRAMES} frames, in which the first template is made; the "
+            "claims and the figure are about these. The paper's numbers were measured on other data: a size agrees "
+            "if it is within a factor of two.",
             "PSNR (peak 65535 mm, surfaces within that) and masked RMSE (occluded pixels within 20 m) are after "
             "completion by the nearest valid, and n is pixels. The two others repeat the authors' arithmetic on "
             "depth as given, are means over n frames, and rank nothing.",

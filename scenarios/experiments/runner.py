@@ -69,14 +69,12 @@ class ExperimentReport:
             "name": self.experiment.name,
             "question": self.experiment.question,
             "command": self.command,
-            "sequences": context.sequences,
-            "data": [str(folder) for folder in context.data],
-            "frames": context.frames,
-            "width_px": context.width_px,
+            **{name: getattr(context, name) for name in ("sequences", "frames", "width_px")},
             "seed": context.seed or 0,
+            "data": list(map(str, context.data)),
             "provenance": Provenance.here(SIMULATION).model_dump(mode="json"),
             "tables": [table.as_json() for table in self.tables],
-            "claims": [asdict(claim) for claim in findings.claims],
+            "claims": list(map(asdict, findings.claims)),
             "notes": findings.notes,
         }
         files = {f"{table.name}.csv": table.csv() for table in self.tables} | dict(findings.files)

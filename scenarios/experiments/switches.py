@@ -39,13 +39,11 @@ def count_switches(context: ExperimentContext) -> Findings:
         tables={"table": switches, "movement": movement},
         claims=(_switches_claim(rates[RATE]), _movement_claim(flows_px, psnrs_db)),
         notes=(
-            f"Rates are scaled from {context.frames} frames to the paper's {SWITCHES_FRAMES}: "
-            f"`--frames {SWITCHES_FRAMES}` repeats its table in full.",
-            "An epoch ends when fewer than 5 matches are good, which is the paper's rule, or when their map is "
-            "impossible; our default also ends it after 60 frames, which a column of its own counts.",
-            "Flow is the mean length of DIS optical flow, the paper's measure of movement; true movement is by poses "
-            "and depth, of points that stay in the image. Gray PSNR is of the warped image, peak 255, where it "
-            "covers the later one; a registration that fails warps nothing.",
+            f"Rates are scaled from {context.frames} frames to {SWITCHES_FRAMES}: `--frames {SWITCHES_FRAMES}` "
+            "repeats the paper's table in full. Our default also ends an epoch after 60 frames, which a column of "
+            "its own counts.",
+            "Flow is the mean length of DIS optical flow, true movement is by poses and depth, of points that stay "
+            "in the image. Gray PSNR (peak 255) is of the warped image; a registration that fails warps nothing.",
         ),
         figure=panels(
             f"State switches, n = {context.frames} frames of each sequence",

@@ -43,10 +43,9 @@ def compare_windows(context: ExperimentContext) -> Findings:
         tables={"table": table},
         claims=(claim,),
         notes=(
-            f"PSNR after completion, peak 65535 mm, over the frames from number {FIRST} on, when every "
-            "window has made its template; every frame has the same weight.",
-            "Time per frame is the median latency and the mean time of fusing in the background, spread "
-            "over all frames. It depends on how often epochs end.",
+            f"PSNR after completion, peak 65535 mm, from frame {FIRST} on, when every window has made its template. "
+            "Time per frame is the median latency and the mean time of fusing in the background, spread over all "
+            "frames.",
         ),
         figure=panels(
             f"Fusion window, n = {context.frames - FIRST} frames judged of each sequence",

@@ -264,7 +264,7 @@ def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Leave out the size 1024x1024.")] = False,
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="JSON file for all figures.")] = None,
 ) -> None:
-    """Measure how fast the correctors are here, in all and step by step, beside the filters of librealsense."""
+    """Measure how fast the correctors are here, in all and step by step, beside a baseline that equals librealsense."""
     from json import dumps
 
     from rich.console import Console

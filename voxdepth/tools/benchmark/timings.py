@@ -1,31 +1,34 @@
-"""Latency of librealsense's filters and of the correctors, each frame with all of them in turn on one core."""
+"""Latency of the correctors, each frame with all of them in turn on one core."""
 
 import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from types import MappingProxyType
 
 import cv2
 import numpy as np
 
 from ... import TemporalCorrector, VoxDepth
 from ...baselines.learned import Learned
+from ...baselines.realsense import RealSenseChain
 from ...corrector import StreamCorrector
 from ...devices import cuda_devices
 from ...networks import has_runtime
 from ...paper.config import VoxDepthConfig
-from ...types import Frame, Intrinsics
+from ...types import DepthCorrector, Frame, Intrinsics
 from ..table import Column, Table, Value
 from .frames import FrameLoop
-from .librealsense import Librealsense
 
-LIBREALSENSE, FRAME = "librealsense", "whole frame"
+FRAME = "whole frame"
 WARM_UP_FRAMES = 20
 """Frames before the clock starts: caches and clock rates need them."""
 PERCENTILES = {"p50_ms": 50, "p95_ms": 95, "p99_ms": 99, "max_ms": 100}
+Method = Callable[[Frame], Mapping[str, float]]
+"""Processes a frame and returns the times [s] of its steps, and of the whole as `FRAME`."""
 Latencies = dict[str, dict[str, dict[str, float]]]
-"""Percentiles and `n` by method and step, whose last one is `FRAME`. librealsense is first, where it is installed."""
+"""Percentiles and `n` by method and step, whose last one is `FRAME`."""
 
 
 def percentiles(times_s: Sequence[float]) -> dict[str, float]:
@@ -34,11 +37,12 @@ def percentiles(times_s: Sequence[float]) -> dict[str, float]:
     return {"n": len(times_s), **dict(zip(PERCENTILES, values_ms.tolist(), strict=True))}
 
 
-def measure(loop: FrameLoop, frames: int) -> Latencies:
-    """Correct each frame of a loop with each method in turn, after `WARM_UP_FRAMES` others."""
+def measure(loop: FrameLoop, frames: int, others: Mapping[str, Method] = MappingProxyType({})) -> Latencies:
+    """Correct each frame of a loop with each method in turn, after `WARM_UP_FRAMES` frames: with others, then ours."""
     with one_core():
         correctors = _correctors(loop.intrinsics)
-        methods = _librealsense(loop.intrinsics) | {name: _timed(each) for name, each in correctors.items()}
+        methods = {**others, "realsense": _timed(RealSenseChain(loop.intrinsics))}
+        methods |= {name: _timed(each) for name, each in correctors.items()}
         times_s: dict[str, dict[str, list[float]]] = {name: defaultdict(list) for name in methods}
         for k, frame in enumerate(loop.play(WARM_UP_FRAMES + frames)):
             for name, method in methods.items():
@@ -69,31 +73,16 @@ def tables(size: str, methods: Latencies) -> Iterator[Table]:
 def _correctors(intrinsics: Intrinsics) -> dict[str, StreamCorrector]:
     """New correctors by name. The paper's fuses a window within the call."""
     paper = VoxDepthConfig(fusion_lag_frames=0)
-    found = {"temporal": TemporalCorrector(intrinsics), "voxdepth": VoxDepth(intrinsics, paper)}
+    found: dict[str, StreamCorrector] = {
+        "temporal": TemporalCorrector(intrinsics),
+        "voxdepth": VoxDepth(intrinsics, paper),
+    }
     if cuda_devices():
         found["voxdepth, cuda"] = VoxDepth(intrinsics, paper.model_copy(update={"device": "cuda"}))
     return found | ({"learned": Learned(intrinsics)} if has_runtime() else {})
 
 
-def _librealsense(intrinsics: Intrinsics) -> dict[str, Callable[[Frame], Mapping[str, float]]]:
-    """The recommended filters of librealsense, if it is installed; to make its frame takes no time."""
-    with suppress(ImportError, OSError):
-        sdk = Librealsense(intrinsics)
-        filters = sdk.recommended_filters()
-
-        def process(frame: Frame) -> Mapping[str, float]:
-            shown = sdk.frame(sdk.units(frame.depth_m))
-            start = time.perf_counter()
-            sdk.filtered(shown, filters)
-            return {FRAME: time.perf_counter() - start}
-
-        return {LIBREALSENSE: process}
-    return {}
-
-
-def _timed(corrector: StreamCorrector) -> Callable[[Frame], Mapping[str, float]]:
-    """A function that corrects a frame and returns the times [s] of its steps and of the whole."""
-
+def _timed(corrector: DepthCorrector) -> Method:
     def process(frame: Frame) -> Mapping[str, float]:
         start = time.perf_counter()
         corrected = corrector.process(frame)
