@@ -128,20 +128,15 @@ def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
     axes.set_ylabel("y [m]")
 
 
-def require_drone(run: Run, drone: int) -> None:
-    """Raise a `ScenarioError` if the mission has no drone of that number."""
-    n_drones = len(run.scenario.mission.starts_m())
-    if drone >= n_drones:
-        raise ScenarioError(f"expected a drone from 0 to {n_drones - 1}, got {drone}")
-
-
 def take_picture(run: Run, path: Path, *, drone: int, at_s: float) -> None:
     """Fly until `at_s` and write the gray image and true, raw and corrected depth of one drone side by side.
 
     A mission that ends earlier or has no such drone is a `ScenarioError`; a file that cannot be written, a `ToolError`.
     """
     require_picture(path)
-    require_drone(run, drone)
+    n_drones = len(run.scenario.mission.starts_m())
+    if drone >= n_drones:
+        raise ScenarioError(f"expected a drone from 0 to {n_drones - 1}, got {drone}")
     recorder = CaptureRecorder()
     with flying(run, recorder, recorded=True) as mission:
         while mission.outcome is None and mission.time_s < at_s:

@@ -1,7 +1,6 @@
 """Pictures of sequences and scenes: the contact sheet of a recording, and every kind of scene."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -42,7 +41,7 @@ CAMERA_HEIGHT_M = 1.7
 FLIGHT_HEIGHT_M, UP = 3.0, np.array([0.0, 0.0, 1.0])
 PICTURE_PX = 420
 HALF_SIDE_M = 12.0
-"""The difficulty is measured up to this distance on both sides of a path, which leads along x or along y."""
+"""The traversability is measured up to this distance on both sides of a path, which leads along x or along y."""
 DRONE_RADIUS_M = 0.25
 
 
@@ -110,7 +109,8 @@ def make_gallery(seed: int, out: Path) -> Table:
         kind = str(spec_type.model_fields["kind"].default)
         scene = spec_type(weather=Weather(shadows=True)).build(seed)
         with World(scene, np.empty((0, 3))) as world:
-            rows.append((kind, *difficulty_along(world, scene.path_m + FLIGHT_HEIGHT_M * UP)))
+            bodies = sum(body.kind != "ground" for body in scene.bodies)
+            rows.append((kind, bodies, traversability_along(world, scene.path_m + FLIGHT_HEIGHT_M * UP)))
             pictures.append(titled(kind, _scene_picture(world, seed)))
     save_picture(out, np.vstack(pictures), quality=80)
     return Table.of("scenes", ("scene", "bodies", Column("traversability", number=".1f")), rows)
@@ -125,25 +125,18 @@ def _scene_picture(world: World, seed: int) -> Image:
     return np.hstack([narrowed(image, PICTURE_PX) for image in images])
 
 
-class Difficulty(NamedTuple):
-    """Obstacles beside a path."""
+def traversability_along(world: World, path_m: FloatArray) -> float:
+    """Mean free path around a path, shape (n, 3), at its mean height, in diameters of a drone; a lower one is harder.
 
-    bodies: int
-    """Number of bodies without the ground."""
-    traversability: float
-    """Mean free path in the air around the path, in diameters of a drone; a lower one is harder."""
-
-
-def difficulty_along(world: World, path_m: FloatArray) -> Difficulty:
-    """Measure the difficulty around a path, shape (n, 3), at its mean height, in a world without drones."""
+    The world is without drones.
+    """
     low_m, high_m = path_m[:, :2].min(axis=0), path_m[:, :2].max(axis=0)
     across = np.eye(2)[(high_m - low_m).argmin()]
     (low_x, low_y), (high_x, high_y) = low_m - HALF_SIDE_M * across, high_m + HALF_SIDE_M * across
-    free = traversability(
+    return traversability(
         world,
         low_m=(low_x, low_y),
         high_m=(high_x, high_y),
         height_m=float(path_m[:, 2].mean()),
         drone_radius_m=DRONE_RADIUS_M,
     )
-    return Difficulty(bodies=sum(body.kind != "ground" for body in world.scene.bodies), traversability=free)

@@ -128,14 +128,11 @@ def test_what_is_neither_confidence_nor_source_is_refused_with_what_came(given: 
 
 def result(method: str, shares: dict[str, float]) -> Result:
     correct = [
-        Measurement(
-            metric="correct", mask=mask, range="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1)
-        )
+        Measurement("correct", mask, "0-40 m", "filled", share, "share", 100 * (k + 1))
         for k, (mask, share) in enumerate(shares.items())
     ]
     sources = [
-        Measurement(metric="mae", mask=mask, range="0-40 m", on="filled", value=0.25, unit="m", n=7)
-        for mask in ("source sensor", "source inpainted")
+        Measurement("mae", mask, "0-40 m", "filled", 0.25, "m", 7) for mask in ("source sensor", "source inpainted")
     ]
     return Result(key=key_of("s", method), measurements=(*correct, *sources))
 

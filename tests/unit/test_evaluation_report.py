@@ -32,14 +32,11 @@ NASTY = "<script>alert('x')</script>"
 
 def result(sequence: str, method: str, mae: float, n: int = 1000) -> Result:
     figures = [
-        *(
-            Measurement(metric="mae", mask="all", range=name, on="completed", value=mae, unit="m", n=n)
-            for name in RANGES
-        ),
-        Measurement(metric="mae", mask="holes", range="0-20 m", on="completed", value=2 * mae, unit="m", n=n),
-        Measurement(metric="psnr16_mm", mask="all", range="all", on="completed", value=20 - mae, unit="dB", n=2),
-        Measurement(metric="latency_p50", mask="frames", range="frames", on="frames", value=3.0, unit="ms", n=2),
-        Measurement(metric="latency_p95", mask="frames", range="frames", on="frames", value=4.0, unit="ms", n=2),
+        *(Measurement("mae", "all", name, "completed", mae, "m", n) for name in RANGES),
+        Measurement("mae", "holes", "0-20 m", "completed", 2 * mae, "m", n),
+        Measurement("psnr16_mm", "all", "all", "completed", 20 - mae, "dB", 2),
+        Measurement("latency_p50", "frames", "frames", "frames", 3.0, "ms", 2),
+        Measurement("latency_p95", "frames", "frames", "frames", 4.0, "ms", 2),
     ]
     thumbnail = encoded_thumbnail(np.full((9, 12), 3, np.float32))
     return Result(key=key_of(sequence, method), measurements=tuple(figures), thumbnail=thumbnail)
@@ -261,8 +258,8 @@ def held_out_info(name: str) -> SequenceInfo:
 
 
 def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    held = Measurement(metric="mae", mask="patches", range="0-2 m", on="completed", value=0.7, unit="m", n=70)
-    coverage = Measurement(metric="coverage", mask="all", range="0-20 m", on="filled", value=0.9, unit="share", n=1000)
+    held = Measurement("mae", "patches", "0-2 m", "completed", 0.7, "m", 70)
+    coverage = Measurement("coverage", "all", "0-20 m", "filled", 0.9, "share", 1000)
     raw = result("real", "raw", 0.0)
     raw = raw.model_copy(update={"measurements": (*raw.measurements, held, coverage)})
     done = Evaluation(results=(raw,), sequences={"real": held_out_info("real")}, reused=0)
@@ -279,8 +276,8 @@ def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytes
 def test_what_was_not_measured_of_a_users_recording_is_left_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    held = Measurement(metric="mae", mask="patches", range="0-20 m", on="completed", value=0.7, unit="m", n=70)
-    psnr = Measurement(metric="psnr16_mm", mask="all", range="all", on="completed", value=None, unit="dB", n=0)
+    held = Measurement("mae", "patches", "0-20 m", "completed", 0.7, "m", 70)
+    psnr = Measurement("psnr16_mm", "all", "all", "completed", None, "dB", 0)
     raw = result("real", "raw", 0.0).model_copy(update={"measurements": (held, psnr)})
     done = Evaluation(results=(raw,), sequences={"real": held_out_info("real")}, reused=0)
     assert canvases_of(done, monkeypatch) == [], "neither an error by range, nor occluded pixels, nor a time"
@@ -307,9 +304,7 @@ def test_names_are_drawn_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_time_in_a_thread_of_its_own_is_shown_apart_and_counts_on_the_front(monkeypatch: pytest.MonkeyPatch) -> None:
-    beside = Measurement(
-        metric="latency_background", mask="frames", range="frames", on="frames", value=7.0, unit="ms", n=2
-    )
+    beside = Measurement("latency_background", "frames", "frames", "frames", 7.0, "ms", 2)
     paper_result = result("s", "voxdepth", 0.5)
     paper_result = paper_result.model_copy(update={"measurements": (*paper_result.measurements, beside)})
     done = Evaluation(results=(result("s", "raw", 0.5), paper_result), sequences={"s": info("s")}, reused=0)
