@@ -11,9 +11,6 @@ import pandas as pd
 from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.registry import create_corrector
-from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.evaluation.methods import Method
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.types import Frame
@@ -146,19 +143,6 @@ class ExperimentContext:
         for failed in evaluation.failures:
             raise ScenarioError(f"{failed.key.method} failed on {failed.key.sequence}: {failed.error}")
         return evaluation
-
-
-def configured_method(
-    corrector: str, name: str, config: TemporalConfig | VoxDepthConfig, *, sees_true_pose: bool = False
-) -> Method:
-    """A corrector with a configuration, to which the name must belong alone: results are stored under it."""
-    return Method(
-        name=f"{corrector}-{name}",
-        make=lambda intrinsics: create_corrector(corrector, intrinsics, config),
-        sees_true_pose=sees_true_pose,
-        config=config.model_dump(mode="json"),
-        warm_up_frames=config.warm_up_frames,
-    )
 
 
 @dataclass(frozen=True)

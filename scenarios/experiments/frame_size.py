@@ -2,24 +2,21 @@
 
 import pandas as pd
 
-from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.registry import PAPER
 from voxdepth.tools.evaluation.groups import ALL
 from voxdepth.tools.evaluation.measurements import Selector
+from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.figure import panels, plotted
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, configured_method, listed, pivot
+from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed, pivot
 from .image_motion import BASELINE, by_registration, score_pairs
 
 CHOSEN, LARGEST = "200", "600"
 """The paper's choice, and the largest size."""
 REGISTRATIONS = {str(size_px): RegistrationConfig(size_px=size_px) for size_px in (100, 150, 200, 300, 400, 600)}
 """By the width and height that gray images are reduced to [px]."""
-METHODS = {
-    size: configured_method(PAPER, f"size-{size}", VoxDepthConfig(registration=config))
-    for size, config in REGISTRATIONS.items()
-}
+METHODS = {size: f"{PAPER}[registration.size_px={size}]" for size in REGISTRATIONS}
 DISTANCE, MAX_PAIRS = 10, 10
 """Frames between the two images of a pair, and pairs of a sequence."""
 PSNR = Selector("psnr16_mm", range=ALL)
@@ -28,12 +25,12 @@ SIZE, GRAY, CORRECTED, TIME = "size [px]", "gray PSNR [dB]", "corrected PSNR [dB
 
 def compare_sizes(context: ExperimentContext) -> Findings:
     """Register pairs of frames and correct whole sequences at each size."""
-    measurements = context.evaluate(list(METHODS.values())).measurements
+    measurements = context.evaluate(find_methods(list(METHODS.values()))).measurements
     scores = {}
     for name in context.sequences:
         shape = context.recording(name).intrinsics.shape
         estimators = BASELINE | {size: by_registration(config, shape) for size, config in REGISTRATIONS.items()}
-        corrected_db = {size: measurements.value(name, method.name, PSNR) for size, method in METHODS.items()}
+        corrected_db = {size: measurements.value(name, method, PSNR) for size, method in METHODS.items()}
         of_sizes = score_pairs(context, name, estimators, DISTANCE, MAX_PAIRS)
         scores[name] = of_sizes.assign(**{CORRECTED: pd.Series(corrected_db, dtype=float), "n frames": context.frames})
     table = pd.concat(scores, names=["sequence", SIZE]).reset_index()

@@ -134,7 +134,7 @@ def test_ablation_judges_every_variant(out: Path) -> None:
     means, each = asked("ablation", out, 3)
     assert list(means["variant"]) == list(each["variant"])
     rmse_m = means.set_index("variant")["measured RMSE [m]"]
-    assert rmse_m.notna().all() and rmse_m["single-frame"] != rmse_m["temporal"]
+    assert rmse_m.notna().all() and rmse_m["temporal[smoothing_window_px=1]"] != rmse_m["temporal"]
 
 
 @pytest.mark.slow
