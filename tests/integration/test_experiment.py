@@ -169,7 +169,7 @@ def test_fps_times_every_way(out: Path) -> None:
 def test_window_judges_the_same_frames_for_all_sizes(out: Path) -> None:
     (table,) = asked("window", out)
     assert list(table["window [frames]"]) == [2, 4, 6, 8, 10, 12]
-    assert set(table["n frames judged"]) == {FRAMES - 16}
+    assert table["n pixels"].nunique() == 1 and table["PSNR [dB]"].nunique() > 1
 
 
 @pytest.mark.slow
