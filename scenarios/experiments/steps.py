@@ -1,13 +1,11 @@
 """The paper's pictures: the stages of one epoch, and the frame that it corrects beside the other methods."""
 
 from collections.abc import Iterator
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from matplotlib.axes import Axes
 
 from swarm.perception import frame_of
 from voxdepth import VoxDepth
@@ -16,7 +14,7 @@ from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.inpainting import Inpainting
 from voxdepth.paper.steps import HostSteps
 from voxdepth.registry import create_corrector
-from voxdepth.tools.figure import panels
+from voxdepth.tools.figure import Draw, image_shown, panels
 from voxdepth.types import FloatImage
 
 from ..errors import ScenarioError
@@ -69,7 +67,7 @@ def draw_steps(context: ExperimentContext) -> Findings:
         ),
         figure=panels(
             "The stages of one epoch, the frame that it corrects, and the same frame by every method",
-            [partial(_draw, stage) for _, stage in found],
+            [_drawn(stage) for _, stage in found],
             columns=5,
             panel_in=(2.4, 1.7),
         ),
@@ -103,12 +101,10 @@ def stages(context: ExperimentContext, name: str) -> Iterator[Stage]:
         yield Stage(f"{label}: {method}", at, result.depth_m, truths_m[at])
 
 
-def _draw(stage: Stage, axes: Axes) -> None:
+def _drawn(stage: Stage) -> Draw:
     is_gray = stage.image.dtype == np.uint8
     image = stage.image if is_gray else colored(stage.image, far_end_m([stage.truth_m]))[..., ::-1]
-    axes.imshow(image, cmap="gray", interpolation="nearest")
-    axes.set_title(f"{stage.name} ({stage.frame})", fontsize=8)
-    axes.set_axis_off()
+    return image_shown(f"{stage.name} ({stage.frame})", image, cmap="gray", interpolation="nearest")
 
 
 STEPS = Experiment(

@@ -354,5 +354,5 @@ def test_a_picture_is_written(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     image = cv2.imread(str(tmp_path / "p.jpg"))
     assert image is not None
-    assert image.shape == (2 * (120 + 26), 2 * 160, 3)
+    assert image.shape[0] > 2 * 120 and image.shape[1] >= 2 * 160
     assert image.std() > 20

@@ -11,7 +11,7 @@ import pandas as pd
 from ... import registry
 from ...colors import colored, far_end_m
 from ...types import FloatImage
-from ..figure import MARKERS, Picture, label_axes, legend_label, line_color, log_scale, panels
+from ..figure import MARKERS, Picture, image_shown, label_axes, legend_label, line_color, log_scale, panels
 from .groups import BINS, NEAR
 from .measurements import FILLED, Selector, of_frames
 from .methods import ORACLE
@@ -160,7 +160,7 @@ def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
         images[title] = colored(depth_m, far_m)[..., ::-1]
         images[f"error of {title}"] = error_map(depth_m, reference_m, end_m)
     height_in = ERROR_MAP_WIDTH_IN * reference_m.shape[0] / reference_m.shape[1] + 0.3
-    draws = [partial(_draw_image, title, image) for title, image in images.items()]
+    draws = [image_shown(title, image) for title, image in images.items()]
     return Picture(
         title=f"{info.name}, frame {info.frames - 1}",
         caption=f"Depth is red where near, blue at {far_m:g} m and beyond, and black where missing. Its error is that "
@@ -181,12 +181,6 @@ def error_map(depth_m: FloatImage, reference_m: FloatImage, end_m: float) -> npt
     colors[depth_m == 0] = 0.0
     colors[reference_m == 0] = 0.7
     return np.asarray(colors)
-
-
-def _draw_image(title: str, image: npt.NDArray[Any], axes: "Axes") -> None:
-    axes.imshow(image)
-    axes.set_title(title, fontsize=8, parse_math=False)
-    axes.set_axis_off()
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
