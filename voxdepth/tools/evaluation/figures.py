@@ -154,7 +154,11 @@ def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     shown |= {registry.title(method): png for method, png in thumbnails.items() if png and method != "raw"}
     far_m = far_end_m([reference_m, decoded_thumbnail(info.raw)])
     end_m = ERROR_SHARE * far_m
-    images: dict[str, npt.NDArray[Any]] = {"reference": colored(reference_m, far_m)[..., ::-1]}
+    ramp_m = np.tile(np.linspace(-end_m, end_m, 240, dtype=np.float32), (24, 1))
+    images: dict[str, npt.NDArray[Any]] = {
+        "reference": colored(reference_m, far_m)[..., ::-1],
+        f"error from -{end_m:g} to {end_m:g} m": error_map(2 * end_m + ramp_m, np.full_like(ramp_m, 2 * end_m), end_m),
+    }
     for title, png in shown.items():
         depth_m = decoded_thumbnail(png)
         images[title] = colored(depth_m, far_m)[..., ::-1]
