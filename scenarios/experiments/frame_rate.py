@@ -40,7 +40,7 @@ SETUPS: Mapping[str, tuple[Callable[[Intrinsics], Any], str]] = {
 
 def compare_frame_rates(context: ExperimentContext) -> Findings:
     """Time every setup on frames from files, in alternating runs."""
-    tables = {}
+    rows: list[dict[str, Any]] = []
     for name in context.sequences:
         dataset = open_dataset(context.recording(name).folder, "recording")
         runs = []
@@ -48,19 +48,23 @@ def compare_frame_rates(context: ExperimentContext) -> Findings:
             context.report(f"{name}, run {run} of {RUNS}")
             frames = context.frames if run else WARM_UP_FRAMES
             runs.append({method: frame_rate(*setup, dataset, frames) for method, setup in SETUPS.items()})
-        rates = pd.DataFrame(runs[1:]).T
-        measured = {
-            MEDIAN: rates.median(axis=1),
-            "lowest [frames/s]": rates.min(axis=1),
-            "highest [frames/s]": rates.max(axis=1),
-        }
-        how = pd.Series({method: how for method, (_, how) in SETUPS.items()} | {SWARM: "not repeated here"})
-        counts = {"n runs": RUNS, "n frames a run": context.frames}
-        tables[name] = pd.DataFrame({"how": how, **measured}, index=how.index).assign(
-            **counts, **{PAPER: pd.Series(FRAMES_PER_S)}
-        )
-        tables[name].loc[SWARM, list(counts)] = 0
-    table = pd.concat(tables, names=["sequence", "method"]).reset_index()
+        rows += [
+            {
+                "sequence": name,
+                "method": method,
+                "how": SETUPS[method][1],
+                MEDIAN: rates.median(),
+                "lowest [frames/s]": rates.min(),
+                "highest [frames/s]": rates.max(),
+                "n runs": RUNS,
+                "n frames a run": context.frames,
+                PAPER: FRAMES_PER_S.get(method),
+            }
+            for method, rates in pd.DataFrame(runs[1:]).items()
+        ]
+        quoted = {"method": SWARM, "how": "not repeated here", "n runs": 0, "n frames a run": 0}
+        rows.append({"sequence": name, **quoted, PAPER: FRAMES_PER_S[SWARM]})
+    table = pd.DataFrame(rows)
     medians = pivot(table, "method", "sequence", MEDIAN)
     speed_up = 100 * (medians.loc["VD"] / medians.loc["VD-Nopipe"] - 1)
     orders = {name: ", ".join(of[["RS", "VD", "GS"]].sort_values()[::-1].index) for name, of in medians.items()}
