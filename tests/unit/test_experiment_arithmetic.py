@@ -26,7 +26,7 @@ def test_the_percentages_of_the_document_are_computed_or_printed_ones() -> None:
     """What the paper prints is bold."""
     _, _, section = RESULTS.read_text(encoding="utf-8").partition("\n## The paper's percentages")
     section = section.partition("\n## ")[0]
-    rows = percentages_table().rows
+    rows = list(percentages_table().itertuples(index=False))
     computed = re.findall(r"(?<!\*)\b(\d+\.\d) %", section)
     assert len(computed) > 5
     assert set(computed) <= {f"{by_tables:.1f}" for _, _, by_tables, _ in rows}
