@@ -62,13 +62,14 @@ class VelocityController:
         """
         c = self._config
         x, y, z, w = q_world_body_xyzw.T
-        up = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
+        up = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]).T
         yaw_rad = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         wanted_n = self._desired_thrust_n(velocity_m_s, desired_velocity_m_s)
         yaw_error_rad = (desired_yaw_rad - yaw_rad + np.pi) % (2 * np.pi) - np.pi
-        turn = _cross(up, wanted_n / _length(wanted_n)) + up * np.clip(yaw_error_rad, -0.5, 0.5)[:, None]
+        yaw_error_rad = np.minimum(np.maximum(yaw_error_rad, -0.5), 0.5)  # `np.clip` takes several times as long.
+        turn = _cross(up, wanted_n / _length(wanted_n)) + up * yaw_error_rad[:, None]
         accel_rad_s2 = c.attitude_gain_per_s2 * turn - c.rate_gain_per_s * rates_rad_s
-        along_n = np.clip((wanted_n * up).sum(axis=1), 0, c.max_thrust_to_weight * self._weight_n)
+        along_n = np.minimum(np.maximum(_dot(wanted_n, up), 0), c.max_thrust_to_weight * self._weight_n)
         follow = min(1.0, dt_s / c.motor_lag_s)
         self.thrust_n += follow * (along_n - self.thrust_n)
         self.torque_n_m += follow * (self._inertia_kg_m2 * accel_rad_s2 - self.torque_n_m)
@@ -90,26 +91,32 @@ class Wind:
     def __init__(self, config: WindConfig, airframe: AirframeConfig, dt_s: float, *, seed: int) -> None:
         self._config = config
         self._drag_kg_per_s = airframe.mass_kg * airframe.drag_per_s
+        self._mean_n: FloatArray = self._drag_kg_per_s * np.array(config.mean_m_s)
         self._kept = float(np.exp(-dt_s / config.gust_s))
         self._rng = stream(seed, Purpose.WIND)
         self._gust = self._rng.standard_normal(3)
 
     def step_n(self) -> FloatArray:
         """The force in the next step [N], shape (3,)."""
-        if self._config.gust_m_s:
-            fresh = self._rng.standard_normal(3)
-            self._gust = self._kept * self._gust + np.sqrt(1 - self._kept**2) * fresh
+        if not self._config.gust_m_s:
+            return self._mean_n
+        fresh = self._rng.standard_normal(3)
+        self._gust = self._kept * self._gust + np.sqrt(1 - self._kept**2) * fresh
         return np.asarray(self._drag_kg_per_s * (self._config.mean_m_s + self._config.gust_m_s * self._gust))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross products of the rows, shape (n, 3): `np.cross` takes several times as long for a few of them."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]).T
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.add.reduce(a * b, axis=1))
 
 
 def _length(vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt((vectors * vectors).sum(axis=1, keepdims=True)))
+    return np.sqrt(_dot(vectors, vectors))[:, None]
 
 
 def _limited(vectors: FloatArray, longest: float | FloatArray) -> FloatArray:

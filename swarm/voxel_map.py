@@ -5,6 +5,7 @@ lasts is an assumption, which a drone makes for as long as its odometry is good.
 (layers, rows along y, columns along x), and indices of voxels that order.
 """
 
+from functools import cache
 from math import ceil, floor
 from typing import Any, NamedTuple
 
@@ -336,8 +337,7 @@ class VoxelMap:
         Layers count that a cylinder touches.
         """
         c, sides_m, origin_m = self._config, self._sides_m[::-1], self.origin_m[::-1]
-        reach = np.ceil(np.array([half_height_m, radius_m, radius_m]) / sides_m).astype(np.int64)
-        window = np.moveaxis(np.indices((2 * reach + 1).tolist()), 0, -1).reshape(-1, 3) - reach
+        window = _window(*np.ceil(np.array([half_height_m, radius_m, radius_m]) / sides_m).astype(np.int64).tolist())
         center = centers_m[:, None, ::-1] - origin_m
         voxel = np.floor(center / sides_m).astype(np.int64) + window
         z_m, y_m, x_m = np.moveaxis((voxel + 0.5) * sides_m - center, -1, 0)
@@ -360,6 +360,12 @@ class VoxelMap:
             for values in (self._misses, self._missed_s, self._occupancy, self._unobserved):
                 _shift(values, moved[::-1])
         self._origin = wanted
+
+
+@cache
+def _window(*reach: int) -> Indices:
+    """Return the offsets up to a reach along each axis, shape (n, 3)."""
+    return np.moveaxis(np.indices([2 * each + 1 for each in reach]), 0, -1).reshape(-1, len(reach)) - reach
 
 
 def _shift(array: npt.NDArray[np.generic], by: npt.NDArray[np.int64]) -> None:

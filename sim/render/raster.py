@@ -341,12 +341,12 @@ class Rasteriser:
         order = np.argsort(center_m[:, 2] - radius_m, kind="stable").astype(np.int32)
         is_outside = (center_m**2).sum(axis=1) > radius_m**2
         order, is_one_sided = order[may_see[order]], self._is_closed & is_outside
-        inverse_depth = np.zeros(view.height * view.width)
-        nearest = np.full(len(inverse_depth), len(self._bodies.triangles), np.int32)
-        rasterise(view, self._bodies, order, is_one_sided, buffers, inverse_depth, nearest)
+        inverse_depth, depth_m = np.zeros(view.height * view.width), np.empty(camera.pinhole.shape, np.float32)
+        nearest = np.full(camera.pinhole.shape, len(self._bodies.triangles), np.int32)
+        rasterise(view, self._bodies, order, is_one_sided, buffers, inverse_depth, nearest.reshape(-1))
         with np.errstate(divide="ignore"):
-            depth_m = (1 / inverse_depth).astype(np.float32)
-        return Hits(depth_m.reshape(camera.pinhole.shape), nearest.reshape(camera.pinhole.shape))
+            np.divide(1, inverse_depth.reshape(depth_m.shape), out=depth_m, casting="same_kind")
+        return Hits(depth_m, nearest)
 
 
 def buffers_for(vertices: int, triangles: int) -> Buffers:
