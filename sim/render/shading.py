@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import float32, int64, uint8, void
 
-from voxdepth.compiled import compile_all, compiled, named_tuple
+from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
 from voxdepth.types import FloatImage, GrayImage, MaskImage
 
 from ..seeds import Purpose, stream
@@ -118,7 +118,7 @@ def locate(
             points[3, at + np.uint64(k)] = fx / depth * np.sqrt(max(facing, LEAST_FACING))
 
 
-@compiled(float32(float32))
+@compiled_part(float32(float32))
 def transmittance(optical_depth: np.float32) -> np.float32:
     """`exp(-x)` of x >= 0, in a form that compilers vectorise: `exp(-x / 64)` by its series, and six squarings."""
     x = min(optical_depth, OPAQUE) / SIXTY_FOUR
