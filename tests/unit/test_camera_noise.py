@@ -20,12 +20,12 @@ def test_numbers_are_normal() -> None:
         assert (abs(drawn) > beyond).mean() == pytest.approx(share, abs=4 * np.sqrt(share / n))
 
 
-@pytest.mark.parametrize("lag", [1, 2, 3, 4, 320, 640])
-def test_numbers_of_neighbours_are_independent(lag: int) -> None:
+def test_numbers_of_neighbours_are_independent() -> None:
     drawn = numbers(1)
-    ahead, behind = drawn[lag:], drawn[:-lag]
-    assert abs((ahead * behind).mean()) < 4 / np.sqrt(len(drawn))
-    assert abs((ahead**2 * behind**2).mean() - 1) < 4 * 3 / np.sqrt(len(drawn))
+    for lag in (1, 2, 3, 4, 320, 640):
+        ahead, behind = drawn[lag:], drawn[:-lag]
+        assert abs((ahead * behind).mean()) < 4 / np.sqrt(len(drawn))
+        assert abs((ahead**2 * behind**2).mean() - 1) < 4 * 3 / np.sqrt(len(drawn))
 
 
 def test_cameras_and_frames_are_independent() -> None:

@@ -190,9 +190,7 @@ def test_an_image_of_another_size_is_never_decoded(tmp_path: Path, monkeypatch: 
 
 @pytest.mark.parametrize("image", [GRAY, COLOUR, COLOUR.astype(np.uint16)])
 def test_depth_of_eight_bits_or_several_channels_is_refused(tmp_path: Path, image: Any) -> None:
-    with pytest.raises(
-        DatasetError, match=r"expected depth as a PNG of 16 bits in 1 channel in .*image\.png, got a PNG"
-    ):
+    with pytest.raises(DatasetError, match=r"expected depth as a PNG of 16 bits in 1 channel in .*image\.png"):
         read_depth_16(written(tmp_path, image), SHAPE)
 
 

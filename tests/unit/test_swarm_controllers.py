@@ -110,15 +110,6 @@ class TestLoading:
         with pytest.raises(PluginError, match=r"'module:factory', as in 'mine:create', got"):
             load_controller(name)
 
-    @pytest.mark.parametrize("name", ["no_such_module:create", "examples.straight_controller:no_such_name"])
-    def test_what_is_not_there_is_refused_with_the_reason(self, name: str) -> None:
-        with pytest.raises(PluginError, match=r"cannot be loaded: .*no_such.*must lie in the folder"):
-            load_controller(name)
-
-    def test_what_cannot_be_called_is_refused(self) -> None:
-        with pytest.raises(PluginError, match=r"must be a factory\(role, config\) that .*, got 'examples.straight"):
-            load_controller("examples.straight_controller:__name__")
-
 
 SITUATIONS = {
     "migration_per_s": situation(leader=((12.6, -1.3, 0.0), STILL)),

@@ -112,9 +112,6 @@ class TestShortened:
 
 
 class TestRestrain:
-    def test_without_limits_nothing_changes(self) -> None:
-        np.testing.assert_array_equal(clamp_to_limits(FORWARD, ApproachLimits(np.empty((0, 3)), np.empty(0))), FORWARD)
-
     @given(SEEDS)
     def test_what_keeps_all_limits_is_left_alone(self, seed: int) -> None:
         _, limits, allowed_m_s = compatible(seed)

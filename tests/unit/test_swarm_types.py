@@ -3,7 +3,7 @@
 import numpy as np
 
 from swarm.types import Motion
-from tests.swarm_scenes import NOBODY, neighbours_of
+from tests.swarm_scenes import neighbours_of
 
 
 def test_neighbours_of_a_swarm_are_those_with_its_numbers() -> None:
@@ -13,9 +13,3 @@ def test_neighbours_of_a_swarm_are_those_with_its_numbers() -> None:
     np.testing.assert_array_equal(some.position_m, [[3, 3, 3], [4, 4, 4]])
     np.testing.assert_array_equal(some.velocity_m_s, [[-3, -3, -3], [-4, -4, -4]])
     assert len(neighbours_of(motions)) == 4
-
-
-def test_nobody_has_a_shape_too() -> None:
-    assert len(NOBODY) == 0
-    assert NOBODY.position_m.shape == NOBODY.velocity_m_s.shape == (0, 3)
-    assert len(NOBODY.among(range(9))) == 0

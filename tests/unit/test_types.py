@@ -88,12 +88,6 @@ def test_images_of_any_memory_order_become_rows_with_the_same_pixels(reorder: Ca
     assert Frame(stamp_s=0.0, gray=GRAY, depth_m=depth_m).depth_m is depth_m, "rows are not copied"
 
 
-@pytest.mark.parametrize("units_per_m", [0.0, -1.0, np.nan, np.inf])
-def test_depth_has_a_positive_number_of_steps_in_a_metre(units_per_m: float) -> None:
-    with pytest.raises(FrameError, match="units_per_m"):
-        Frame.from_millimetres(stamp_s=0.0, gray=GRAY, depth_mm=DEPTH.astype(np.uint16), units_per_m=units_per_m)
-
-
 def test_intrinsics_from_hfov_see_that_angle() -> None:
     camera = Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86)
     left, right = (-0.5 - camera.cx_px) / camera.fx_px, (639.5 - camera.cx_px) / camera.fx_px
@@ -225,7 +219,7 @@ def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> Non
     [
         *({"stamp_s": stamp_s} for stamp_s in (np.nan, np.inf, 10**400, 1j, "now", None, np.datetime64("now"))),
         *({"T_world_cam": T} for T in (np.eye(3), np.full((4, 4), np.nan), np.eye(4).tolist(), "pose", np.eye(4) * 1j)),
-        *({"T_world_cam": T} for T in (np.eye(4, dtype=object), np.ma.masked_equal(np.eye(4), 0), 1e300 * np.eye(4))),
+        *({"T_world_cam": T} for T in (np.eye(4, dtype=object), np.ma.masked_equal(np.eye(4), 0), 1e39 * np.eye(4))),
     ],
 )
 def test_times_and_poses_must_be_finite(bad: dict[str, object]) -> None:
@@ -262,22 +256,6 @@ def test_metres_with_some_sky_get_no_warning() -> None:
     depth_m[:9], depth_m[9] = 1000, 0
     Frame(stamp_s=0, gray=np.zeros((20, 30), np.uint8), depth_m=depth_m)
     Frame(stamp_s=0, gray=GRAY, depth_m=0 * DEPTH)
-
-
-@pytest.mark.parametrize("kind", ["float16", ">f4", ">f8"])
-def test_floats_of_other_sizes_and_orders_of_bytes_are_metres_too(kind: str) -> None:
-    frame = Frame.from_metres(stamp_s=0, gray=GRAY, depth_m=DEPTH.astype(kind))
-    np.testing.assert_allclose(frame.depth_m, DEPTH, rtol=1e-3)
-    stored = (100 * DEPTH).astype(">u2")
-    swapped = Frame.from_millimetres(stamp_s=0, gray=GRAY, depth_mm=stored, units_per_m=100)
-    np.testing.assert_array_equal(swapped.depth_m, stored / np.float32(100))
-
-
-def test_a_pose_that_32_bits_do_not_hold_is_refused() -> None:
-    pose = np.eye(4)
-    pose[0, 3] = 1e39
-    with pytest.raises(FrameError, match="T_world_cam must be"):
-        Frame(stamp_s=0, gray=GRAY, depth_m=DEPTH, T_world_cam=pose)
 
 
 @pytest.mark.parametrize("size", [(320, 240), (213, 160), (640, 480)])

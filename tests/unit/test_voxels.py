@@ -1,7 +1,5 @@
 """Laws of the voxel grid."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -26,29 +24,6 @@ def test_the_default_grid_is_packed_in_less_than_48_megabytes() -> None:
     grid = VoxelGrid(VoxelConfig())
     assert grid.words.nbytes < 48e6
     assert grid.words.nbytes * 8 == pytest.approx(np.prod(VoxelConfig().shape), rel=1e-5)
-
-
-def test_the_order_of_integration_does_not_matter() -> None:
-    clouds = [cloud(seed) for seed in range(3)]
-    grids = []
-    for order in itertools.permutations(clouds):
-        grid = VoxelGrid(SMALL)
-        for points in order:
-            integrate_points(grid, points)
-        grids.append(grid.words)
-    for words in grids[1:]:
-        np.testing.assert_array_equal(words, grids[0])
-
-
-def test_integrating_twice_changes_nothing_and_adding_only_adds() -> None:
-    grid = VoxelGrid(SMALL)
-    integrate_points(grid, cloud(0))
-    once = grid.words.copy()
-    integrate_points(grid, cloud(0))
-    np.testing.assert_array_equal(grid.words, once)
-    integrate_points(grid, cloud(1))
-    np.testing.assert_array_equal(grid.words & once, once)
-    assert (grid.words != once).any()
 
 
 @given(st.integers(0, 1000))

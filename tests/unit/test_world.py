@@ -28,7 +28,7 @@ def fly(world: World, commands: list[VelocityCommand], seconds: float) -> None:
         world.step()
 
 
-@pytest.mark.parametrize("module", ["sim.world", "sim.free_space", "sim.render.bullet"])
+@pytest.mark.parametrize("module", ["sim.world", "sim.render.bullet"])
 def test_pybullet_is_silent_whatever_is_imported_first(module: str) -> None:
     said = subprocess.run([sys.executable, "-c", f"import {module}"], capture_output=True, check=True)
     assert (said.stdout, said.stderr) == (b"", b"")
@@ -41,7 +41,7 @@ def test_a_drone_hovers_where_it_starts() -> None:
     assert world.time_s == 3
 
 
-@pytest.mark.parametrize("velocity", [(2, 0, 0), (0, -2, 0), (0, 0, 1), (1.5, 1.5, -0.5)])
+@pytest.mark.parametrize("velocity", [(0, -2, 0), (1.5, 1.5, -0.5)])
 def test_it_reaches_the_wanted_velocity_and_heading(velocity: tuple[float, float, float]) -> None:
     from sim.frames import yaw_from_quaternion
 
