@@ -129,9 +129,9 @@ def test_a_command_that_is_not_finite_ends_the_mission_with_an_error_and_without
 
 
 def test_a_column_longer_than_the_range_of_the_radio_flies() -> None:
-    task = config(route(0, 0, 30, 0), drones=4, duration_s=3.5, link={"range_m": 3.0})
+    task = config(route(0, 0, 30, 0), drones=4, duration_s=2.5, link={"range_m": 3.0})
     with mission_among(config=task) as mission:
-        assert float(mission.run().metrics["leader_progress_m"] or 0) > 2.5
+        assert float(mission.run().metrics["leader_progress_m"] or 0) > 1.5
 
 
 CROSSINGS = {
@@ -233,7 +233,7 @@ def test_both_of_a_pair_drop_out() -> None:
 
 def test_our_leader_does_not_wait_for_one_that_has_dropped_out() -> None:
     """A follower is put into the pole; the others have our controller."""
-    with mission_among(POLE, config=config(route(-4, 0, 8, 0), drones=3, after_contact="drop", **EXACT)) as mission:
+    with mission_among(POLE, config=config(route(-4, 0, 6, 0), drones=3, after_contact="drop", **EXACT)) as mission:
         for _ in range(10):
             mission.tick()
         mission._drop([1])

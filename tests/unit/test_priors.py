@@ -220,7 +220,7 @@ def test_a_drone_whose_localisation_drifts_flies_beside_its_goal() -> None:
     """It arrives where it believes the goal to be; the mission judges by the truth."""
     changes = {
         "mission.drones": 1, "rig.depth": "truth", "corrector": "raw", "rig.width_px": 96, "rig.height_px": 54,
-        "rig.decimate": 1, "mission.duration_s": 20.0, "mission.routes": [{"goal_m": [-3.0, 0.0, 6.0]}],
+        "rig.decimate": 1, "mission.duration_s": 8.0, "mission.routes": [{"goal_m": [-3.0, 0.0, 6.0]}],
         "mission.goal_radius_m": 0.3,
     }  # fmt: skip
     ends_m = []

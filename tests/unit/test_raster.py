@@ -67,6 +67,7 @@ def require_nearest(*bodies: Mesh) -> None:
     assert (hits.triangle[clear & ~seen] == len(scene.triangles)).all()
 
 
+@settings(max_examples=15)
 @given(st.integers(0, 2**31))
 def test_random_triangles(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -148,7 +148,7 @@ def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_
 
 def test_a_drone_that_is_interrupted_while_it_looks_around_blacklists_what_is_unknown() -> None:
     flight = Flight(always(HOLES))
-    for _ in range(6):
+    for _ in range(4):
         flight.flies((2, 0, 0), 4.9).flies((0, 0, 0), 0.1)
     costs = flight.decisions[-1].view
     assert isinstance(costs, CostMap)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm.braking import BrakingConfig
@@ -39,6 +39,7 @@ class TestNeighbourLimits:
         moving = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (2, 0, 0))), CONFIG, BRAKING, RADIUS_M)
         assert clamp_to_limits(2 * FORWARD, moving)[0] == pytest.approx(2.0)
 
+    @settings(max_examples=15)
     @given(st.floats(1.0, 4.0), st.floats(0.5, 3.5))
     def test_one_that_brakes_is_not_run_into(self, gap_m: float, speed_m_s: float) -> None:
         """A drone follows another one, which then stops with 2.5 m/s^2; its velocity follows its commands."""
