@@ -159,22 +159,6 @@ def test_arguments_of_other_types_are_refused_in_one_line() -> None:
         TemporalCorrector("camera")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"decimation": 3},
-        {"smoothing_window_px": 4},
-        {"max_featureless_frames": -1},
-        {"window_frames": 3},
-        {"fusion": {"max_evidence": 16.0}},
-        {"odometry": {"min_tracks": 5}},
-    ],
-)
-def test_bad_configurations_of_the_default_method_are_refused(bad: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match="validation error"):
-        TemporalConfig(**bad)  # type: ignore[arg-type]
-
-
 @each
 @pytest.mark.parametrize("end", ["reset", "close"])
 def test_a_reset_and_an_end_wait_for_the_frame_that_another_thread_has_in_work(create: Create, end: str) -> None:

@@ -273,11 +273,6 @@ def test_raw_returns_the_frame() -> None:
     [
         {"median_size_px": 4},
         {"inpainting": {"method": "dilation", "size_px": 2}},
-        {"inpainting": {"method": "magic"}},
-        {"window_frames": 0},
-        {"windows": 3},
-        {"fusion_lag_frames": -1},
-        {"fusion_lag_frames": "soon"},
         {"voxels": {"cell_m": (0.0, 0.1, 0.1)}},
         {"voxels": {"cell_m": (0.001, 0.001, 0.001)}},
     ],
