@@ -63,10 +63,10 @@ class Episode:
         self._resources = ExitStack()
         recorded, recorder = recorder is not None, recorder or Recorder()
         everyone = {drone for team in config.teams() for drone in team.members}
-        exact = everyone - self._learning if task.others == "truth" else ()
+        guided = everyone - self._learning if task.others == "truth" else ()
         mission = composed_mission(
             self._task, recorder, latency_s=task.latency_s, seed=seed, gray=recorded,
-            make_agent=self._create_agent, exact=exact,
+            make_agent=self._create_agent, guided=guided,
         )  # fmt: skip
         try:
             self._mission = self._resources.enter_context(mission)
