@@ -240,19 +240,6 @@ def test_false_colours_the_right_image_and_colour_of_rs_convert_are_refused(tmp_
         open_dataset(tmp_path, intrinsics=CAMERA)
 
 
-def test_raw_depth_of_another_size_is_refused(tmp_path: Path) -> None:
-    write_converted(tmp_path, ["1.00"], ["1.00"])
-    (tmp_path / "out_Depth_1.00.raw").write_bytes(b"12345")
-    with pytest.raises(DatasetError, match=r"expected 96 bytes .*out_Depth_1\.00\.raw"):
-        open_dataset(tmp_path, intrinsics=CAMERA)[0]
-
-
-def test_streams_of_rs_convert_that_never_meet_are_refused(tmp_path: Path) -> None:
-    write_converted(tmp_path, ["1.00"], ["500.00"])
-    with pytest.raises(DatasetError, match="of one recording"):
-        open_dataset(tmp_path, intrinsics=CAMERA)
-
-
 def test_a_number_without_its_partner_is_named(tmp_path: Path) -> None:
     write(tmp_path, ["000000", "000002"], ["000000", "000001", "000002"])
     with pytest.raises(DatasetError, match=r"000001\.png alone and 0 others"):

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from voxdepth import Frame, Intrinsics, Source, VoxDepth, VoxDepthConfig, create_corrector
+from voxdepth import Frame, Intrinsics, Source, VoxDepth, VoxDepthConfig
 from voxdepth.devices import cuda_devices
 from voxdepth.errors import ConfigError
 from voxdepth.paper.config import CombineConfig
@@ -258,14 +258,6 @@ def test_a_cut_at_any_frame_leaves_no_depth_of_the_other_scene_behind(cut_at: in
     feed(corrector, [flat(12.0)] * cut_at, texture(0))
     for result in feed(corrector, [flat(5.0)] * 20, texture(1), start_s=100.0):
         assert np.abs(result.depth_m - 5.0).max() <= CELL_Z_M
-
-
-def test_raw_returns_the_frame() -> None:
-    depth = flat(4.0)
-    depth[0] = 0
-    result = create_corrector("raw", CAMERA).process(Frame(stamp_s=0.0, gray=texture(0), depth_m=depth))
-    np.testing.assert_array_equal(result.depth_m, depth)
-    np.testing.assert_array_equal(result.source, np.where(depth > 0, Source.SENSOR, Source.INVALID))
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ from voxdepth import TemporalCorrector, VoxDepth
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
 from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.pipeline import Channel, CorrectionPipeline, StagedCorrector
+from voxdepth.pipeline import Channel, CorrectionPipeline
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
 
@@ -182,11 +182,6 @@ def test_no_more_is_read_ahead_than_the_stages_and_queues_hold(
                 time.sleep(0.001)
             time.sleep(0.01)
             assert n_read == n_delivered + most
-
-
-def test_the_halves_are_a_protocol_that_a_corrector_has_or_has_not() -> None:
-    assert isinstance(Staged(), StagedCorrector)
-    assert not isinstance(Whole(), StagedCorrector)
 
 
 def test_each_delivered_frame_has_a_latency_that_counts_all_stages() -> None:

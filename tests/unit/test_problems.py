@@ -14,7 +14,7 @@ from swarm.errors import MissionError
 from tests.studies import arm, study
 from voxdepth.datasets.files import WANTED, intrinsics_from
 from voxdepth.errors import ConfigError, DatasetError
-from voxdepth.registry import require_known, resolve_config
+from voxdepth.registry import resolve_config
 
 SCENARIO = """name = "mine"
 renderer = "rater"
@@ -152,8 +152,3 @@ def test_a_calibration_says_what_it_lacks_with_the_lines_to_paste(
     assert told in str(error.value)
     lines = getattr(error.value, "__notes__", [])
     assert [line.split(" = ")[0] for line in lines] == [name for name in WANTED if name not in values][:missing]
-
-
-def test_a_mistyped_corrector_is_told_with_the_one_that_was_meant() -> None:
-    with pytest.raises(ConfigError, match=r"there is no corrector 'ip_basic' \(did you mean ip-basic"):
-        require_known("ip_basic")

@@ -164,7 +164,7 @@ def test_ground_height_is_that_of_the_triangles(x: float, y: float) -> None:
     np.testing.assert_allclose(float(ground_height_m(ground, x, y)), expected, atol=1e-9)
 
 
-def test_density_adds_trees_and_bushes_move_none() -> None:
+def test_density_adds_trees_that_keep_their_spacing_and_bushes_move_none() -> None:
     thin, dense = ForestSpec(density=1.0).build(5), ForestSpec(density=2.0).build(5)
     assert len(named(thin, "tree")) == 2 * 40
     assert len(named(dense, "tree")) == 2 * 80
@@ -172,9 +172,6 @@ def test_density_adds_trees_and_bushes_move_none() -> None:
     bare = ForestSpec(density=1.0, bushes=0).build(5)
     assert not named(bare, "bush")
     assert as_bytes(named(bare, "tree")) == as_bytes(named(thin, "tree"))
-
-
-def test_trunks_keep_their_spacing() -> None:
     at = np.array([body.position_m[:2] for body in ForestSpec(spacing_m=3.0).build(1).bodies if "trunk" in body.name])
     apart = np.linalg.norm(at[:, None] - at, axis=2) + 99 * np.eye(len(at))
     assert apart.min() >= 3.0

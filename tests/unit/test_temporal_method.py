@@ -133,15 +133,6 @@ class TestSymmetries:
             np.testing.assert_array_equal(one.source, other.source)
             np.testing.assert_allclose(one.confidence, other.confidence, atol=1e-4)
 
-    @staticmethod
-    def of_both_sizes(scale: float, decimation: int) -> Iterator[tuple[CorrectedDepth, CorrectedDepth]]:
-        """Results for our world, and for one that is `scale` times as large."""
-        larger = replace(CAMERA, baseline_m=0.1 * scale)
-        grown = [replace(frame, depth_m=frame.depth_m * np.float32(scale)) for frame in NOISY]
-        yield from zip(
-            run(method(decimation=decimation), NOISY), run(method(larger, decimation=decimation), grown), strict=True
-        )
-
     @DECIMATIONS
     @pytest.mark.parametrize("width_px", [160, 168])
     def test_a_mirrored_world_gives_the_mirrored_result(self, width_px: int, decimation: int) -> None:
