@@ -61,6 +61,7 @@ def composed_mission(
     threads: int = 1,
     make_agent: Factory | None = None,
     guided: Collection[int] = (),
+    measured: bool = True,
 ) -> Iterator[Mission]:
     """Create a mission that is ready to fly, and free its world at the end.
 
@@ -73,6 +74,7 @@ def composed_mission(
         threads: Number of threads that make the images; it changes the speed only.
         make_agent: Creates the agents of the drones; None takes the factory that the mission's `controller` names.
         guided: Numbers of drones without a camera, which fly by the true bodies of the world; see `guide.Guide`.
+        measured: Whether the mission has a result.
 
     Raises:
         MissionError: The mission cannot be flown as configured.
@@ -107,4 +109,5 @@ def composed_mission(
             latency_s=latency_s,
             seed=seed,
             create_agent=create_agent,
+            measured=measured,
         )

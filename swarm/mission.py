@@ -14,7 +14,7 @@ from voxdepth.types import DepthCorrector, FloatArray
 from .controllers import Factory, Role
 from .errors import MissionError
 from .link import Link
-from .metrics import MissionMetrics, touched
+from .metrics import MissionMetrics, Unmeasured, touched
 from .neighbours import Detector, NeighbourTracker
 from .perception import Perception
 from .pilot import Decision, Situation
@@ -52,6 +52,7 @@ class Mission:
         latency_s: float,
         seed: int,
         create_agent: Factory,
+        measured: bool = True,
     ) -> None:
         self._steps_per_tick = _whole_ratio(PHYSICS_HZ, config.control_hz, "control_hz", "the physics rate")
         self._ticks_per_frame = _whole_ratio(config.control_hz, camera_hz, "rate_hz", "control_hz")
@@ -78,7 +79,8 @@ class Mission:
         roles = [Role(drone=i, team=team, radius_m=radius_m, camera=camera) for i, team in enumerate(self._team_of)]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)
-        self._metrics = MissionMetrics(world, self._teams, config.pilot, goal_radius_m=config.goal_radius_m)
+        metrics = MissionMetrics if measured else Unmeasured
+        self._metrics = metrics(world, self._teams, config.pilot, goal_radius_m=config.goal_radius_m)
         self._ticks = 0
         self.outcome: Outcome | None = None
 

@@ -15,6 +15,7 @@ from sim.rig import StereoRig
 from sim.sensor import RigConfig
 from sim.types import VelocityCommand
 from sim.world import World
+from swarm.controllers import load_controller
 from swarm.errors import MissionError
 from swarm.mission import Mission
 from swarm.pilot import Decision, PilotConfig, Situation
@@ -47,7 +48,8 @@ def mission_among(*bodies: Body, config: MissionConfig, seed: int = 0, renderer:
         rig = StereoRig(world, create_renderer(renderer, world, threads=1), RIG, seed=seed, gray=False)
         correctors = [Raw() for _ in range(world.n_drones)]
         settings = {"camera_hz": RIG.rate_hz, "latency_s": config.latency_s, "seed": seed}
-        yield Mission(config, world, rig, correctors, Recorder(), **settings)
+        create_agent = load_controller(config.controller)
+        yield Mission(config, world, rig, correctors, Recorder(), **settings, create_agent=create_agent)
 
 
 def route(x0: float, y0: float, x1: float, y1: float) -> Route:

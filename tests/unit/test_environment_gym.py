@@ -11,7 +11,6 @@ from gymnasium.utils.env_checker import check_env
 
 from sim.sensor import RigConfig
 from swarm.environments.gym_env import LeaderFollowerEnv
-from swarm.environments.view import GOAL, LEADER, LEARNER, SCRIPTED
 from swarm.errors import MissionError
 from tests.learning import DIVE, FORWARD, QUICK_RIG, TURN, quick
 from voxdepth.colors import colored
@@ -95,7 +94,7 @@ def test_beyond_the_range_an_action_is_clipped() -> None:
 
 
 class TestPicture:
-    def test_it_shows_what_the_learner_sees_and_where_everybody_is(self) -> None:
+    def test_it_shows_what_the_learner_sees_and_the_learner(self) -> None:
         rig = QUICK_RIG.model_copy(update={"height_px": 40})  # a sixth of the picture's 240 rows
         env = LeaderFollowerEnv(render_mode="rgb_array", **quick() | {"rig": rig})
         observation, _ = env.reset(seed=0)
@@ -103,12 +102,12 @@ class TestPicture:
         assert picture is not None
         assert picture.dtype == np.uint8
         assert picture.shape[1:] == (2 * 6 * 48, 3)
-        gray, depth, above = picture[3:240:6, 3:288:6], picture[3:240:6, 291::6], picture[240:]
+        gray, depth, behind = picture[3:240:6, 3:288:6], picture[3:240:6, 291::6], picture[240:]
         np.testing.assert_array_equal(depth, colored(observation["depth_m"], rig.max_depth_m)[..., ::-1])
         assert (gray == gray[..., :1]).all()
         assert gray.std() > 10
-        for color in (LEARNER, LEADER, SCRIPTED, GOAL):
-            assert (above == color).all(axis=2).any(), color
+        assert behind.shape == picture[:240].shape
+        assert behind.std() > 10
 
     def test_there_is_none_without_a_render_mode(self) -> None:
         env = LeaderFollowerEnv(**quick())
