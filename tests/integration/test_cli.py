@@ -131,10 +131,7 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
             ["run", "atlantis"],
             "there is no scenario 'atlantis'; choose one of: city, corridor, crossing, dim, exposure, forest, ",
         ),
-        (
-            ["run", "city", "--drones", "0"],
-            "voxdepth: --drones 0: mission.drones: expected at least 1, got 0",
-        ),
+        (["run", "city", "--drones", "0"], "voxdepth: --drones 0: mission.drones: expected at least 1, got 0"),
         (["run", "city", "--size", "3x3"], "voxdepth: --size 3x3: 2 problems: rig.width_px: expected"),
         (["run", "city", "--no-record", "--view"], "--view opens the recording, which --no-record leaves out"),
         (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, median"),

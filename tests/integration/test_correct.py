@@ -343,11 +343,7 @@ def test_the_command_config_prints_the_configuration_and_correct_takes_it(
     options = ["--corrector", *arguments] if arguments else []
     file = tmp_path / "all.toml"
     file.write_text(printed.stdout)
-    for out, more in (
-        ("a", ["--config", str(file)]),
-        ("b", []),
-        ("c", ["--config", str(tmp_path / "a/config.toml")]),
-    ):
+    for out, more in (("a", ["--config", str(file)]), ("b", []), ("c", ["--config", str(tmp_path / "a/config.toml")])):
         done = CliRunner().invoke(
             create_app(), ["correct", str(sequence), "--out", str(tmp_path / out), *options, *more]
         )

@@ -70,8 +70,7 @@ def fly_at_a_wall(**changes: Any) -> MissionResult:
 
 
 @pytest.mark.parametrize(
-    ("speed_m_s", "clearance_m"),
-    [(MissionConfig().cruise_speed_m_s, 0.8 * PilotConfig().keep_m), (3.2, 0.1)],
+    ("speed_m_s", "clearance_m"), [(MissionConfig().cruise_speed_m_s, 0.8 * PilotConfig().keep_m), (3.2, 0.1)]
 )
 def test_a_drone_stops_before_a_wall(speed_m_s: float, clearance_m: float) -> None:
     result = fly_at_a_wall(cruise_speed_m_s=speed_m_s)

@@ -11,15 +11,7 @@ from scenarios.errors import ScenarioError
 from scenarios.evaluation import moving_ids
 from scenarios.files import shipped_names
 from scenarios.images import INVALID_REASON_COLORS_BGR
-from scenarios.sequences import (
-    GROUPS,
-    SeededSequence,
-    captures,
-    load_sequence,
-    names_of,
-    record,
-    simulation,
-)
+from scenarios.sequences import GROUPS, SeededSequence, captures, load_sequence, names_of, record, simulation
 from sim.bodies import Box
 from sim.errors import RecordingError, SceneError, SensorError
 from sim.recording import Recording

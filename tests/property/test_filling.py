@@ -63,13 +63,7 @@ class TestSpeckles:
     @DECIMATIONS
     @pytest.mark.parametrize(
         ("name", "factor"),
-        [
-            ("wall 8", 2.5),
-            ("wall 16", 1.3),
-            ("slanted 16", 2.5),
-            ("slanted 16", 1.3),
-            ("wall 40", 2.5),
-        ],
+        [("wall 8", 2.5), ("wall 16", 1.3), ("slanted 16", 2.5), ("slanted 16", 1.3), ("wall 40", 2.5)],
     )
     def test_a_near_one_never_changes_a_fill_by_more_than_a_twentieth(
         self, name: str, factor: float, decimation: int

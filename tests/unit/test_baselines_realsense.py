@@ -6,11 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from voxdepth.baselines.realsense import (
-    FILLS,
-    RealSenseChain,
-    RealSenseHoles,
-)
+from voxdepth.baselines.realsense import FILLS, RealSenseChain, RealSenseHoles
 from voxdepth.baselines.single_frame import AuthorsMax
 from voxdepth.errors import ConfigError
 from voxdepth.tools.benchmark.librealsense import Librealsense

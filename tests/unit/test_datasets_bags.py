@@ -223,8 +223,7 @@ def two_cameras() -> list[Entry]:
 
 
 @pytest.mark.parametrize(
-    ("depth", "camera"),
-    [("/camera/depth/image_rect_raw", CAMERA), ("/camera/aligned_depth_to_color/image_raw", OTHER)],
+    ("depth", "camera"), [("/camera/depth/image_rect_raw", CAMERA), ("/camera/aligned_depth_to_color/image_raw", OTHER)]
 )
 def test_the_gray_image_is_that_of_the_camera_of_the_depth(depth: str, camera: Intrinsics, tmp_path: Path) -> None:
     path = write(tmp_path, "walk.mcap", two_cameras())
@@ -400,11 +399,7 @@ def test_a_bag_without_camera_info_needs_a_calibration(tmp_path: Path) -> None:
         open_dataset(path)
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [OTHER, replace(CAMERA, width_px=16, height_px=12)],
-    ids=["zoom", "size"],
-)
+@pytest.mark.parametrize("changed", [OTHER, replace(CAMERA, width_px=16, height_px=12)], ids=["zoom", "size"])
 @pytest.mark.parametrize("topic", ["/cam/depth/camera_info", "/cam/left/camera_info"])
 def test_a_camera_that_changes_is_refused_with_the_message_and_a_calibration_overrules_it(
     changed: Intrinsics, topic: str, tmp_path: Path

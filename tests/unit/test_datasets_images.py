@@ -13,14 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.datasets import images
-from voxdepth.datasets.images import (
-    image_shape,
-    read_depth,
-    read_depth_16,
-    read_depth_raw,
-    read_gray,
-    read_mask,
-)
+from voxdepth.datasets.images import image_shape, read_depth, read_depth_16, read_depth_raw, read_gray, read_mask
 from voxdepth.errors import DatasetError
 
 SHAPE = (6, 8)

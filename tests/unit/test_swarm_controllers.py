@@ -12,17 +12,7 @@ from swarm.pilot import Heading, Pilot, PilotConfig, Situation
 from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import Motion, Neighbours, Percept
-from tests.swarm_scenes import (
-    FORWARD,
-    NOBODY,
-    ONBOARD,
-    RADIUS_M,
-    flat,
-    near,
-    neighbours_of,
-    percept_of,
-    state,
-)
+from tests.swarm_scenes import FORWARD, NOBODY, ONBOARD, RADIUS_M, flat, near, neighbours_of, percept_of, state
 from voxdepth import plugins
 from voxdepth.errors import PluginError
 

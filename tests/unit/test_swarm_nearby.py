@@ -6,14 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm.braking import BrakingConfig
-from swarm.nearby import (
-    ApproachLimits,
-    NearbyConfig,
-    clamp_to_limits,
-    level_limits,
-    neighbour_limits,
-    shortened,
-)
+from swarm.nearby import ApproachLimits, NearbyConfig, clamp_to_limits, level_limits, neighbour_limits, shortened
 from tests.swarm_scenes import FORWARD, RADIUS_M, near, turn
 
 CONFIG, BRAKING = NearbyConfig(), BrakingConfig()

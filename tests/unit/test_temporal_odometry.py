@@ -5,19 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.temporal_scenes import (
-    CAMERA,
-    OTHER_ROOM,
-    ROOM,
-    WALL,
-    Body,
-    Plane,
-    Sphere,
-    dark,
-    frame_of,
-    pose,
-    render,
-)
+from tests.temporal_scenes import CAMERA, OTHER_ROOM, ROOM, WALL, Body, Plane, Sphere, dark, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.memory import Memory
 from voxdepth.temporal.odometry import (
