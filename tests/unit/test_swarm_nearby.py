@@ -55,6 +55,13 @@ class TestNeighbourLimits:
         coming = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (-1, 0, 0))), CONFIG, BRAKING, RADIUS_M)
         assert clamp_to_limits(np.zeros(3), coming)[0] == pytest.approx(-1.0)
 
+    def test_one_that_comes_nearer_counts_where_it_is_when_a_command_takes_effect(self) -> None:
+        late, there = (
+            neighbour_limits(np.zeros(3), near(((x, 0, 0), (-1, 0, 0))), CONFIG, BRAKING, RADIUS_M, response_s=s)
+            for x, s in ((4.0, 0.5), (3.5, 0.0))
+        )
+        np.testing.assert_allclose(late.speed_m_s, there.speed_m_s)
+
     def test_the_far_do_not_matter(self) -> None:
         other = near(((CONFIG.drone_radius_m + 0.1, 0, 0), (-9, 0, 0)))
         far = neighbour_limits(np.zeros(3), other, CONFIG, BRAKING, RADIUS_M)
