@@ -23,7 +23,9 @@ def _pair(start_m: tuple[float, float, float], goal_m: tuple[float, float, float
 
 
 HOVER = {
-    "scene": LawnSpec(weather=Weather(shadows=False, wind=WindConfig(mean_m_s=(10.0, 6.0, 0.0), gust_m_s=4.0))),
+    "scene": LawnSpec(
+        trees=0, weather=Weather(shadows=False, wind=WindConfig(mean_m_s=(10.0, 6.0, 0.0), gust_m_s=4.0))
+    ),
     "mission": _pair((0.0, 0.0, 6.0), (0.1, 0.0, 6.0), goal_radius_m=0.01, duration_s=10.0),
 }
 """Stay in the slot behind a leader that holds its place, in wind and gusts, until the time is over."""

@@ -46,7 +46,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     Args:
         learner: Number of the learning drone; None takes the first follower.
         render_mode: `rgb_array`, or None for no pictures.
-        task: Fields of `LearningTask` by name, and `scenario`, the name or path of the one whose fields are the others.
+        task: As for `LearningTask.of`.
 
     Raises:
         MissionError: An option is unknown or impossible.

@@ -71,18 +71,18 @@ class LearningTask(MissionSetup):
     reward: RewardConfig = RewardConfig()
 
     @classmethod
-    def of(cls, scenario: str | None = None, **fields: Any) -> "LearningTask":
-        """Create a task from its fields by name, in place of those of a scenario if one is named.
+    def of(cls, scenario: str | None = None, depth: str | None = None, **fields: Any) -> "LearningTask":
+        """Create a task from fields by name, in place of those of a scenario; `depth` is short for that of the rig.
 
-        Raises:
-            MissionError: A field is unknown or impossible, or scenarios cannot be read.
+        A field that is unknown or impossible, and a scenario without the testbed, are `MissionError`s.
         """
         if scenario is not None:
             setup, latency_s = from_testbed("scenario")(scenario)
             known = {name: getattr(setup, name) for name in MissionSetup.model_fields}
             fields = {**known, "corrector_latency_s": latency_s, **fields}
         with explained(cls, MissionError):
-            return cls(**fields)
+            task = cls(**fields)
+            return task if depth is None else cls(**fields | {"rig": {**task.rig.model_dump(), "depth": depth}})
 
     @pydantic.field_validator("mission")
     @classmethod

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -9,9 +10,12 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from scenarios.config import load_run
+from scenarios.errors import ScenarioError
 from sim.sensor import RigConfig
 from swarm.environments.gym_env import LeaderFollowerEnv
 from swarm.errors import MissionError
+from swarm.gym import TASKS
 from tests.learning import DIVE, FORWARD, QUICK_RIG, TURN, quick
 from voxdepth.colors import colored
 
@@ -23,10 +27,30 @@ def array(action: list[float]) -> np.ndarray:
     return np.array(action, np.float32)
 
 
-def test_gymnasium_finds_nothing_to_warn_of() -> None:
-    env = gymnasium.make(NAME, render_mode="rgb_array", **quick())
+@pytest.mark.parametrize("observation", ["metres", "nearness", "image"])
+def test_gymnasium_finds_nothing_to_warn_of(observation: str) -> None:
+    env = gymnasium.make(NAME, render_mode="rgb_array", observation=observation, **quick())
     check_env(env.unwrapped)
     env.close()
+
+
+@pytest.mark.parametrize("name", sorted(TASKS))
+def test_every_task_begins_with_an_image_of_its_world(name: str) -> None:
+    env = gymnasium.make(f"swarm.gym:{name}", depth="fitted", corrector="raw")
+    first, second = (env.reset(seed=seed)[0] for seed in (0, 1))
+    env.close()
+    assert first in env.observation_space
+    assert not np.array_equal(first["depth_m"], second["depth_m"]), "every seed builds another world"
+
+
+def test_a_scenario_by_its_name_and_a_recording_of_an_episode(tmp_path: Path) -> None:
+    env = LeaderFollowerEnv(scenario="pillars", depth="truth", corrector="raw", record=tmp_path / "new")
+    scenario = load_run("pillars", None, {}).scenario
+    observation, _ = env.reset(seed=3)
+    assert observation["depth_m"].shape == scenario.rig.intrinsics.shape
+    env.step(array(FORWARD))
+    env.close()
+    assert (tmp_path / "new" / "episode-3.rrd").stat().st_size > 10_000
 
 
 @pytest.mark.slow
@@ -147,6 +171,18 @@ class TestMistakes:
     def test_there_must_be_followers(self) -> None:
         with pytest.raises(MissionError, match="drones must be 2 or more, got 1"):
             LeaderFollowerEnv(**quick(drones=1))
+
+    @pytest.mark.parametrize(
+        ("options", "text"),
+        [
+            ({"depth": "laser"}, "rig.depth: expected"),
+            ({"scenario": "citty"}, r"did you mean city\?"),
+            ({"corector": "raw"}, "corector"),
+        ],
+    )
+    def test_unknown_options_are_told(self, options: dict[str, str], text: str) -> None:
+        with pytest.raises((MissionError, ScenarioError), match=text):
+            LeaderFollowerEnv(**options)
 
     def test_pictures_come_as_arrays_only(self) -> None:
         with pytest.raises(MissionError, match=r"one of \['rgb_array'\] or None, got 'human'"):
