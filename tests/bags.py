@@ -1,11 +1,14 @@
 """Bags for tests: messages of ROS 1 and ROS 2, and files of every kind with them."""
 
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
+from types import CodeType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags import rosbag1, rosbag2
+from rosbags.serde import cdr, ros1
 from rosbags.typesys import Stores, get_typestore
 
 from voxdepth.ros import camera_info_fields
@@ -14,6 +17,21 @@ from voxdepth.types import Intrinsics
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
 S = 10**9
 FLOAT32 = "std_msgs/msg/Float32"
+
+
+@cache
+def _code(text: str) -> CodeType:
+    return compile(text, "<rosbags>", "exec")
+
+
+def _module(lines: list[str]) -> ModuleType:
+    """A module of generated lines; rosbags compiles them for every file, most of the time that a small one takes."""
+    module = ModuleType("generated")
+    exec(_code("\n".join(lines)), module.__dict__)
+    return module
+
+
+cdr.compile_lines = ros1.compile_lines = _module
 
 
 class Entry(NamedTuple):

@@ -50,9 +50,7 @@ def endless(on_read: Callable[[int], None] = lambda index: None) -> Iterator[Fra
 
 def corrected(source: Frame) -> CorrectedDepth:
     return CorrectedDepth(
-        depth_m=source.depth_m + 100,
-        source=np.ones((2, 2), np.uint8),
-        confidence=np.ones((2, 2), np.float32),
+        depth_m=source.depth_m + 100, source=np.ones((2, 2), np.uint8), confidence=np.ones((2, 2), np.float32)
     )
 
 

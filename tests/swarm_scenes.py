@@ -69,11 +69,7 @@ def percept_of(
 ) -> Percept:
     """What a drone perceives of a depth image whose odometry has no error."""
     return Percept(
-        stamp_s=stamp_s,
-        T_world_cam=T_world_cam,
-        T_odom_cam=T_world_cam,
-        corrected=corrected(depth_m),
-        detections=found,
+        stamp_s=stamp_s, T_world_cam=T_world_cam, T_odom_cam=T_world_cam, corrected=corrected(depth_m), detections=found
     )
 
 

@@ -206,8 +206,7 @@ def test_matching(width: int, height: int) -> None:
     left, right = (photon_noise(gray, 1.5, side, seed=0) for side, gray in enumerate(clean))
     matcher = StereoMatcher(intrinsics, StereoConfig(), max_depth_m=40.0)
     show(
-        f"stereo matching with all checks, {width}x{height}, 1 thread",
-        milliseconds(lambda: matcher.match(left, right)),
+        f"stereo matching with all checks, {width}x{height}, 1 thread", milliseconds(lambda: matcher.match(left, right))
     )
 
 

@@ -131,10 +131,7 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
             ["run", "atlantis"],
             "there is no scenario 'atlantis'; choose one of: city, corridor, crossing, dim, exposure, forest, ",
         ),
-        (
-            ["run", "city", "--drones", "0"],
-            "voxdepth: --drones 0: mission.drones: expected at least 1, got 0",
-        ),
+        (["run", "city", "--drones", "0"], "voxdepth: --drones 0: mission.drones: expected at least 1, got 0"),
         (["run", "city", "--size", "3x3"], "voxdepth: --size 3x3: 2 problems: rig.width_px: expected"),
         (["run", "city", "--no-record", "--view"], "--view opens the recording, which --no-record leaves out"),
         (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, median"),
@@ -177,6 +174,7 @@ def test_an_error_blames_the_change_or_the_file_whichever_is_wrong(tmp_path: Pat
     ("line", "message"),
     [
         ("[mission]\ndrons = 3", "unknown key 'mission.drons'"),
+        ("rig = 3", "rig must be a table of keys, got 3"),
         ("[mission]\ndrones = 'many'", "mission.drones: expected a whole number, got 'many'"),
         ("[rig]\nrate_hz = -1.0", "rig.rate_hz: expected more than 0, got -1.0"),
         ("[rig]\ndepth = 'sonar'", "rig.depth: expected 'truth', 'noisy', 'fitted' or 'stereo', got 'sonar'"),
@@ -192,7 +190,7 @@ def test_bad_files_say_where_and_what(tmp_path: Path, line: str, message: str) -
     path = tmp_path / "mine.toml"
     path.write_text(f"name = 'mine'\ndescription = 'x'\n{line}\n")
     with pytest.raises(ToolError) as error:
-        load_run(str(path), 0, {})
+        load_run(str(path), 0, {"rig.width_px": 160})
     assert message in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -206,13 +204,6 @@ def test_a_name_cannot_lead_out_of_a_folder(name: str, load: Callable[..., objec
     (tmp_path / "mine.toml").write_text(renamed)
     with pytest.raises(ToolError, match="name: expected a text of the form"):
         load(str(tmp_path / "mine.toml"), 0, {})
-
-
-def test_a_table_that_is_none_says_so(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text("name = 'mine'\ndescription = 'x'\nrig = 3\n")
-    with pytest.raises(ScenarioError, match="rig must be a table of keys, got 3"):
-        load_run(str(path), 0, {"rig.width_px": 160})
 
 
 def test_a_file_without_a_name_says_so(tmp_path: Path) -> None:
@@ -284,7 +275,7 @@ def test_a_signal_ends_the_run_and_closes_the_recording(sent: signal.Signals, tm
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("after_s", [0.1, 0.4, 0.8, 1.2, 1.8])
+@pytest.mark.parametrize("after_s", [0.1, 0.8, 1.8])
 def test_ctrl_c_while_libraries_are_imported_ends_without_a_traceback(after_s: float, tmp_path: Path) -> None:
     command = [sys.executable, "-c", "from voxdepth.tools.cli import main; print('begun', flush=True); main()"]
     process = subprocess.Popen(

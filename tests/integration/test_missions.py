@@ -85,21 +85,17 @@ def test_a_drone_that_sees_late_knows_how_far_it_has_come_since() -> None:
     assert not result.contacts
 
 
-def test_time_runs_out() -> None:
-    result = fly(short(**{"mission.routes": to(70.0), "mission.duration_s": 1.0})).result
-    assert result.outcome is Outcome.TIMEOUT
-
-
-def test_a_blocked_swarm_is_stuck() -> None:
-    waiting = {"mission.deadlock_s": 1.0, "mission.routes": to(70.0)}
-    result = fly(short(**waiting, **{"mission.cruise_speed_m_s": 1e-6})).result
-    assert result.outcome is Outcome.DEADLOCK
-
-
-def test_a_follower_left_behind_is_lost() -> None:
-    slow = {"mission.follower_speed_m_s": 0.1, "mission.routes": to(70.0)}
-    result = fly(short(**slow, **{"mission.lost_m": 2.0})).result
-    assert result.outcome is Outcome.LOST
+@pytest.mark.parametrize(
+    ("changes", "outcome"),
+    [
+        ({"duration_s": 1.0}, Outcome.TIMEOUT),
+        ({"deadlock_s": 1.0, "cruise_speed_m_s": 1e-6}, Outcome.DEADLOCK),
+        ({"follower_speed_m_s": 0.1, "lost_m": 2.0}, Outcome.LOST),
+    ],
+)
+def test_a_mission_that_does_not_arrive_has_its_outcome(changes: dict[str, float], outcome: Outcome) -> None:
+    run = short(**{"mission.routes": to(70.0)}, **{f"mission.{name}": value for name, value in changes.items()})
+    assert fly(run).result.outcome is outcome
 
 
 def test_dropped_frames_are_counted() -> None:

@@ -1,23 +1,33 @@
 """Flights among a few bodies, by true depth: what the parts of the swarm do together."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import pytest
 
 from examples.straight_controller import Straight
-from sim.bodies import Body, Box
+from sim.bodies import Body, Box, Scene
 from sim.errors import RenderError
+from sim.render import create_renderer
+from sim.rig import StereoRig
+from sim.sensor import RigConfig
 from sim.types import VelocityCommand
+from sim.world import World
+from swarm.controllers import load_controller
 from swarm.errors import MissionError
+from swarm.mission import Mission
 from swarm.pilot import Decision, PilotConfig, Situation
+from swarm.recorder import Recorder
 from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import MissionResult, Outcome
 from tests.helpers import ROUGH, wall
-from tests.swarm_missions import mission_among
+from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import PluginError
 
+RIG = RigConfig(width_px=96, height_px=64, depth="truth")
 EXACT: dict[str, Any] = {
     "link": {"loss": 0.0},
     "neighbours": {"detector": {"miss_rate": 0.0}},
@@ -28,6 +38,18 @@ EXACT: dict[str, Any] = {
 
 POLE = Body(name="pole", kind="building", shape=Box((0.4, 0.4, 20.0)), position_m=(2.0, 1.3, 5.0), surface=ROUGH)
 """In the way of the left follower of the first pair."""
+
+
+@contextmanager
+def mission_among(*bodies: Body, config: MissionConfig, seed: int = 0, renderer: str = "raycast") -> Iterator[Mission]:
+    """A mission of drones that see the true depth of a few bodies, and of each other."""
+    scene = Scene(seed=5, bodies=bodies)
+    with World(scene, config.starts_m(), start_yaw_rad=config.start_yaws_rad()) as world:
+        rig = StereoRig(world, create_renderer(renderer, world, threads=1), RIG, seed=seed, gray=False)
+        correctors = [Raw() for _ in range(world.n_drones)]
+        settings = {"camera_hz": RIG.rate_hz, "latency_s": config.latency_s, "seed": seed}
+        create_agent = load_controller(config.controller)
+        yield Mission(config, world, rig, correctors, Recorder(), **settings, create_agent=create_agent)
 
 
 def route(x0: float, y0: float, x1: float, y1: float) -> Route:
@@ -48,8 +70,7 @@ def fly_at_a_wall(**changes: Any) -> MissionResult:
 
 
 @pytest.mark.parametrize(
-    ("speed_m_s", "clearance_m"),
-    [(1.0, 0.1), (MissionConfig().cruise_speed_m_s, 0.8 * PilotConfig().keep_m), (3.2, 0.1)],
+    ("speed_m_s", "clearance_m"), [(MissionConfig().cruise_speed_m_s, 0.8 * PilotConfig().keep_m), (3.2, 0.1)]
 )
 def test_a_drone_stops_before_a_wall(speed_m_s: float, clearance_m: float) -> None:
     result = fly_at_a_wall(cruise_speed_m_s=speed_m_s)
@@ -57,14 +78,7 @@ def test_a_drone_stops_before_a_wall(speed_m_s: float, clearance_m: float) -> No
     assert float(result.metrics["min_clearance_m"] or 0) > clearance_m
 
 
-def test_without_avoidance_it_does_not_stop() -> None:
-    result = fly_at_a_wall(rules={"avoidance": False})
-    assert result.outcome is Outcome.COLLISION
-    assert result.contacts[0].other == "wall"
-    assert float(result.metrics["min_clearance_m"] or 0) <= 0
-
-
-@pytest.mark.parametrize("renderer", ["tiny", "egl"])
+@pytest.mark.parametrize("renderer", ["tiny", pytest.param("egl", marks=pytest.mark.slow)])
 def test_what_pybullet_draws_shows_the_way_around_a_pole(renderer: str) -> None:
     try:
         with mission_among(POLE, config=config(route(-3, 1.3, 6, 1.3), deadlock_s=9.0), renderer=renderer) as mission:
@@ -80,10 +94,10 @@ def test_two_that_see_nothing_of_each_other_meet_without_a_radio() -> None:
     blind = {"known_by": "depth", "detector": {"miss_rate": 0.0}}
     beside, ahead = (route(0, 1.5, 12, -2), route(0, -1.5, 12, 2)), (route(-6, 0, 6, 0), route(6, 0.4, -6, 0.4))
     outcomes = []
-    for routes, neighbours in ((beside, {}), (beside, blind), (ahead, blind)):
-        with mission_among(config=config(*routes, neighbours=neighbours, deadlock_s=9.0)) as mission:
+    for routes in (beside, ahead):
+        with mission_among(config=config(*routes, neighbours=blind, deadlock_s=9.0)) as mission:
             outcomes.append(mission.run().outcome)
-    assert outcomes == [Outcome.SUCCESS, Outcome.COLLISION, Outcome.SUCCESS]
+    assert outcomes == [Outcome.COLLISION, Outcome.SUCCESS]
 
 
 def test_the_controller_of_somebody_else_flies_by_its_name() -> None:
@@ -116,18 +130,9 @@ def test_a_command_that_is_not_finite_ends_the_mission_with_an_error_and_without
 
 
 def test_a_column_longer_than_the_range_of_the_radio_flies() -> None:
-    task = config(route(0, 0, 30, 0), drones=4, duration_s=3.5, link={"range_m": 3.0})
+    task = config(route(0, 0, 30, 0), drones=4, duration_s=2.5, link={"range_m": 3.0})
     with mission_among(config=task) as mission:
-        assert float(mission.run().metrics["leader_progress_m"] or 0) > 2.5
-
-
-def test_drones_that_look_at_nothing_hit_each_other_and_ours_do_not() -> None:
-    """The same two ways head on."""
-    outcomes = []
-    for controller in ("examples.straight_controller:create", MissionConfig().controller):
-        with mission_among(config=config(route(-4, 0, 4, 0), route(4, 0, -4, 0), controller=controller)) as mission:
-            outcomes.append(mission.run().outcome)
-    assert outcomes == [Outcome.COLLISION, Outcome.SUCCESS]
+        assert float(mission.run().metrics["leader_progress_m"] or 0) > 1.5
 
 
 CROSSINGS = {
@@ -150,8 +155,8 @@ def test_two_swarms_fly_past_each_other(name: str, drones: int) -> None:
 
 
 def paths_m(*routes: Route, drones: int = 1, **changes: Any) -> list[np.ndarray]:
-    """Positions of all drones over 2 s."""
-    with mission_among(config=config(*routes, drones=drones, duration_s=2.0, **changes)) as mission:
+    """Positions of all drones over 1.5 s."""
+    with mission_among(config=config(*routes, drones=drones, duration_s=1.5, **changes)) as mission:
         return [trajectory.position_m for trajectory in mission.run().trajectories]
 
 
@@ -206,7 +211,7 @@ def fly_past_the_pole(*routes: Route, **changes: Any) -> MissionResult:
 
 
 def test_a_follower_that_touches_drops_out_and_the_others_arrive() -> None:
-    ended, dropped = (fly_past_the_pole(route(-4, 0, 16, 0), after_contact=after) for after in ("end", "drop"))
+    ended, dropped = (fly_past_the_pole(route(-4, 0, 9, 0), after_contact=after) for after in ("end", "drop"))
     assert ended.outcome is dropped.outcome is Outcome.COLLISION
     assert ended.contacts[0] == dropped.contacts[0]
     assert [(c.drone, c.other) for c in dropped.contacts] == [(1, "pole")]
@@ -229,7 +234,7 @@ def test_both_of_a_pair_drop_out() -> None:
 
 def test_our_leader_does_not_wait_for_one_that_has_dropped_out() -> None:
     """A follower is put into the pole; the others have our controller."""
-    with mission_among(POLE, config=config(route(-4, 0, 8, 0), drones=3, after_contact="drop", **EXACT)) as mission:
+    with mission_among(POLE, config=config(route(-4, 0, 6, 0), drones=3, after_contact="drop", **EXACT)) as mission:
         for _ in range(10):
             mission.tick()
         mission._drop([1])
@@ -246,5 +251,3 @@ def test_a_leader_takes_its_swarm_with_it_and_the_other_swarm_arrives() -> None:
     ends_m = [path.position_m[-1, 0] for path in result.trajectories]
     assert max(ends_m[:3]) < 2 < 6 < ends_m[3]
     assert len({len(path.time_s) for path in result.trajectories[:3]}) == 1
-    alone = fly_past_the_pole(route(-4, 1.3, 8, 1.3), after_contact="drop")
-    assert float(alone.metrics["sim_time_s"] or 0) == pytest.approx(alone.contacts[0].time_s + 1.0, abs=0.06)

@@ -9,15 +9,7 @@ import pandas as pd
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.regression import (
-    beyond_limits,
-    compare,
-    corrected,
-    golden_path,
-    measure,
-    read_golden,
-    write_golden,
-)
+from scenarios.regression import beyond_limits, compare, corrected, golden_path, measure, read_golden, write_golden
 from scenarios.rerun.frames import record_case
 from sim import testing
 from tests.integration.test_cli import voxdepth

@@ -18,9 +18,6 @@ from voxdepth.types import FloatArray, FloatImage, Frame, MaskImage, Source
 DECIMATIONS = pytest.mark.parametrize("decimation", [1, 2])
 decimations = st.sampled_from([1, 2])
 RESOLUTION = WorkingResolution.of(CAMERA, 1)
-FAR_PX, NEAR_PX = 5.0, 15.0
-EDGE = 80
-"""First column of the near surface."""
 ROW, COL = np.indices(CAMERA.shape)
 
 
@@ -36,17 +33,14 @@ def filled_px(disparity_px: FloatImage, decimation: int) -> FloatImage:
 
 
 class TestSpeckles:
-    """A speckle of three wrong pixels in or beside a hole of a flat wall, a slanted wall, or an occlusion shadow."""
+    """A speckle of three wrong pixels in or beside a hole of a flat or slanted wall."""
 
     SHAPES = (((0, 0), (0, 1), (0, 2)), ((0, 0), (1, 0), (2, 0)), ((0, 0), (1, 0), (1, 1)))
     SLANTED_PX = 10 + 0.03 * COL - 0.04 * ROW
-    STEP_PX = np.where(COL < EDGE, FAR_PX, NEAR_PX)
 
     @staticmethod
     def scene(name: str) -> tuple[FloatArray, MaskImage]:
         """True disparity and hole."""
-        if name == "shadow":
-            return TestSpeckles.STEP_PX, (ROW >= 30) & (ROW < 90) & (COL >= 68) & (COL < EDGE)
         kind, side_px = name.split()
         hole = (ROW >= 40) & (40 + int(side_px) > ROW) & (COL >= 50) & (50 + int(side_px) > COL)
         return np.full(CAMERA.shape, 8.0) if kind == "wall" else TestSpeckles.SLANTED_PX, hole
@@ -69,31 +63,12 @@ class TestSpeckles:
     @DECIMATIONS
     @pytest.mark.parametrize(
         ("name", "factor"),
-        [
-            *((name, factor) for name in ("wall 8", "wall 16", "slanted 16") for factor in (2.5, 1.3)),
-            ("wall 40", 2.5),
-            pytest.param(
-                "wall 40",
-                1.3,
-                marks=pytest.mark.xfail(strict=True, reason="a speckle may be the far end of a slanted surface"),
-            ),
-        ],
+        [("wall 8", 2.5), ("wall 16", 1.3), ("slanted 16", 2.5), ("slanted 16", 1.3), ("wall 40", 2.5)],
     )
     def test_a_near_one_never_changes_a_fill_by_more_than_a_twentieth(
         self, name: str, factor: float, decimation: int
     ) -> None:
         assert self.largest_change(name, factor, decimation) < 0.05
-
-    @pytest.mark.xfail(
-        strict=True, reason="the hole between a speckle and a near surface takes the disparity of the speckle"
-    )
-    def test_a_near_one_in_a_shadow_neither(self) -> None:
-        assert self.largest_change("shadow", 1.3, 1) < 0.05
-
-    @pytest.mark.parametrize("name", ["wall 16", "shadow"])
-    @pytest.mark.xfail(strict=True, reason="a far speckle may be all that is visible of the background")
-    def test_a_far_one_never_changes_a_fill_by_more_than_a_twentieth(self, name: str) -> None:
-        assert self.largest_change(name, 0.4, 1) < 0.05
 
 
 @given(seeds, decimations, st.floats(0.02, 1))
@@ -144,8 +119,8 @@ class TestHoverBeforeSpecks:
 
     @pytest.mark.slow
     @DECIMATIONS
-    @pytest.mark.parametrize("hole_px", [3, 7, 15, 61, 101])
-    @pytest.mark.parametrize("near_px", [17.0, 20.0, 40.0])
+    @pytest.mark.parametrize("hole_px", [3, 15, 61])
+    @pytest.mark.parametrize("near_px", [17.0, 40.0])
     def test_no_phantom_obstacle_grows(self, near_px: float, hole_px: int, decimation: int) -> None:
         phantoms, true_m = Phantoms(), RESOLUTION.depth(self.TRUE_PX)
         for result in run(method(decimation=decimation), self.frames(60, hole_px=hole_px, near_px=near_px)):

@@ -47,7 +47,7 @@ def test_the_middle_of_a_large_hole_below_something_stays_open(variant: VariantN
     assert result[25, 70] == pytest.approx(4.0, abs=1e-3)
 
 
-@pytest.mark.parametrize(("depth", "first_px"), [(5.0, 3), (15.0, 3), (20.0, 2), (30.0, 2), (40.0, 1)])
+@pytest.mark.parametrize(("depth", "first_px"), [(15.0, 3), (20.0, 2), (40.0, 1)])
 def test_near_things_spread_farther_than_far_ones_at_first(depth: float, first_px: int) -> None:
     depth_m = np.zeros((70, 70), np.float32)
     depth_m[30:40, 30:40] = depth

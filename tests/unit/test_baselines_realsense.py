@@ -1,6 +1,5 @@
 """The RealSense baselines: what each filter does, and equality with librealsense itself."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -8,13 +7,9 @@ import pytest
 
 from tests.realsense_files import SoftwareCamera
 from voxdepth.baselines.realsense import (
-    EDGE,
     FILLS,
     RealSenseChain,
     RealSenseHoles,
-    TemporalFilter,
-    smooth_columns,
-    smooth_in_space,
 )
 from voxdepth.baselines.single_frame import AuthorsMax
 from voxdepth.errors import ConfigError
@@ -57,15 +52,6 @@ def moving_scene(n_frames: int) -> list[np.ndarray]:
     return frames
 
 
-# Hole filling
-
-
-def filled(name: str, depth_m: Any) -> np.ndarray:
-    image = np.array(depth_m, np.float32, order="C")
-    FILLS[name](image)
-    return image
-
-
 @pytest.mark.parametrize("fill", FILLS)
 def test_hole_filling_keeps_what_was_measured_and_says_what_it_filled(fill: Any) -> None:
     depth_m = holed(0)
@@ -78,69 +64,9 @@ def test_hole_filling_keeps_what_was_measured_and_says_what_it_filled(fill: Any)
     np.testing.assert_array_equal(result.confidence, valid + 0.5 * filled)
 
 
-def test_the_left_mode_takes_the_nearest_depth_to_the_left() -> None:
-    np.testing.assert_array_equal(filled("left", [[0, 0, 3, 0, 0, 2, 0]]), [[0, 0, 3, 3, 3, 2, 2]])
-
-
-def test_the_farthest_mode_propagates_in_raster_order_between_borders() -> None:
-    depth_m = [[0, 1, 0, 9], [0, 0, 0, 0], [5, 0, 0, 0], [0, 7, 0, 0]]
-    expected = [[0, 1, 0, 9], [0, 5, 5, 9], [5, 7, 7, 9], [0, 7, 0, 0]]
-    np.testing.assert_array_equal(filled("farthest", depth_m), expected)
-
-
-def test_the_nearest_mode_needs_a_depth_above() -> None:
-    depth_m = [[0, 4, 0, 9], [0, 0, 0, 0], [5, 0, 0, 0], [0, 2, 0, 0]]
-    expected = [[0, 4, 0, 9], [0, 4, 0, 9], [5, 2, 0, 9], [0, 2, 0, 0]]
-    np.testing.assert_array_equal(filled("nearest", depth_m), expected)
-
-
 def test_unknown_modes_are_refused() -> None:
     with pytest.raises(ConfigError, match="'right'; choose one of: left, farthest, nearest"):
         RealSenseHoles(fill="right")  # type: ignore[arg-type]
-
-
-# Spatial filter
-
-
-def test_spatial_smoothing_worked_out_by_hand() -> None:
-    column = np.array([[100], [110], [0], [50], [80], [70]], np.float32)
-    smooth_columns(column)
-    # Downwards: 110 becomes 105 and 70 becomes 75; 50 to 80 is an edge. Back: 100 meets 105, 80 meets 75.
-    np.testing.assert_array_equal(column.T, [[102.5, 105, 0, 50, 77.5, 75]])
-
-
-def test_spatial_smoothing_keeps_holes_and_steps_above_the_threshold() -> None:
-    image = holed(1)
-    smooth = smooth_in_space(image)
-    np.testing.assert_array_equal(smooth > 0, image > 0)
-    assert (smooth != image).mean() > 0.2
-    step = np.full((8, 10), 50, np.float32)
-    for difference, stays in ((EDGE, True), (EDGE - 1, False)):
-        step[:, 5:] = 50 + difference
-        assert np.array_equal(smooth_in_space(step), step) is stays
-
-
-# Temporal filter
-
-
-def pixel_through(filtered: TemporalFilter, values: Iterable[float]) -> list[float]:
-    return [filtered.smooth(np.full((1, 1), value, np.float32)).item() for value in values]
-
-
-def test_temporal_smoothing_is_a_running_mean_that_starts_anew_at_steps() -> None:
-    filtered = TemporalFilter()
-    expected = [100, 104, 102.4, 122.4, 126.4]
-    assert pixel_through(filtered, [100, 110, 100, 122.4, 132.4]) == pytest.approx(expected, rel=1e-6)
-    filtered.reset()
-    assert pixel_through(filtered, [90]) == [90]
-
-
-def test_a_hole_is_filled_while_two_of_the_last_four_frames_had_a_depth() -> None:
-    assert pixel_through(TemporalFilter(), [50] * 8 + [0] * 5)[8:] == [50, 50, 50, 0, 0]
-    assert pixel_through(TemporalFilter(), [0, 0, 50, 0]) == [0, 0, 50, 0]
-
-
-# Chain
 
 
 def test_the_chain_needs_the_baseline() -> None:
@@ -165,9 +91,6 @@ def test_the_chain_smooths_noise_and_fills_what_flickers_from_the_past() -> None
         result = chain.process(frame_of(noisy_m))
     assert np.abs(result.depth_m[1:-1, 1:] - 3).std() < 0.2 * 0.05
     assert (result.source[noisy_m == 0] == Source.INPAINTED).mean() > 0.99
-
-
-# The authors' maximum
 
 
 def test_the_authors_maximum_is_that_of_five_neighbours_of_the_median_without_the_last_row_and_column() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.baseline_frames import camera, frame, holed, scene, texture
+from tests.baseline_frames import camera, frame, scene, texture
 from voxdepth.baselines.global_smoother import MIN_WEIGHT, SIGMA_GRAY, SMOOTHNESS, STRENGTHS, GlobalSmoother
 
 
@@ -42,35 +42,6 @@ def test_recursions_solve_the_systems(shape: tuple[int, int]) -> None:
 def test_the_shares_of_the_iterations_fall_by_four_and_sum_to_half_the_smoothness() -> None:
     np.testing.assert_allclose(STRENGTHS[:-1] / STRENGTHS[1:], 4.0, rtol=1e-6)
     assert STRENGTHS.sum() == pytest.approx(SMOOTHNESS / 2)
-
-
-def test_a_hole_takes_the_side_that_looks_like_it() -> None:
-    gray = np.full((40, 60), 40, np.uint8)
-    gray[:, 35:] = 200
-    depth_m = np.full((40, 60), 2.0, np.float32)
-    depth_m[:, 35:] = 9.0
-    whole_m = depth_m.copy()
-    depth_m[:, 25:40] = 0
-    result = GlobalSmoother(camera((40, 60))).process(frame(depth_m, gray)).depth_m
-    np.testing.assert_allclose(result, whole_m, rtol=0.02)
-
-
-def test_without_guidance_a_hole_in_a_plane_of_even_disparity_is_nearly_even() -> None:
-    inverse = np.broadcast_to(np.linspace(0.1, 0.3, 60), (40, 60)).astype(np.float32)
-    depth_m = np.array(1 / inverse)
-    depth_m[15:25, 25:35] = 0
-    result = GlobalSmoother(camera((40, 60))).process(frame(depth_m)).depth_m
-    np.testing.assert_allclose(1 / result, inverse, atol=0.01)
-
-
-def test_an_offset_in_inverse_depth_passes_through() -> None:
-    inverse = np.random.default_rng(0).uniform(0.1, 0.5, (30, 40)).astype(np.float32)
-    valid, gray, baseline = holed(inverse, 1) > 0, texture(0, (30, 40)), GlobalSmoother(camera((30, 40)))
-    plain, shifted = (
-        1 / baseline.process(frame(np.where(valid, 1 / (inverse + by), 0).astype(np.float32), gray)).depth_m
-        for by in (np.float32(0), np.float32(0.25))
-    )
-    np.testing.assert_allclose(shifted, plain + 0.25, atol=1e-5)
 
 
 def test_a_hole_out_of_reach_of_all_data_takes_the_mean_disparity() -> None:

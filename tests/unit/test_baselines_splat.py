@@ -6,7 +6,6 @@ import pytest
 from tests.baseline_frames import POSE, camera, frame, scene
 from voxdepth.baselines.pose_splat import FRAMES, PoseSplat
 from voxdepth.errors import FrameError
-from voxdepth.registry import CORRECTOR_NAMES
 from voxdepth.types import FloatArray, Source
 
 SHAPE = (30, 40)
@@ -85,7 +84,3 @@ def test_the_pose_may_be_an_array_that_its_owner_uses_again() -> None:
     pose[:3, 3] = 100.0
     result = baseline.process(frame(EMPTY, index=1, T_world_cam=POSE))
     np.testing.assert_allclose(result.depth_m, scene(0, SHAPE), rtol=1e-6)
-
-
-def test_an_oracle_has_no_name_among_the_correctors() -> None:
-    assert not [name for name in CORRECTOR_NAMES if "splat" in name or "oracle" in name]

@@ -231,9 +231,11 @@ def test_a_folder_that_exists_is_not_touched(tmp_path: Path) -> None:
     assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
-def test_an_empty_folder_is_taken(whole: Path, tmp_path: Path) -> None:
-    planned().run(tmp_path, None, ignore)
+def test_an_empty_folder_is_taken_and_progress_counts_every_frame(whole: Path, tmp_path: Path) -> None:
+    told: list[int] = []
+    planned().run(tmp_path, None, told.append)
     assert contents(tmp_path) == contents(whole)
+    assert told == list(range(1, N_FRAMES + 1))
 
 
 def test_of_two_writers_of_one_folder_the_later_one_fails(tmp_path: Path) -> None:
@@ -258,12 +260,6 @@ def test_a_recording_that_fails_leaves_no_folder(tmp_path: Path) -> None:
     with pytest.raises(ToolError, match="recording"):
         planned().run(tmp_path / "out", tmp_path / "file" / "out.rrd", ignore)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_progress_counts_every_frame_in_order(tmp_path: Path) -> None:
-    told: list[int] = []
-    planned().run(tmp_path / "out", None, told.append)
-    assert told == list(range(1, N_FRAMES + 1))
 
 
 def test_depth_is_stored_in_millimetres_and_stays_valid_or_invalid() -> None:
@@ -309,15 +305,11 @@ def test_what_no_corrector_may_return_is_told(spoil: Callable[[CorrectedDepth], 
     assert fault.startswith("expected ")
 
 
-class Untimed(Whole):
-    """A corrector that measures no steps."""
-
-    def process(self, frame: Frame) -> CorrectedDepth:
-        return replace(super().process(frame), timings_s={})
-
-
 def test_a_corrector_that_measures_no_steps_reports_no_times(tmp_path: Path) -> None:
-    untimed = planned(make=Untimed)
-    report = untimed.run(tmp_path / "out", None, ignore)
+    class Untimed(Whole):
+        def process(self, frame: Frame) -> CorrectedDepth:
+            return replace(super().process(frame), timings_s={})
+
+    report = planned(make=Untimed).run(tmp_path / "out", None, ignore)
     assert "frame_s" not in report["wall"]
     assert report["wall"]["steps_s"] == {}

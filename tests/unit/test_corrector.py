@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from threading import Event, Thread
 
 import cv2
@@ -12,7 +13,6 @@ from voxdepth import (
     CorrectedDepth,
     Frame,
     Intrinsics,
-    Source,
     TemporalConfig,
     TemporalCorrector,
     VoxDepth,
@@ -94,17 +94,6 @@ def test_a_surface_is_kept_its_noise_is_not_raised_and_holes_are_filled(create: 
 
 
 @each
-def test_every_pixel_says_where_it_is_from_and_how_sure_it_is(create: Create) -> None:
-    corrector = create()
-    for frame in walk(8):
-        result = corrector.process(frame)
-        np.testing.assert_array_equal(result.source == Source.INVALID, result.depth_m == 0)
-        np.testing.assert_array_equal(result.confidence == 0, result.depth_m == 0)
-        assert result.confidence.max() <= 1
-        assert set(np.unique(result.source)) <= {int(source) for source in Source}
-
-
-@each
 def test_the_halves_together_are_the_whole(create: Create) -> None:
     whole, halves = create(), create()
     frames = walk(8)
@@ -146,7 +135,7 @@ def test_a_closed_corrector_takes_no_more_frames(create: Create) -> None:
 
 
 @each
-def test_the_input_is_neither_modified_nor_kept(create: Create) -> None:
+def test_the_input_is_neither_modified_nor_kept_and_results_are_the_callers_own(create: Create) -> None:
     kept, overwritten = create(), create()
     results = []
     for frame in walk(8):
@@ -155,9 +144,9 @@ def test_the_input_is_neither_modified_nor_kept(create: Create) -> None:
         np.testing.assert_array_equal(frame.depth_m, depth_m)
         np.testing.assert_array_equal(frame.gray, gray)
         result = overwritten.process(Frame(stamp_s=frame.stamp_s, gray=gray, depth_m=depth_m))
-        results.append((result, expected))
-        for given in (gray, depth_m):
-            given[:] = 1
+        results.append((deepcopy(result), expected))
+        for image in (gray, depth_m, result.depth_m, result.source, result.confidence):
+            image[:] = 1
     require_equal(*zip(*results, strict=True))
 
 
@@ -168,22 +157,6 @@ def test_arguments_of_other_types_are_refused_in_one_line() -> None:
         VoxDepth(CAMERA, TemporalConfig())  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="got str and"):
         TemporalCorrector("camera")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"decimation": 3},
-        {"smoothing_window_px": 4},
-        {"max_featureless_frames": -1},
-        {"window_frames": 3},
-        {"fusion": {"max_evidence": 16.0}},
-        {"odometry": {"min_tracks": 5}},
-    ],
-)
-def test_bad_configurations_of_the_default_method_are_refused(bad: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match="validation error"):
-        TemporalConfig(**bad)  # type: ignore[arg-type]
 
 
 @each

@@ -107,24 +107,12 @@ def test_images_are_matched_by_the_nearest_stamp_within_20_ms(tmp_path: Path) ->
     late_ns[2] += S // 60  # 27 ms after its depth, and 6 ms before the next, which has a nearer one or none
     gray = gray_topic(stamps_ns=late_ns)
     del gray[3]
-    with pytest.warns(UserWarning, match="1 of 5 depth images have no gray image within 20 ms and are left out"):
+    text = "1 of 5 depth images have no gray image within 20 ms and are left out: .*5 images, 30 a.*4 images, 22.5 a"
+    with pytest.warns(UserWarning, match=text):
         dataset = open_dataset(write(tmp_path, "walk.mcap", depth_topic() + gray + info_topic("/camera_info")))
     assert [dataset.header(index).stamp_ns for index in range(len(dataset))] == [STAMPS_NS[i] for i in (0, 1, 3, 4)]
     np.testing.assert_array_equal(dataset[2].gray, gray_of(2))
     np.testing.assert_array_equal(dataset[3].gray, gray_of(4))
-
-
-def test_without_stamps_the_times_of_reception_count(tmp_path: Path) -> None:
-    entries = [
-        entry._replace(fields=entry.fields | {"header": (0, "left")}, received_ns=entry.received_ns - S // 200)
-        for entry in depth_topic()
-    ]
-    with pytest.warns(
-        UserWarning, match="got 0.000000 s of message 1 after 0.000000 s of message 0: the times at which"
-    ):
-        dataset = open_dataset(write(tmp_path, "walk.db3", entries + gray_topic() + info_topic("/camera_info")))
-    assert [dataset.header(index).stamp_ns for index in range(N_FRAMES)] == STAMPS_NS
-    np.testing.assert_array_equal(dataset[4].gray, gray_of(4))
 
 
 def restamped(entries: list[Entry], stamps_ns: list[int]) -> list[Entry]:
@@ -146,16 +134,14 @@ BACK_NS = [*STAMPS_NS[:3], *(stamp - 5 * S // 60 for stamp in STAMPS_NS[3:])]
 """A clock is set back by 83 ms before the fourth image."""
 
 
-@pytest.mark.parametrize("layout", ["walk.bag", "walk.db3", "walk-mcap"])
+@pytest.mark.parametrize("layout", ["walk.bag", "walk-mcap"])
 @pytest.mark.parametrize(
     ("stamps_ns", "place"),
     [
         (BACK_NS, r"got 1700000000.140123 s of message 3 after 1700000000.190124 s of message 2"),
         (STAMPS_NS[:1] * N_FRAMES, "of message 1 after 1700000000.123457 s of message 0"),
-        ([STAMPS_NS[0], *STAMPS_NS[:1], *STAMPS_NS[2:]], "of message 1 after 1700000000.123457 s of message 0"),
-        ([*STAMPS_NS[:4], 0], "got 0.000000 s of message 4"),
     ],
-    ids=["set back", "all alike", "two alike", "a zero"],
+    ids=["set back", "all alike"],
 )
 def test_stamps_that_do_not_increase_give_way_to_the_times_of_reception(
     layout: str, stamps_ns: list[int], place: str, tmp_path: Path
@@ -169,7 +155,7 @@ def test_stamps_that_do_not_increase_give_way_to_the_times_of_reception(
         assert dataset.header(2).stamp_ns == pytest.approx(STAMPS_NS[2] + S // 200, abs=1000), "ROS 1 has microseconds"
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", ["walk.bag", "walk.db3", "walk-mcap"])
 def test_a_clock_of_the_recorder_that_is_set_back_changes_neither_order_nor_stamps(layout: str, tmp_path: Path) -> None:
     received_ns = dict(zip(STAMPS_NS, BACK_NS, strict=True))
     topics = depth_topic(), gray_topic(), info_topic("/camera_info")
@@ -183,7 +169,7 @@ def test_a_clock_of_the_recorder_that_is_set_back_changes_neither_order_nor_stam
     require_frames(dataset)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", ["walk.bag", "walk-mcap"])
 def test_a_bag_without_any_times_that_increase_is_refused_with_both_places(layout: str, tmp_path: Path) -> None:
     topics = [restamped(topic, [START_NS] * N_FRAMES) for topic in (depth_topic(), gray_topic())]
     entries = [
@@ -192,13 +178,11 @@ def test_a_bag_without_any_times_that_increase_is_refused_with_both_places(layou
         for entry in pair
     ]
     path = write_bag(tmp_path / layout, entries + info_topic("/camera_info"), layout.rsplit("-", maxsplit=1)[-1])
-    with pytest.raises(
-        DatasetError, match=r"expected stamps of /cam/depth.*message 0.*times of reception.*1700000000.140"
-    ):
+    with pytest.raises(DatasetError, match=r"expected stamps of /cam/depth.*message 0.*times of reception"):
         open_dataset(path)
 
 
-@pytest.mark.parametrize("epoch_s", [-START_NS // S, 3600, -0.5])
+@pytest.mark.parametrize("epoch_s", [-START_NS // S, -0.5])
 def test_stamps_of_two_clocks_give_way_to_the_times_of_reception(epoch_s: float, tmp_path: Path) -> None:
     gray = restamped(gray_topic(), [int(stamp + epoch_s * S) for stamp in STAMPS_NS])
     path = write(tmp_path, "walk.mcap", depth_topic() + gray + info_topic("/camera_info"))
@@ -214,27 +198,12 @@ def test_a_clock_that_is_set_forwards_is_told_and_keeps_the_order(tmp_path: Path
     require_recorded_order(dataset)
 
 
-@pytest.mark.parametrize(
-    ("period", "n_alone", "rates"), [(2, 2, "15 a second"), (3, 3, "10 a second"), (4, 3, "7.5 a")]
-)
-def test_depth_without_a_gray_image_is_counted_with_both_rates(
-    period: int, n_alone: int, rates: str, tmp_path: Path
-) -> None:
-    path = write(tmp_path, "walk.mcap", depth_topic() + gray_topic()[::period] + info_topic("/camera_info"))
-    text = f"{n_alone} of 5 depth images have no gray image within 20 ms and are left out: .*5 images, 30 a.*{rates}"
-    with pytest.warns(UserWarning, match=text):
-        assert len(open_dataset(path)) == N_FRAMES - n_alone
-
-
 def test_the_largest_difference_of_a_pair_can_be_stated(tmp_path: Path) -> None:
     gray = gray_topic(stamps_ns=[stamp + 5 * S // 1000 for stamp in STAMPS_NS])
     path = write(tmp_path, "walk.mcap", depth_topic() + gray + info_topic("/camera_info"))
     require_frames(open_dataset(path, within_s=0.006))
     with pytest.raises(DatasetError, match="within 4 ms of each other, got none among 5 and 5"):
         open_dataset(path, within_s=0.004)
-    for within_s in (-1.0, float("nan"), float("inf")):
-        with pytest.raises(ConfigError, match="within_s must be a number of seconds of at least 0"):
-            open_dataset(path, within_s=within_s)
 
 
 # Which topics belong together
@@ -254,8 +223,7 @@ def two_cameras() -> list[Entry]:
 
 
 @pytest.mark.parametrize(
-    ("depth", "camera"),
-    [("/camera/depth/image_rect_raw", CAMERA), ("/camera/aligned_depth_to_color/image_raw", OTHER)],
+    ("depth", "camera"), [("/camera/depth/image_rect_raw", CAMERA), ("/camera/aligned_depth_to_color/image_raw", OTHER)]
 )
 def test_the_gray_image_is_that_of_the_camera_of_the_depth(depth: str, camera: Intrinsics, tmp_path: Path) -> None:
     path = write(tmp_path, "walk.mcap", two_cameras())
@@ -276,9 +244,7 @@ def test_the_gray_image_is_that_of_the_camera_of_the_depth(depth: str, camera: I
 def test_a_gray_image_of_another_camera_is_taken_only_if_it_is_named(tmp_path: Path) -> None:
     path = write(tmp_path, "walk.mcap", two_cameras())
     named = {"depth_topic": "/camera/depth/image_rect_raw", "gray_topic": "/camera/infra2/image_rect_raw"}
-    with pytest.warns(
-        UserWarning, match=r"infra2/image_rect_raw of .* is taken although it is that of the right camera"
-    ):
+    with pytest.warns(UserWarning, match=r"infra2/image_rect_raw of .* is taken although it is that of the right"):
         dataset = open_dataset(path, **named)
     require_frames(dataset, [0])
     for options in ({"depth_topic": "/none"}, named | {"gray_topic": "/none"}):
@@ -307,20 +273,15 @@ def test_a_colour_image_in_another_coordinate_frame_belongs_to_no_depth_that_is_
         open_dataset(write(tmp_path, "other.mcap", depth + colour + its_own))
 
 
-def test_the_right_camera_of_a_pair_gives_its_baseline_and_no_image(tmp_path: Path) -> None:
-    right = gray_topic("/cam/right/image_rect") + info_topic("/cam/right/camera_info", baseline_m=0.06)
-    dataset = open_dataset(write(tmp_path, "walk.bag", whole() + right))
-    require_camera(dataset, CAMERA, 0.06)
-    require_frames(dataset, [0])
-
-
-def test_another_stereo_pair_gives_no_baseline(tmp_path: Path) -> None:
+def test_the_right_camera_of_the_pair_gives_its_baseline_and_another_pair_none(tmp_path: Path) -> None:
     ours = depth_topic("/robot/cam/depth/image") + gray_topic("/robot/cam/left/image")
     entries = ours + info_topic("/robot/cam/depth/camera_info") + info_topic("/robot/cam/left/camera_info")
     other = info_topic("/robot/stereo/right/camera_info", baseline_m=0.24)
     assert open_dataset(write(tmp_path, "walk.mcap", entries + other)).intrinsics.baseline_m is None
-    right = info_topic("/robot/cam/right/camera_info", baseline_m=0.06)
-    require_camera(open_dataset(write(tmp_path, "pair.mcap", entries + other + right)), CAMERA, 0.06)
+    right = gray_topic("/robot/cam/right/image") + info_topic("/robot/cam/right/camera_info", baseline_m=0.06)
+    dataset = open_dataset(write(tmp_path, "pair.mcap", entries + other + right))
+    require_camera(dataset, CAMERA, 0.06)
+    require_frames(dataset, [0])
 
 
 def test_the_right_image_of_realsense_is_not_taken_for_the_left_one(tmp_path: Path) -> None:
@@ -341,9 +302,7 @@ def test_several_gray_images_of_one_camera_are_listed(tmp_path: Path) -> None:
 REALSENSE = "camera_depth_optical_frame", "camera_infra1_optical_frame"
 
 
-@pytest.mark.parametrize(
-    "ids", [REALSENSE, ("/cam_link", "cam_left"), ("Depth", "Infrared1"), ("", "rear"), ("front", "")]
-)
+@pytest.mark.parametrize("ids", [REALSENSE, ("/cam_link", "cam_left"), ("", "rear")])
 def test_names_of_coordinate_frames_that_may_be_of_one_camera_are_accepted(
     ids: tuple[str, str], tmp_path: Path
 ) -> None:
@@ -351,9 +310,7 @@ def test_names_of_coordinate_frames_that_may_be_of_one_camera_are_accepted(
     assert len(open_dataset(write(tmp_path, "walk.mcap", entries))) == N_FRAMES
 
 
-@pytest.mark.parametrize(
-    "ids", [("cam0", "cam1"), ("front_left", "rear_left"), (REALSENSE[0], "camera_infra2_optical_frame")]
-)
+@pytest.mark.parametrize("ids", [("cam0", "cam1"), (REALSENSE[0], "camera_infra2_optical_frame")])
 @pytest.mark.parametrize("has_own_info", [True, False])
 def test_a_gray_image_in_the_frame_of_another_camera_is_told(
     ids: tuple[str, str], has_own_info: bool, tmp_path: Path
@@ -367,7 +324,7 @@ def test_a_gray_image_in_the_frame_of_another_camera_is_told(
         open_dataset(path, gray_topic=GRAY)
 
 
-@pytest.mark.parametrize("name", ["image_raw", "image", "image_color", "image_raw/compressed"])
+@pytest.mark.parametrize("name", ["image_raw", "image_raw/compressed"])
 def test_images_that_are_distorted_are_not_taken_for_rectified_ones(name: str, tmp_path: Path) -> None:
     raw = gray_topic(f"/cam/left/{name}")
     if "compressed" in name:
@@ -442,11 +399,7 @@ def test_a_bag_without_camera_info_needs_a_calibration(tmp_path: Path) -> None:
         open_dataset(path)
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [OTHER, replace(CAMERA, cx_px=4.5), replace(CAMERA, width_px=16, height_px=12), replace(CAMERA, fy_px=9.5)],
-    ids=["zoom", "centre", "size", "one axis"],
-)
+@pytest.mark.parametrize("changed", [OTHER, replace(CAMERA, width_px=16, height_px=12)], ids=["zoom", "size"])
 @pytest.mark.parametrize("topic", ["/cam/depth/camera_info", "/cam/left/camera_info"])
 def test_a_camera_that_changes_is_refused_with_the_message_and_a_calibration_overrules_it(
     changed: Intrinsics, topic: str, tmp_path: Path
@@ -458,9 +411,7 @@ def test_a_camera_that_changes_is_refused_with_the_message_and_a_calibration_ove
         "walk.mcap",
         depth_topic() + gray_topic() + kept + info_topic(topic)[:3] + info_topic(topic, changed)[3:],
     )
-    with pytest.raises(
-        DatasetError, match=rf"message 3 of {topic} .* describes another camera than before, .*: cut the bag"
-    ):
+    with pytest.raises(DatasetError, match=rf"message 3 of {topic} .* describes another camera than before"):
         open_dataset(path)
     (tmp_path / "calibration.toml").write_text(CALIBRATION)
     require_frames(open_dataset(path))
@@ -543,13 +494,11 @@ def test_compressed_depth_that_cannot_be_decoded_is_named(tmp_path: Path) -> Non
     depth = [compressed(bytes(12) + b"RVL", "16UC1; compressedDepth rvl", (t, "left")) for t in STAMPS_NS]
     entries = images(f"{DEPTH}/compressedDepth", depth, "CompressedImage")
     dataset = open_dataset(write(tmp_path, "walk.mcap", entries + gray_topic() + info_topic("/camera_info")))
-    with pytest.raises(
-        DatasetError, match=r"message 0 of .*compressedDepth .*only whole PNG, TIFF and JPEG are read, neither RVL"
-    ):
+    with pytest.raises(DatasetError, match=r"message 0 of .*compressedDepth .*only whole PNG, TIFF and JPEG are read"):
         dataset[0]
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
+@pytest.mark.parametrize("share", [0.0, 0.5])
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_bag_that_was_cut_is_found_when_it_is_opened(layout: str, share: float, tmp_path: Path) -> None:
     path = write(tmp_path, layout, whole())
@@ -565,7 +514,7 @@ def test_an_image_that_is_sent_twice_counts_once(tmp_path: Path) -> None:
     require_frames(open_dataset(write(tmp_path, "walk.bag", depth_topic(stamps_ns=STAMPS_NS[:1]) + whole())))
 
 
-@pytest.mark.parametrize("format", ["png", "", "16UC1; png compressed ", "depth; png"])
+@pytest.mark.parametrize("format", ["", "16UC1; png compressed "])
 @pytest.mark.parametrize("has_header", [False, True])
 def test_a_png_of_16_bits_is_depth_whatever_it_is_called(format: str, has_header: bool, tmp_path: Path) -> None:
     made = [compressed(bytes(12 * has_header) + png(depth_of(i)), format, (t, "left")) for i, t in enumerate(STAMPS_NS)]
@@ -573,7 +522,7 @@ def test_a_png_of_16_bits_is_depth_whatever_it_is_called(format: str, has_header
     require_frames(open_dataset(write(tmp_path, "walk.mcap", entries)))
 
 
-@pytest.mark.parametrize("profile", ["ros1", "json", "prot", "    "])
+@pytest.mark.parametrize("profile", ["ros1", "    "])
 @pytest.mark.parametrize("layout", ["walk.mcap", "walk-mcap"])
 def test_an_mcap_file_of_another_profile_is_named_and_not_called_damaged(
     profile: str, layout: str, tmp_path: Path
@@ -594,12 +543,6 @@ def test_bags_that_are_compressed_by_messages_or_files_are_read(plugin: str, mod
     require_frames(open_dataset(path))
     if mode == "message":
         require_frames(open_dataset(next(path.glob("walk.*"))))
-
-
-def test_times_that_make_no_frames_are_refused(tmp_path: Path) -> None:
-    entries = gray_topic(stamps_ns=[t + 50 * S for t in STAMPS_NS]) + depth_topic()
-    with pytest.raises(DatasetError, match=r"within 20 ms of each other"):
-        open_dataset(write(tmp_path, "walk.mcap", entries + info_topic("/camera_info")))
 
 
 def test_topics_are_for_bags_alone(tmp_path: Path) -> None:

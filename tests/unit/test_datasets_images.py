@@ -13,14 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.datasets import images
-from voxdepth.datasets.images import (
-    image_shape,
-    read_depth,
-    read_depth_16,
-    read_depth_raw,
-    read_gray,
-    read_mask,
-)
+from voxdepth.datasets.images import image_shape, read_depth, read_depth_16, read_depth_raw, read_gray, read_mask
 from voxdepth.errors import DatasetError
 
 SHAPE = (6, 8)
@@ -73,12 +66,6 @@ def test_gray_reads_back_exactly_and_colour_as_opencv_makes_it_gray(tmp_path: Pa
     assert np.array_equal(read_gray(written(tmp_path, GRAY), SHAPE), GRAY)
     gray = read_gray(written(tmp_path, COLOUR), SHAPE)
     assert gray.dtype == np.uint8 and np.array_equal(gray, cv2.cvtColor(COLOUR, cv2.COLOR_BGR2GRAY))
-
-
-@pytest.mark.parametrize("image", [GRAY, COLOUR])
-def test_a_jpeg_is_gray_within_what_compression_costs(tmp_path: Path, image: Any) -> None:
-    smooth = np.full_like(image, 100)
-    assert np.abs(read_gray(written(tmp_path, smooth, ".jpg"), SHAPE).astype(int) - 100).max() <= 1
 
 
 @pytest.mark.parametrize("image", [DEPTH_M, DEPTH_16])
@@ -163,11 +150,6 @@ def test_a_header_that_is_cut_short_is_refused_or_right(
     assert shape_or_none(tmp_path_factory.getbasetemp() / "cut", cut) in (None, SHAPE)
 
 
-def test_colour_of_sixteen_bits_is_not_gray(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="expected a gray or colour image of 8 bits"):
-        read_gray(written(tmp_path, COLOUR.astype(np.uint16) * 257), SHAPE)
-
-
 @pytest.mark.parametrize("make", [huge_png, huge_jpeg])
 def test_an_image_that_claims_to_be_huge_is_never_decoded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[], bytes]
@@ -190,14 +172,12 @@ def test_an_image_of_another_size_is_never_decoded(tmp_path: Path, monkeypatch: 
 
 @pytest.mark.parametrize("image", [GRAY, COLOUR, COLOUR.astype(np.uint16)])
 def test_depth_of_eight_bits_or_several_channels_is_refused(tmp_path: Path, image: Any) -> None:
-    with pytest.raises(
-        DatasetError, match=r"expected depth as a PNG of 16 bits in 1 channel in .*image\.png, got a PNG"
-    ):
+    with pytest.raises(DatasetError, match=r"expected depth as a PNG of 16 bits in 1 channel in .*image\.png"):
         read_depth_16(written(tmp_path, image), SHAPE)
 
 
 def test_a_gray_image_of_sixteen_bits_or_with_transparency_is_refused(tmp_path: Path) -> None:
-    for image in (DEPTH_16, np.dstack([COLOUR, GRAY])):
+    for image in (DEPTH_16, COLOUR.astype(np.uint16) * 257, np.dstack([COLOUR, GRAY])):
         with pytest.raises(DatasetError, match="expected a gray or colour image of 8 bits"):
             read_gray(written(tmp_path, image), SHAPE)
 

@@ -126,9 +126,7 @@ def test_several_trajectories_are_listed_and_none_is_an_error(tmp_path: Path) ->
     write_colour(tmp_path, 0)
     write_float16(depth_path(tmp_path, "depth", 0), 1.0)
     (tmp_path / "color_left/trajectory_0004").mkdir()
-    with pytest.raises(
-        DatasetError, match=r"exactly one trajectory in .*color_left, got trajectory_0003, trajectory_0004"
-    ):
+    with pytest.raises(DatasetError, match=r"exactly one trajectory in .*color_left, got trajectory_0003"):
         open_dataset(tmp_path)
     for path in (tmp_path / "color_left").iterdir():
         path.rename(tmp_path / path.name)

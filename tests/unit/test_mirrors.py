@@ -28,8 +28,7 @@ def seen(*bodies: Body, at: Camera | None = None) -> Images:
         return create_renderer("raster", world).render([at or camera_at(0, 0, 0)])[0]
 
 
-@pytest.mark.parametrize("behind_m", [1.0, 4.0])
-@pytest.mark.parametrize("reflectivity", [0.6, 1.0])
+@pytest.mark.parametrize(("behind_m", "reflectivity"), [(1.0, 1.0), (4.0, 0.6)])
 def test_a_stereo_camera_measures_the_mirror_image(behind_m: float, reflectivity: float) -> None:
     config = RigConfig(width_px=640, height_px=360, mount_forward_m=0.0)
     pose = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))

@@ -54,7 +54,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def test_a_flight_is_drawn_with_or_without_a_recording(folders: list[Path], tmp_path: Path) -> None:
     assert not (folders[0] / "run.rrd").exists()
-    flown = run("forest")
+    flown = run("corridor")
     draw_flight(tmp_path / "map.png", flown, fly(flown))
     for path in (folders[0] / "flight.png", tmp_path / "map.png"):
         image = cv2.imread(str(path))

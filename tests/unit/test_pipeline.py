@@ -29,8 +29,44 @@ from voxdepth import TemporalCorrector, VoxDepth
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
 from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
+from voxdepth.pipeline import Channel, CorrectionPipeline
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
+
+
+def test_what_is_in_a_channel_outlives_its_end_and_not_its_closing() -> None:
+    ended, closed = Channel[int](3), Channel[int](3)
+    for channel in (ended, closed):
+        assert all(channel.put(i) for i in range(3))
+    ended.end(BROKEN)
+    closed.close()
+    assert (list(ended), ended.error) == ([0, 1, 2], BROKEN)
+    assert (list(closed), closed.error) == ([], None)
+    closed.end(BROKEN)
+    ended.close()
+    assert closed.error is ended.error is None
+    assert not ended.put(4)
+    assert not closed.put(4)
+
+
+def test_a_full_channel_makes_the_giver_wait_and_closing_lets_it_go() -> None:
+    channel = Channel[int](1)
+    given: list[bool] = []
+    giver = threading.Thread(target=lambda: given.extend(channel.put(i) for i in range(3)))
+    giver.start()
+    assert next(channel) == 0
+    time.sleep(0.01)
+    assert giver.is_alive()
+    channel.close()
+    giver.join()
+    assert given == [True, True, False]
+
+
+def test_a_mailbox_keeps_the_newest() -> None:
+    mailbox = Channel[int](1, latest=True)
+    assert all(mailbox.put(i) for i in range(5))
+    mailbox.end()
+    assert (list(mailbox), mailbox.dropped) == ([4], 4)
+
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=90, hfov_deg=86, baseline_m=0.095)
 SHORT_EPOCHS = VoxDepthConfig().model_copy(update={"window_frames": 3, "max_epoch_frames": 2, "fusion_lag_frames": 2})
@@ -146,11 +182,6 @@ def test_no_more_is_read_ahead_than_the_stages_and_queues_hold(
                 time.sleep(0.001)
             time.sleep(0.01)
             assert n_read == n_delivered + most
-
-
-def test_the_halves_are_a_protocol_that_a_corrector_has_or_has_not() -> None:
-    assert isinstance(Staged(), StagedCorrector)
-    assert not isinstance(Whole(), StagedCorrector)
 
 
 def test_each_delivered_frame_has_a_latency_that_counts_all_stages() -> None:

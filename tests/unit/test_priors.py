@@ -13,7 +13,7 @@ from sim import frames
 from sim.seeds import Purpose
 from sim.types import Capture
 from swarm.neighbours import Detector, DetectorConfig
-from swarm.perception import Perception, frame_of
+from swarm.perception import Perception
 from swarm.priors import Localisation, LocalisationConfig, Odometry, PosePriorConfig, PosePriorName, pose_for_corrector
 from swarm.recorder import Recorder
 from tests.helpers import CAMERA
@@ -165,9 +165,6 @@ class TestInFlight:
             np.testing.assert_array_equal(poses, believed(Odometry(DRIFT, seed=0, drone=0), seen))
             assert 0 < np.abs(poses[1] - seen[1].T_world_cam).max() < 0.5
 
-    def test_a_frame_has_no_pose_of_its_own(self) -> None:
-        assert frame_of(capture()).T_world_cam is None
-
     def test_a_drifting_prior_disturbs_nothing_else(self) -> None:
         results = [flown(planned(kind)) for kind in ("none", "drift")]
         assert results[0].result.metrics == results[1].result.metrics
@@ -223,13 +220,13 @@ def test_a_drone_whose_localisation_drifts_flies_beside_its_goal() -> None:
     """It arrives where it believes the goal to be; the mission judges by the truth."""
     changes = {
         "mission.drones": 1, "rig.depth": "truth", "corrector": "raw", "rig.width_px": 96, "rig.height_px": 54,
-        "rig.decimate": 1, "mission.duration_s": 20.0, "mission.routes": [{"goal_m": [2.0, 0.0, 6.0]}],
+        "rig.decimate": 1, "mission.duration_s": 8.0, "mission.routes": [{"goal_m": [-3.0, 0.0, 6.0]}],
         "mission.goal_radius_m": 0.3,
     }  # fmt: skip
     ends_m = []
     for drift in (0.0, 0.5):
         run = load_run("city", 5, {**changes, "mission.localisation.drift_m_per_sqrt_s": drift})
         with flying(run, Recorder(), recorded=False, threads=1) as mission:
-            ends_m.append(mission.run().trajectories[0].position_m[-1] - [2.0, 0.0, 6.0])
-    assert np.linalg.norm(ends_m[0]) < 0.31
-    assert np.linalg.norm(ends_m[1]) > 0.31
+            ends_m.append(mission.run().trajectories[0].position_m[-1] - [-3.0, 0.0, 6.0])
+    assert np.linalg.norm(ends_m[0]) < 0.35
+    assert np.linalg.norm(ends_m[1]) > 0.35

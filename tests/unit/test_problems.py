@@ -14,7 +14,7 @@ from swarm.errors import MissionError
 from tests.studies import arm, study
 from voxdepth.datasets.files import WANTED, intrinsics_from
 from voxdepth.errors import ConfigError, DatasetError
-from voxdepth.registry import require_known, resolve_config
+from voxdepth.registry import resolve_config
 
 SCENARIO = """name = "mine"
 renderer = "rater"
@@ -69,11 +69,7 @@ def record_mine(path: str) -> Any:
                 "got 'citty' (did you mean city?)",
             ],
         ),
-        (
-            record_mine,
-            SEQUENCE,
-            ["unknown key 'flight.secnds'", "rig.width_px: expected a whole number, got 'wide'"],
-        ),
+        (record_mine, SEQUENCE, ["unknown key 'flight.secnds'", "rig.width_px: expected a whole number, got 'wide'"]),
         (
             load_study,
             STUDY,
@@ -112,17 +108,13 @@ def test_all_problems_of_the_settings_of_a_corrector_are_told_at_once() -> None:
 
 
 def test_a_learning_task_is_refused_in_the_same_words() -> None:
-    with pytest.raises(
-        MissionError, match=r"2 problems: unknown key 'misson' \(did you mean mission\?\); renderer: exp"
-    ):
+    with pytest.raises(MissionError, match=r"2 problems: unknown key 'misson' \(did you mean mission\?\); renderer"):
         LeaderFollowerEnv(misson={}, renderer="x")
 
 
 def test_all_arms_that_set_what_a_scenario_does_not_take_are_told_at_once() -> None:
     wrong = [arm("a", changes={"mission.drons": 2}), arm("b"), arm("c", changes={"rig.rate_hz": 0.0})]
-    with pytest.raises(
-        ScenarioError, match=r"arm 'a': .*mean mission\.drones .*; arm 'c': .*rate_hz: expected more than 0"
-    ):
+    with pytest.raises(ScenarioError, match=r"arm 'a': .*mean mission\.drones .*; arm 'c': .*rate_hz: expected more"):
         expand(study(*wrong))
 
 
@@ -156,9 +148,3 @@ def test_a_calibration_says_what_it_lacks_with_the_lines_to_paste(
     assert told in str(error.value)
     lines = getattr(error.value, "__notes__", [])
     assert [line.split(" = ")[0] for line in lines] == [name for name in WANTED if name not in values][:missing]
-
-
-@pytest.mark.parametrize(("wrong", "meant"), [("temproal", "temporal"), ("medain", "median"), ("ip_basic", "ip-basic")])
-def test_a_mistyped_corrector_is_told_with_the_one_that_was_meant(wrong: str, meant: str) -> None:
-    with pytest.raises(ConfigError, match=rf"there is no corrector '{wrong}' \(did you mean {meant}"):
-        require_known(wrong)

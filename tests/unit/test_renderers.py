@@ -96,17 +96,17 @@ def test_rasterising_and_ray_casting_show_the_same(spec: SceneSpec) -> None:
     scene = spec.build(3)
     rng = np.random.default_rng(0)
     with World(scene, scene.path_m[len(scene.path_m) // 2][None] + [0.0, 0.0, 2.5]) as world:
-        places_m = scene.path_m[rng.integers(len(scene.path_m), size=30)] + rng.uniform(
-            (0, -6, 0.1), (0, 6, 6), (30, 3)
+        places_m = scene.path_m[rng.integers(len(scene.path_m), size=16)] + rng.uniform(
+            (0, -6, 0.1), (0, 6, 6), (16, 3)
         )
-        angles = rng.uniform((-0.5, -0.4, -3.1), (0.5, 0.4, 3.1), (30, 3))
+        angles = rng.uniform((-0.5, -0.4, -3.1), (0.5, 0.4, 3.1), (16, 3))
         cameras = [
             camera_at(*at_m, quaternion(*angle), CAMERA)
             for at_m, angle in zip(places_m, angles, strict=True)
             if world.clearance_at_m(at_m.tolist()) > 0.05 and not is_inside(world, at_m)
         ]
         drawn, cast = (create_renderer(name, world).render(cameras) for name in ("raster", "raycast"))
-    assert len(cameras) >= 10, "hardly any view is outside of bodies"
+    assert len(cameras) >= 5, "hardly any view is outside of bodies"
     for a, b in zip(drawn, cast, strict=True):
         same = a.segment_id == b.segment_id
         assert same.mean() > 0.9995
@@ -236,11 +236,14 @@ def test_egl_agrees_where_it_works_as_far_as_its_16_bits_of_depth_reach() -> Non
 
 
 def test_without_egl_the_renderer_is_refused_instead_of_ending_the_process() -> None:
-    code = EGL_CHECK.split("    for _ in range", maxsplit=1)[0]
+    code = (
+        "import numpy as np\nfrom sim.bodies import Scene\nfrom sim.render import create_renderer\n"
+        "from sim.world import World\ncreate_renderer('egl', World(Scene(seed=0, bodies=()), np.zeros((0, 3))))"
+    )
     nowhere = {**os.environ, "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent", "LD_LIBRARY_PATH": ""}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=nowhere)
-    assert done.returncode == 0, done.stderr
-    assert "MISSING the renderer 'egl' does not work here: install" in done.stdout
+    assert done.returncode == 1
+    assert "RenderError: the renderer 'egl' does not work here: install" in done.stderr
 
 
 def test_textures_are_the_same_from_both_sides_of_a_baseline() -> None:

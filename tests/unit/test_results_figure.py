@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from voxdepth.tools.figure import PANEL_IN, log_scale, panel_figure
 
 
-@pytest.mark.parametrize("high", [1.1, 1.6, 4.0, 40.0, 999.0, 3e4, 3e8])
+@pytest.mark.parametrize("high", [1.1, 4.0, 999.0, 3e8])
 def test_numbers_of_a_logarithmic_axis_are_plain_and_do_not_touch(high: float) -> None:
     figure = Figure(figsize=(3.6, 3.0), layout="constrained")
     axes = figure.subplots()

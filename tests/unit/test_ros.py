@@ -128,12 +128,6 @@ def test_floats_in_millimetres_are_asked_about_and_read_if_they_are_stated() -> 
     np.testing.assert_array_equal(depth_of(floats, 1000), expected_m)
 
 
-def test_a_saturated_depth_is_none() -> None:
-    stored = np.where(np.eye(*SHAPE) > 0, 65535, 1500).astype(np.uint16)
-    for sent in (an_image(stored, "16UC1"), a_compressed(bytes(12) + png(stored), "16UC1; compressedDepth png")):
-        np.testing.assert_array_equal(depth_of(sent), np.where(np.eye(*SHAPE) > 0, 0, np.float32(1.5)))
-
-
 def test_a_png_of_depth_without_a_header_is_read() -> None:
     np.testing.assert_array_equal(
         depth_of(a_compressed(png(UNITS), "16UC1; png compressed ")), UNITS / np.float32(1000)

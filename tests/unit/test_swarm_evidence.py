@@ -98,15 +98,6 @@ def test_rays_go_through_the_middle_of_the_pixels_of_their_cell() -> None:
         np.testing.assert_allclose(slope, (middle_px - centre_px) / focal_px, atol=1e-6)
 
 
-def test_doubt_warns_and_proves_nothing() -> None:
-    free_m, surface_m = evidence(flat(2.0), confidence=0.2)
-    assert not free_m.any()
-    assert np.isfinite(surface_m).all()
-    free_m, surface_m = evidence(flat(2.0), confidence=0.05)
-    assert not free_m.any()
-    assert np.isinf(surface_m).all()
-
-
 def test_the_least_confidence_is_enough() -> None:
     """More likely right than not is what is trusted, and a bound belongs to what it allows."""
     for confidence, is_trusted in ((0.4999, False), (0.5, True)):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
@@ -119,20 +119,19 @@ def wall_at(x_m: float) -> View:
 @pytest.mark.parametrize(
     ("seen", "wanted"),
     [
-        *((HOLES, wanted) for wanted in ((3, 0, 0), (-0.4, 0, 0), (-3, 0, 0), (0, 3, 0), (2, -2, 0), (0, 0, 1))),
+        *((HOLES, wanted) for wanted in ((3, 0, 0), (-0.4, 0, 0), (2, -2, 0), (0, 0, 1))),
         (DOUBT, (3, 0, 0)),
-        (DOUBT, (0, 0.4, 0)),
         (LYING, (3, 0, 0)),
     ],
 )
 def test_nobody_flies_into_the_unknown(seen: CorrectedDepth, wanted: tuple[float, float, float]) -> None:
-    flight = Flight(always(seen)).flies(wanted, 8.0)
+    flight = Flight(always(seen)).flies(wanted, 6.0)
     assert flight.farthest_m < START_M - RADIUS_M
 
 
 def test_a_drone_that_is_pushed_to_and_fro_does_not_creep_into_the_unknown() -> None:
     flight = Flight(always(HOLES))
-    for k in range(30):
+    for k in range(15):
         flight.flies((0.4, 0.8 * (-1) ** k, 0), 1.0)
     assert flight.farthest_m < START_M - RADIUS_M
 
@@ -149,7 +148,7 @@ def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_
 
 def test_a_drone_that_is_interrupted_while_it_looks_around_blacklists_what_is_unknown() -> None:
     flight = Flight(always(HOLES))
-    for _ in range(6):
+    for _ in range(4):
         flight.flies((2, 0, 0), 4.9).flies((0, 0, 0), 0.1)
     costs = flight.decisions[-1].view
     assert isinstance(costs, CostMap)
@@ -174,7 +173,7 @@ def test_a_drone_flies_to_a_wall_that_it_sees_and_stops_before_it() -> None:
 FAR = image(flat(40.0))
 
 
-@pytest.mark.parametrize("n_false", [2, 3, 5, 8])
+@pytest.mark.parametrize("n_false", [2, 8])
 def test_a_few_false_images_and_then_holes_do_not_carry_a_drone_away(n_false: int) -> None:
     """The images show free space to 40 m, and then nothing any more."""
     images = iter([FAR] * n_false + [HOLES] * 100)
@@ -219,9 +218,7 @@ def bar_of_holes(x_m: float, low_m: float, high_m: float) -> View:
     return view
 
 
-@pytest.mark.parametrize(
-    ("middle_m", "height_m"), [*((m, 0.2) for m in (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)), (-0.3, 0.4), (0.1, 0.4)]
-)
+@pytest.mark.parametrize(("middle_m", "height_m"), [(-0.3, 0.2), (0.0, 0.2), (0.3, 0.2), (0.1, 0.4)])
 def test_a_bar_without_depth_stops_a_drone(middle_m: float, height_m: float) -> None:
     flight = Flight(bar_of_holes(6.0, middle_m - height_m / 2, middle_m + height_m / 2)).flies((3, 0, 0), 6.0)
     assert flight.position_m[0] < 6.0 - RADIUS_M
@@ -237,14 +234,13 @@ def test_a_drone_that_is_held_at_a_wall_while_its_odometry_drifts_does_not_touch
     assert np.array(flight.path_m)[:, 0].max() < 4.0 - RADIUS_M
 
 
-@pytest.mark.parametrize("climb_m_s", [1.0, 0.5, -0.5, -1.0])
+@pytest.mark.parametrize("climb_m_s", [0.5, -1.0])
 def test_a_drone_climbs_and_descends_where_it_sees(climb_m_s: float) -> None:
     target_m = np.array([40.0, 0.0, 20 * climb_m_s])
     flight = Flight(always(image(flat(9.0)))).flies((2, 0, climb_m_s), 6.0, target_m)
     assert flight.position_m[2] * np.sign(climb_m_s) > 0.7
 
 
-@settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_no_command_approaches_another_drone_faster_than_allowed(seed: int) -> None:
     """One drone above or below, which may not be climbed away from, and two beside, in space that is not free."""
@@ -347,7 +343,6 @@ def random_costs(seed: int) -> CostMap:
     return CostMap(state, np.array([-10.0, -10.0]), RADIUS_M + 0.3, MapConfig())
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 10**6), angle=st.floats(0, 2 * np.pi), speed=st.floats(0, 4), turns=st.integers(0, 5))
 def test_it_stops_within_free_space_on_any_map(seed: int, angle: float, speed: float, turns: int) -> None:
     """Whatever velocity is asked for, and however that changes, the body stays in cells that are free."""

@@ -41,17 +41,11 @@ def order_of(*velocities: tuple[float, float, float]) -> float:
 
 
 class TestOrder:
-    def test_all_the_same_way_is_1_however_fast(self) -> None:
-        assert order_of((1, 2, 0), (2, 4, 0), (0.5, 1, 0)) == pytest.approx(1)
-
-    def test_two_opposite_ways_are_0(self) -> None:
+    def test_it_is_the_length_of_the_mean_direction_of_those_that_fly(self) -> None:
+        assert order_of((1, 2, 0), (2, 4, 0), (0.5, 1, 0)) == pytest.approx(1), "however fast"
         assert order_of((2, 0, 0), (-0.5, 0, 0)) == pytest.approx(0)
-
-    def test_a_right_angle_is_between(self) -> None:
         assert order_of((1, 0, 0), (0, 3, 0)) == pytest.approx(np.sqrt(0.5))
-
-    def test_those_that_stand_have_no_say(self) -> None:
-        assert order_of((1, 0, 0), (2, 0, 0), (-0.05, 0, 0)) == pytest.approx(1)
+        assert order_of((1, 0, 0), (2, 0, 0), (-0.05, 0, 0)) == pytest.approx(1), "who stands has no say"
         assert order_of((1, 0, 0), (0, 0, 0), (0, 0, 0)) == 1
 
     def test_two_swarms_that_cross_are_each_in_order(self) -> None:

@@ -2,18 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm.braking import BrakingConfig
-from swarm.nearby import (
-    ApproachLimits,
-    NearbyConfig,
-    clamp_to_limits,
-    level_limits,
-    neighbour_limits,
-    shortened,
-)
+from swarm.nearby import ApproachLimits, NearbyConfig, clamp_to_limits, level_limits, neighbour_limits, shortened
 from tests.swarm_scenes import FORWARD, RADIUS_M, near, turn
 
 CONFIG, BRAKING = NearbyConfig(), BrakingConfig()
@@ -39,6 +32,7 @@ class TestNeighbourLimits:
         moving = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (2, 0, 0))), CONFIG, BRAKING, RADIUS_M)
         assert clamp_to_limits(2 * FORWARD, moving)[0] == pytest.approx(2.0)
 
+    @settings(max_examples=15)
     @given(st.floats(1.0, 4.0), st.floats(0.5, 3.5))
     def test_one_that_brakes_is_not_run_into(self, gap_m: float, speed_m_s: float) -> None:
         """A drone follows another one, which then stops with 2.5 m/s^2; its velocity follows its commands."""
@@ -60,6 +54,13 @@ class TestNeighbourLimits:
     def test_one_that_comes_nearer_is_fled(self) -> None:
         coming = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (-1, 0, 0))), CONFIG, BRAKING, RADIUS_M)
         assert clamp_to_limits(np.zeros(3), coming)[0] == pytest.approx(-1.0)
+
+    def test_one_that_comes_nearer_counts_where_it_is_when_a_command_takes_effect(self) -> None:
+        late, there = (
+            neighbour_limits(np.zeros(3), near(((x, 0, 0), (-1, 0, 0))), CONFIG, BRAKING, RADIUS_M, response_s=s)
+            for x, s in ((4.0, 0.5), (3.5, 0.0))
+        )
+        np.testing.assert_allclose(late.speed_m_s, there.speed_m_s)
 
     def test_the_far_do_not_matter(self) -> None:
         other = near(((CONFIG.drone_radius_m + 0.1, 0, 0), (-9, 0, 0)))
@@ -112,9 +113,6 @@ class TestShortened:
 
 
 class TestRestrain:
-    def test_without_limits_nothing_changes(self) -> None:
-        np.testing.assert_array_equal(clamp_to_limits(FORWARD, ApproachLimits(np.empty((0, 3)), np.empty(0))), FORWARD)
-
     @given(SEEDS)
     def test_what_keeps_all_limits_is_left_alone(self, seed: int) -> None:
         _, limits, allowed_m_s = compatible(seed)

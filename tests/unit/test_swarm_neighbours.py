@@ -138,3 +138,12 @@ def test_the_mirrored_situation_gives_the_mirrored_neighbours(seed: int) -> None
     np.testing.assert_array_equal(around[0].drone, around[1].drone)
     np.testing.assert_allclose(around[0].position_m * MIRROR, around[1].position_m, atol=1e-9)
     np.testing.assert_allclose(around[0].velocity_m_s * MIRROR, around[1].velocity_m_s)
+
+
+def test_neighbours_of_a_swarm_are_those_with_its_numbers() -> None:
+    motions = {i: Motion(np.full(3, float(i)), np.full(3, -float(i))) for i in (1, 3, 4, 6)}
+    some = neighbours_of(motions).among(range(3, 6))
+    np.testing.assert_array_equal(some.drone, [3, 4])
+    np.testing.assert_array_equal(some.position_m, [[3, 3, 3], [4, 4, 4]])
+    np.testing.assert_array_equal(some.velocity_m_s, [[-3, -3, -3], [-4, -4, -4]])
+    assert len(neighbours_of(motions)) == 4

@@ -172,6 +172,8 @@ class TestDroppingOut:
         starts_m[:] = np.nan
         assert conditions.check(3.9, starts_m, (HIT,)) is None
         assert conditions.check(4.0, starts_m, (HIT,)) is Outcome.COLLISION
+        assert conditions.check(4.8, starts_m, (HIT, LATER)) is None, "that of the last contact"
+        assert conditions.check(4.9, starts_m, (HIT, LATER)) is Outcome.COLLISION
 
     def test_another_swarm_flies_on_without_it(self) -> None:
         conditions, starts_m = self.flight(2)

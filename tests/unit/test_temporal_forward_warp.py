@@ -78,19 +78,6 @@ def test_the_motion_of_an_image_is_that_of_its_surfaces() -> None:
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_a_plane_moved_is_the_plane_seen_from_there(name: str) -> None:
-    plane, there = Plane((0.3, -0.2, 1.0), 5.0), MOTIONS[name]
-    warped = ForwardWarp(WorkingResolution.of(CAMERA, 1)).warp(
-        here_px := plane_px(plane, pose()), ones(here_px), inverse_rigid(there)
-    )
-    expected_px = plane_px(plane, there)
-    # Where the plane comes into view, samples are taken beside the image: there the splatted value stays.
-    inner = cv2.erode((warped.weight > 0).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
-    assert inner.mean() > 0.6
-    np.testing.assert_allclose(warped.disparity_px[inner], expected_px[inner], atol=2e-3)
-
-
-@pytest.mark.parametrize("name", MOTIONS)
 def test_memory_moved_agrees_with_what_is_seen_from_there(name: str) -> None:
     resolution, there = WorkingResolution.of(CAMERA, 1), MOTIONS[name]
     here_px, there_px = (resolution.disparity(render(ROOM, T)[1]) for T in (pose(), there))
@@ -100,18 +87,6 @@ def test_memory_moved_agrees_with_what_is_seen_from_there(name: str) -> None:
     error_px = abs(warped.disparity_px - there_px)[known]
     assert np.mean(error_px < 0.01) > 0.93
     assert np.mean(error_px < 0.3) > 0.985  # the rest is beside the ball, where rounding decides what is seen
-
-
-@pytest.mark.parametrize("name", MOTIONS)
-def test_there_and_back_again(name: str) -> None:
-    resolution, T = WorkingResolution.of(CAMERA, 1), inverse_rigid(MOTIONS[name])
-    reprojection, disparity_px = ForwardWarp(resolution), resolution.disparity(render(ROOM, pose())[1])
-    there = reprojection.warp(disparity_px, ones(disparity_px), T)
-    back = reprojection.warp(there.disparity_px, there.weight, inverse_rigid(T))
-    known = cv2.erode((back.weight > 0).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
-    assert known.mean() > 0.5
-    error_px = abs(back.disparity_px - disparity_px)[known]
-    assert np.mean(error_px < 0.02) > 0.95
 
 
 def test_a_plane_moved_in_ten_steps_is_not_worn_out() -> None:
@@ -155,23 +130,6 @@ def test_the_order_of_the_points_does_not_matter() -> None:
     assert np.mean(abs(ours.disparity_px - theirs_px) < 1e-3) > 0.995
 
 
-def test_neither_threads_nor_what_was_moved_before_matter() -> None:
-    resolution, T = WorkingResolution.of(CAMERA, 1), inverse_rigid(MOTIONS["all"])
-    disparity_px, weight = image(CAMERA, seed=1)
-    threads, results = cv2.getNumThreads(), []
-    used = ForwardWarp(resolution)
-    try:
-        for count in (1, 2):
-            cv2.setNumThreads(count)
-            used.warp(*image(CAMERA, seed=2), inverse_rigid(MOTIONS["back"]))
-            results += [used.warp(disparity_px, weight, T), ForwardWarp(resolution).warp(disparity_px, weight, T)]
-    finally:
-        cv2.setNumThreads(threads)
-    for other in results[1:]:
-        for name in ("disparity_px", "weight", "source_x", "source_y"):
-            assert getattr(other, name).tobytes() == getattr(results[0], name).tobytes()
-
-
 @pytest.mark.parametrize("near_is_first", [True, False])
 def test_the_nearest_wins(near_is_first: bool) -> None:
     resolution, near_px, far_px = WorkingResolution.of(CENTRED, 1), 16.0, 4.0  # 0.5 m and 2 m
@@ -211,7 +169,7 @@ def test_cracks_are_closed_and_wide_holes_are_not() -> None:
 def test_what_leaves_the_image_or_is_behind_the_camera_is_gone() -> None:
     resolution = WorkingResolution.of(CAMERA, 1)
     disparity_px = np.full(resolution.shape, 5.0, np.float32)
-    for T in (pose(x=100.0), pose(yaw=120), pose(z=5.0)):
+    for T in (pose(x=100.0), pose(yaw=120), pose(yaw=180), pose(z=5.0)):
         warped = ForwardWarp(resolution).warp(disparity_px, ones(disparity_px), inverse_rigid(T))
         assert not warped.disparity_px.any()
 
@@ -228,7 +186,7 @@ def test_the_input_is_not_modified_and_the_result_is_not_reused() -> None:
         np.testing.assert_array_equal(array, copy)
 
 
-@pytest.mark.parametrize("shift_px", [1e-6, 1e-5, 1e-4, 3e-4, 0.01, 0.1, 0.2])
+@pytest.mark.parametrize("shift_px", [1e-6, 3e-4, 0.1])
 def test_a_hole_does_not_change_its_border(shift_px: float) -> None:
     resolution = WorkingResolution.of(CAMERA, 1)
     disparity_px = np.full(resolution.shape, 2.0, np.float32)
@@ -237,13 +195,6 @@ def test_a_hole_does_not_change_its_border(shift_px: float) -> None:
     warped = ForwardWarp(resolution).warp(disparity_px, ones(disparity_px), inverse_rigid(pose(step_m)))
     known = warped.disparity_px[warped.weight > 0]
     np.testing.assert_allclose(known, 2.0, atol=1e-4)
-
-
-def test_nothing_behind_the_camera_is_seen() -> None:
-    resolution = WorkingResolution.of(CAMERA, 1)
-    disparity_px = np.full(resolution.shape, 5.0, np.float32)
-    warped = ForwardWarp(resolution).warp(disparity_px, ones(disparity_px), inverse_rigid(pose(yaw=180)))
-    assert not warped.disparity_px.any()
 
 
 def test_what_comes_too_near_leaves_no_weight() -> None:

@@ -2,24 +2,10 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
-from tests.temporal_scenes import (
-    CAMERA,
-    OTHER_ROOM,
-    ROOM,
-    WALL,
-    Body,
-    Plane,
-    Sphere,
-    dark,
-    frame_of,
-    pose,
-    render,
-    walk,
-)
+from tests.temporal_scenes import CAMERA, OTHER_ROOM, ROOM, WALL, Body, Plane, Sphere, dark, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.memory import Memory
 from voxdepth.temporal.odometry import (
@@ -121,7 +107,7 @@ class TestVisualOdometry:
         moved = [*ROOM, replace(ball, centre_m=(0.3, 0.05, 2.4))]
         assert known.track(frame_of(moved, MOTIONS["forward"], 1)).status is status
 
-    @pytest.mark.parametrize("seed", range(6))
+    @pytest.mark.parametrize("seed", range(2))
     def test_another_scene_is_refused(self, seed: int) -> None:
         there = [replace(body, seed=body.seed + 100 * seed) for body in OTHER_ROOM]
         tracking = with_keyframe(frame_of(ROOM, pose())).track(frame_of(there, pose(yaw=3 * seed), 1))
@@ -135,7 +121,7 @@ class TestVisualOdometry:
         tracking = with_keyframe(frame_of(ROOM, pose())).track(frame_of(repainted, pose(), 1))
         assert tracking.status is TrackingStatus.LOST
 
-    @pytest.mark.parametrize("gray", [0, 130, 255])
+    @pytest.mark.parametrize("gray", [0, 130])
     def test_a_textureless_image_has_no_features(self, gray: int) -> None:
         textureless = replace(dark(1), gray=np.full(CAMERA.shape, gray, np.uint8))
         tracking = with_keyframe(frame_of(ROOM, pose())).track(textureless)
@@ -147,47 +133,15 @@ class TestVisualOdometry:
         tracking = with_keyframe(frame_of(ROOM, pose())).track(replace(dark(1), gray=noise))
         assert tracking.status is TrackingStatus.NO_FEATURES
 
-    def test_frames_that_are_no_keyframes_do_not_matter(self) -> None:
-        first, T = frame_of(ROOM, pose()), MOTIONS["forward"]
+    @pytest.mark.parametrize("T", [pose(yaw=-17), pose(roll=16)], ids=["a quarter of the view", "a roll by features"])
+    def test_a_large_turn_is_bridged(self, T: FloatArray) -> None:
+        first = frame_of(ROOM, pose())
+        first = replace(first, gray=first.gray.copy())
         known = with_keyframe(first)
-        for index in range(1, 5):
-            known.track(dark(index))
-        tracking = known.track(frame_of(ROOM, T, 5))
-        assert tracking.status is TrackingStatus.OK
-        assert error_px(tracking, inverse_rigid(T), first) < 0.05
-
-    @pytest.mark.parametrize("step_m", [0.02, 0.05])
-    def test_a_gap_of_ten_frames_is_bridged(self, step_m: float) -> None:
-        poses = walk(12, step_m=step_m)
-        first, second = (frame_of(ROOM, T, i) for i, T in enumerate(poses[:2]))
-        known = with_keyframe(first)
-        set_keyframe(known, second)
-        tracking = known.track(frame_of(ROOM, poses[11], 11))
-        assert tracking.status is TrackingStatus.OK
-        assert error_px(tracking, inverse_rigid(poses[11]) @ poses[1], second) < 0.2
-
-    def test_a_turn_by_a_quarter_of_the_view_is_bridged(self) -> None:
-        first, T = frame_of(ROOM, pose()), pose(yaw=-17)
-        tracking = with_keyframe(first).track(frame_of(ROOM, T, 1))
+        first.gray[:] = 0  # a caller may reuse its buffer
+        tracking = known.track(frame_of(ROOM, T, 1))
         assert tracking.status is TrackingStatus.OK
         assert error_px(tracking, inverse_rigid(T), first) < 0.5
-
-    def test_a_roll_of_sixteen_degrees_is_bridged_by_features(self) -> None:
-        first, T = frame_of(ROOM, pose()), pose(roll=16)
-        tracking = with_keyframe(first).track(frame_of(ROOM, T, 1))
-        assert tracking.status is TrackingStatus.OK
-        assert error_px(tracking, inverse_rigid(T), first) < 0.5
-
-    def test_the_same_frames_give_the_same_bytes_whatever_the_threads(self) -> None:
-        first, second = frame_of(ROOM, pose()), frame_of(ROOM, pose(0.1, 0, 0.3, yaw=3), 1)
-        threads, motions = cv2.getNumThreads(), []
-        try:
-            for count in (1, 2, 1):
-                cv2.setNumThreads(count)
-                motions.append(with_keyframe(first).track(second).T_frame_keyframe.tobytes())
-        finally:
-            cv2.setNumThreads(threads)
-        assert len(set(motions)) == 1
 
     def test_after_a_reset_the_next_frame_is_the_first(self) -> None:
         known = with_keyframe(frame_of(ROOM, pose()))
@@ -199,15 +153,6 @@ class TestVisualOdometry:
         tracking = with_keyframe(first).track(frame_of(ROOM, pose(), 1))
         assert tracking.status is TrackingStatus.LOST
         assert tracking.n_tracks == 0
-
-    def test_frames_are_not_kept(self) -> None:
-        first, second = frame_of(ROOM, pose()), frame_of(ROOM, pose(roll=16), 1)  # so far that features are asked for
-        first = replace(first, gray=first.gray.copy())
-        expected = with_keyframe(first).track(second).T_frame_keyframe
-        known = odometry()
-        known.set_keyframe(first, known.track(first), memory_of(first))
-        first.gray[:] = 0
-        np.testing.assert_array_equal(known.track(second).T_frame_keyframe, expected)
 
 
 class TestPosesOfTheCaller:
@@ -223,13 +168,6 @@ class TestPosesOfTheCaller:
         second = replace(dark(1), T_world_cam=T_world_cam.copy())
         T_world_cam[:3, 3] = 0  # a caller may reuse its buffer
         np.testing.assert_allclose(known.track(second).T_frame_keyframe, np.eye(4), atol=1e-9)
-
-    def test_they_stand_where_the_image_shows_nothing(self) -> None:
-        T = pose(0.1, 0, 0.2, yaw=2)
-        tracking = self.tracked(T, dark(1))
-        assert tracking.status is TrackingStatus.OK
-        np.testing.assert_allclose(tracking.T_frame_keyframe, inverse_rigid(T), atol=1e-9)
-        assert tracking.n_inliers == 0
 
     def test_a_caller_who_is_sure_is_believed(self) -> None:
         T, T_said = MOTIONS["forward"], MOTIONS["forward"].copy()
@@ -275,16 +213,7 @@ class TestFit:
         fit = fit_pose(points, self.seen(points, T), TRACKING_CAMERA, np.eye(4), 1.0)
         np.testing.assert_allclose(fit.T_target_source, T, atol=1e-5)
 
-    def test_a_third_that_moves_by_itself_does_not_matter(self) -> None:
-        T, points = MOTIONS["rolled"], self.points()
-        seen = self.seen(points, T)
-        seen[:20] += [6.0, -4.0]
-        fit = fit_pose(points, seen, TRACKING_CAMERA, np.eye(4), 1.0)
-        # Their weight falls with the fourth power of the distance, and is never 0.
-        np.testing.assert_allclose(self.seen(points, fit.T_target_source), self.seen(points, T), atol=0.01)
-        assert fit.n_inliers == 40
-
-    @pytest.mark.parametrize("seed", range(4))
+    @pytest.mark.parametrize("seed", range(2))
     def test_nearly_half_that_moves_a_little_hardly_draws_a_right_prediction_away(self, seed: int) -> None:
         """The scale of the residuals never grows: if it followed the median, each step would let more of them in."""
         rng, T, n, shift_px = np.random.default_rng(seed), MOTIONS["rolled"], 200, np.array([0.0, 3.0])
@@ -334,12 +263,6 @@ class TestFit:
             fit = fit_pose(points, self.seen(points, T), TRACKING_CAMERA, T, 1.0, known)
             errors_m.append(fit.T_target_source[0, 3] - T[0, 3])
         assert 0 < errors_m[0] < errors_m[1] < errors_m[2] < errors_m[3] < 0.01
-
-    @pytest.mark.parametrize("far", [pose(0.3, 0.2, 0.1, yaw=5), pose(30.0, yaw=80)], ids=["off", "absurd"])
-    def test_points_overrule_a_known_motion_that_they_contradict(self, far: FloatArray) -> None:
-        T, points = MOTIONS["forward"], self.points()
-        fit = fit_pose(points, self.seen(points, T), TRACKING_CAMERA, far, 1.0, KnownMotion(far, 0.01, 0.005))
-        np.testing.assert_allclose(fit.T_target_source, T, atol=1e-4)
 
     def test_what_it_finds_is_rigid(self) -> None:
         points = self.points()

@@ -10,7 +10,7 @@ from tests.temporal_scenes import CAMERA, ROOM, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.confidence import INPAINTED, estimate_confidence
 from voxdepth.temporal.forward_warp import ForwardWarp
-from voxdepth.temporal.fusion import PixelClass, TemporalFusionConfig, fuse
+from voxdepth.temporal.fusion import PixelClass
 from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import smooth_guided
@@ -104,12 +104,6 @@ class TestMeasurement:
         for row, col in ((0, 0), (1, 1), (0, 1), (1, 0))[:count]:
             full_px[row::2, col::2] = 6
         np.testing.assert_allclose(measurement_of(full_px, 2).weight, WEIGHT_UNIT * share**2, atol=0.6)
-
-    @pytest.mark.parametrize("decimation", [1, 2])
-    def test_only_valid_pixels_have_a_weight(self, decimation: int) -> None:
-        full_px = np.where(np.random.default_rng(0).random(CAMERA.shape) < 0.8, np.float32(0), constant(6))
-        new = measurement_of(full_px, decimation)
-        np.testing.assert_array_equal(new.weight > 0, new.disparity_px > 0)
 
 
 def shown_from(full_px: FloatImage, estimate: Estimate, camera: Intrinsics = CAMERA) -> Shown:
@@ -246,10 +240,6 @@ class TestSmoothing:
         scaled_px = smooth_guided(np.float32(scale) * noisy_px, 5, scale * 0.3)
         np.testing.assert_allclose(scaled_px, scale * smooth_guided(noisy_px, 5, 0.3), rtol=1e-3)
 
-    def test_a_window_of_one_pixel_disables_it(self) -> None:
-        noisy_px = np.random.default_rng(0).normal(6, 0.5, CAMERA.shape).astype(np.float32)
-        np.testing.assert_allclose(smooth_guided(noisy_px, 1, 0.3), noisy_px, atol=1e-4)
-
 
 def confidence_of(
     disparity_px: FloatImage, kind: GrayImage, weight: GrayImage, probability: FloatImage, magnification: float = 1.0
@@ -260,16 +250,6 @@ def confidence_of(
 
 
 class TestConfidence:
-    def test_it_is_a_probability(self) -> None:
-        rng = np.random.default_rng(0)
-        disparity_px = rng.uniform(0, 1000, (50, 60)).astype(np.float32)
-        kind = rng.integers(0, len(PixelClass), (50, 60)).astype(np.uint8)
-        weight = rng.integers(0, 193, (50, 60)).astype(np.uint8)
-        confidence = confidence_of(disparity_px, kind, weight, np.full((50, 60), 0.5, np.float32))
-        assert confidence.min() >= 0
-        assert confidence.max() <= 1
-        assert (confidence > 0.05).all()
-
     @pytest.mark.parametrize("kind", PixelClass)
     def test_it_grows_with_evidence_and_disparity(self, kind: PixelClass) -> None:
         weights, kinds = np.arange(0, 193, dtype=np.uint8)[None], np.full((1, 193), kind, np.uint8)
@@ -359,21 +339,3 @@ def test_ages_and_looks_are_warped_with_their_surfaces(shift_px: int) -> None:
     seen = (col + shift_px >= 0) & (col + shift_px < CAMERA.width_px)
     for image, of in ((warped.age, age), (warped.gray, gray), (warped.seen_px, seen_px)):
         np.testing.assert_array_equal(image[seen], np.roll(of, -shift_px, axis=1)[seen])
-
-
-def test_the_error_of_a_surface_grows_with_the_square_of_its_disparity_until_it_is_measured_again() -> None:
-    """The camera goes from 4 m to 2 m before a wall that it measures in its first image, and perhaps in its last."""
-    resolution = WorkingResolution.of(CAMERA, 1)
-    focal_baseline_px_m, gray = resolution.focal_baseline_px_m, np.full(CAMERA.shape, 128, np.uint8)
-    full = np.full(CAMERA.shape, WEIGHT_UNIT, np.uint8)
-    far = Measurement(constant(focal_baseline_px_m / 4), full, gray)
-    _, memory = fuse(Memory.empty(gray), far, TemporalFusionConfig())
-    for _ in range(4):
-        memory = warp(memory, ForwardWarp(resolution), inverse_rigid(pose(z=0.5)))
-    middle = np.s_[CAMERA.height_px // 3 : -CAMERA.height_px // 3, CAMERA.width_px // 3 : -CAMERA.width_px // 3]
-    hole, _ = fuse(memory, Measurement(constant(0), np.zeros_like(full), gray), TemporalFusionConfig())
-    np.testing.assert_allclose(hole.remembered_px[middle], focal_baseline_px_m / 2, rtol=1e-3)
-    np.testing.assert_allclose(hole.magnification[middle], 4, rtol=1e-3)
-    _, memory = fuse(memory, Measurement(constant(focal_baseline_px_m / 2), full, gray), TemporalFusionConfig())
-    again, _ = fuse(memory, Measurement(constant(0), np.zeros_like(full), gray), TemporalFusionConfig())
-    np.testing.assert_allclose(again.magnification[middle], 1, rtol=1e-3)

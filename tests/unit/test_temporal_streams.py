@@ -65,14 +65,6 @@ class TestCut:
         assert all(result.diagnostics.status is TrackingStatus.OK for result in ours[1:])
 
     @DECIMATIONS
-    def test_nothing_of_the_old_scene_is_shown(self, decimation: int) -> None:
-        used = method(decimation=decimation, fill="none")
-        run(used, NOISY)
-        result = process(used, holed(frame_of(OTHER_ROOM, pose()), 16))
-        assert not (result.source == Source.MEMORY).any()
-        assert not result.depth_m[INSIDE].any()
-
-    @DECIMATIONS
     def test_and_back_again_the_memory_of_the_first_scene_serves(self, decimation: int) -> None:
         corrector = method(decimation=decimation)
         run(corrector, NOISY)
@@ -127,24 +119,12 @@ class TestCoveredLens:
         return [replace(frame, depth_m=m.astype(np.float32)) for frame, m in zip(frames, made_up_m, strict=True)]
 
     @DECIMATIONS
-    def test_what_the_sensor_makes_up_in_the_dark_is_never_confident(self, decimation: int) -> None:
+    def test_what_the_sensor_makes_up_in_the_dark_is_hardly_believed_and_not_remembered(self, decimation: int) -> None:
         corrector = method(decimation=decimation)
         run(corrector, NOISY[:6])
         for result in run(corrector, self.made_up()):
             assert result.confidence.max() <= INPAINTED
-
-    @DECIMATIONS
-    def test_what_the_sensor_makes_up_in_the_dark_is_hardly_believed(self, decimation: int) -> None:
-        corrector = method(decimation=decimation)
-        run(corrector, NOISY[:6])
-        for result in run(corrector, self.made_up()):
             assert result.confidence.mean() < 0.5
-
-    @DECIMATIONS
-    def test_what_the_sensor_makes_up_in_the_dark_is_not_remembered(self, decimation: int) -> None:
-        corrector = method(decimation=decimation)
-        run(corrector, NOISY[:6])
-        run(corrector, self.made_up())
         true = frame_of(ROOM, PATH[6], 30)
         result = process(corrector, holed(true, 30))
         assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.02  # Ends that agree have a vote, too.

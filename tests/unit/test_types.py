@@ -24,17 +24,13 @@ DEPTH = np.ones((4, 6), np.float32)
         (GRAY, -DEPTH, "negative"),
         (GRAY, DEPTH * np.float32(np.inf), "finite"),
         (GRAY[:0], DEPTH[:0], "empty"),
+        (GRAY.tolist(), DEPTH, "must be arrays"),
+        (GRAY, None, "must be arrays"),
     ],
 )
-def test_bad_frames_are_refused(gray: np.ndarray, depth: np.ndarray, message: str) -> None:
+def test_bad_frames_are_refused(gray: Any, depth: Any, message: str) -> None:
     with pytest.raises(FrameError, match=message):
         Frame(stamp_s=0.0, gray=gray, depth_m=depth)
-
-
-@pytest.mark.parametrize("bad", [{"gray": GRAY.tolist()}, {"depth_m": None}])
-def test_what_is_no_array_is_refused(bad: dict[str, object]) -> None:
-    with pytest.raises(FrameError, match="must be arrays"):
-        Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -88,12 +84,6 @@ def test_images_of_any_memory_order_become_rows_with_the_same_pixels(reorder: Ca
     assert Frame(stamp_s=0.0, gray=GRAY, depth_m=depth_m).depth_m is depth_m, "rows are not copied"
 
 
-@pytest.mark.parametrize("units_per_m", [0.0, -1.0, np.nan, np.inf])
-def test_depth_has_a_positive_number_of_steps_in_a_metre(units_per_m: float) -> None:
-    with pytest.raises(FrameError, match="units_per_m"):
-        Frame.from_millimetres(stamp_s=0.0, gray=GRAY, depth_mm=DEPTH.astype(np.uint16), units_per_m=units_per_m)
-
-
 def test_intrinsics_from_hfov_see_that_angle() -> None:
     camera = Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86)
     left, right = (-0.5 - camera.cx_px) / camera.fx_px, (639.5 - camera.cx_px) / camera.fx_px
@@ -141,12 +131,9 @@ class CameraInfo:
         self.__dict__.update(fields)
 
 
-def test_a_ros_message_gives_the_camera() -> None:
+def test_a_ros_message_gives_the_camera_and_that_of_the_right_one_the_baseline() -> None:
     camera = Intrinsics.from_camera_info(CameraInfo())
     assert camera == Intrinsics(fx_px=343, fy_px=344, cx_px=319.5, cy_px=179.5, width_px=640, height_px=360)
-
-
-def test_the_right_camera_of_a_ros_pair_gives_the_baseline() -> None:
     right = CameraInfo(p=[343.0, 0, 319.5, -343.0 * 0.095, 0, 344.0, 179.5, 0, 0, 0, 1, 0])
     assert Intrinsics.from_camera_info(right).baseline_m == pytest.approx(0.095)
     assert Intrinsics.from_camera_info(right, baseline_m=0.05).baseline_m == 0.05
@@ -225,7 +212,7 @@ def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> Non
     [
         *({"stamp_s": stamp_s} for stamp_s in (np.nan, np.inf, 10**400, 1j, "now", None, np.datetime64("now"))),
         *({"T_world_cam": T} for T in (np.eye(3), np.full((4, 4), np.nan), np.eye(4).tolist(), "pose", np.eye(4) * 1j)),
-        *({"T_world_cam": T} for T in (np.eye(4, dtype=object), np.ma.masked_equal(np.eye(4), 0), 1e300 * np.eye(4))),
+        *({"T_world_cam": T} for T in (np.eye(4, dtype=object), np.ma.masked_equal(np.eye(4), 0), 1e39 * np.eye(4))),
     ],
 )
 def test_times_and_poses_must_be_finite(bad: dict[str, object]) -> None:
@@ -262,22 +249,6 @@ def test_metres_with_some_sky_get_no_warning() -> None:
     depth_m[:9], depth_m[9] = 1000, 0
     Frame(stamp_s=0, gray=np.zeros((20, 30), np.uint8), depth_m=depth_m)
     Frame(stamp_s=0, gray=GRAY, depth_m=0 * DEPTH)
-
-
-@pytest.mark.parametrize("kind", ["float16", ">f4", ">f8"])
-def test_floats_of_other_sizes_and_orders_of_bytes_are_metres_too(kind: str) -> None:
-    frame = Frame.from_metres(stamp_s=0, gray=GRAY, depth_m=DEPTH.astype(kind))
-    np.testing.assert_allclose(frame.depth_m, DEPTH, rtol=1e-3)
-    stored = (100 * DEPTH).astype(">u2")
-    swapped = Frame.from_millimetres(stamp_s=0, gray=GRAY, depth_mm=stored, units_per_m=100)
-    np.testing.assert_array_equal(swapped.depth_m, stored / np.float32(100))
-
-
-def test_a_pose_that_32_bits_do_not_hold_is_refused() -> None:
-    pose = np.eye(4)
-    pose[0, 3] = 1e39
-    with pytest.raises(FrameError, match="T_world_cam must be"):
-        Frame(stamp_s=0, gray=GRAY, depth_m=DEPTH, T_world_cam=pose)
 
 
 @pytest.mark.parametrize("size", [(320, 240), (213, 160), (640, 480)])

@@ -1,13 +1,15 @@
 """Laws of the voxel grid."""
 
-import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from sim.point_cloud import point_cloud
 
+from sim.render.meshes import open3d
 from tests.voxel_twins import integrate_points, occupied_centres, ray_coordinates
 from voxdepth.geometry import RayMap, back_project, transform
 from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
@@ -26,29 +28,6 @@ def test_the_default_grid_is_packed_in_less_than_48_megabytes() -> None:
     grid = VoxelGrid(VoxelConfig())
     assert grid.words.nbytes < 48e6
     assert grid.words.nbytes * 8 == pytest.approx(np.prod(VoxelConfig().shape), rel=1e-5)
-
-
-def test_the_order_of_integration_does_not_matter() -> None:
-    clouds = [cloud(seed) for seed in range(3)]
-    grids = []
-    for order in itertools.permutations(clouds):
-        grid = VoxelGrid(SMALL)
-        for points in order:
-            integrate_points(grid, points)
-        grids.append(grid.words)
-    for words in grids[1:]:
-        np.testing.assert_array_equal(words, grids[0])
-
-
-def test_integrating_twice_changes_nothing_and_adding_only_adds() -> None:
-    grid = VoxelGrid(SMALL)
-    integrate_points(grid, cloud(0))
-    once = grid.words.copy()
-    integrate_points(grid, cloud(0))
-    np.testing.assert_array_equal(grid.words, once)
-    integrate_points(grid, cloud(1))
-    np.testing.assert_array_equal(grid.words & once, once)
-    assert (grid.words != once).any()
 
 
 @given(st.integers(0, 1000))
@@ -108,3 +87,10 @@ def test_cells_may_be_chosen() -> None:
 def test_impossible_grids_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         VoxelConfig(**bad)  # type: ignore[arg-type]
+
+
+def test_a_cloud_survives_a_file_in_the_format_ply(tmp_path: Path) -> None:
+    points_m = np.random.default_rng(0).uniform(-9, 9, (50, 3)).astype(np.float32)
+    path = tmp_path / "voxels.ply"
+    assert open3d().io.write_point_cloud(str(path), point_cloud(points_m))
+    np.testing.assert_array_equal(np.asarray(open3d().io.read_point_cloud(str(path)).points), points_m)
