@@ -200,16 +200,16 @@ def power(
 def _print_status(data: "StudyData") -> None:
     from rich.console import Console
 
-    from ..study.analysis import compare_arms
+    from ..study.report import result
     from ..study.run import Progress
-    from ..study.tables import verdict
 
     typer.echo(f"study {data.study.name}: {data.study.description}".removesuffix(": "))
-    typer.echo(verdict(compare_arms(data, data.study.endpoint), data.study.endpoint))
+    typer.echo(result(data))
     Progress(data).table().print(Console())
     for failure in list(data.failures.values())[:5]:
         typer.echo(f"{failure.kind} in run {data.runs[failure.key].short_key}: {failure.last_line}")
-    if any("PluginError" in failure.last_line for failure in data.failures.values()):
+    kinds = {failure.kind for failure in data.failures.values()}
+    if "plugin error" in kinds:
         typer.echo("after a change of your code, fly the study with another --out: it is another one then")
-    elif data.failures:
-        typer.echo("fly them again with --resume --retry-errors")
+    if kinds - {"plugin error"}:
+        typer.echo("fly the others again with --resume --retry-errors")

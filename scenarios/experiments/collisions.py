@@ -29,7 +29,7 @@ def fly(context: ExperimentContext) -> Findings:
     folder = context.out / COLLISIONS.name / "study"
     data = run_study(study, folder, executor, lambda progress: context.report(progress.line()), resume=True)
     arms, responses = summarise_arms(data), list(dose_responses(data))
-    ratios = {arm.theta: 100 * (arm.ratio or 0.0) for arm in arms}
+    ratios = {arm.level: 100 * (arm.ratio or 0.0) for arm in arms}
     return Findings(
         tables=(arm_table(arms), dose_response_table(responses)),
         claims=_claims(next(response for _, name, response in responses if name == ARM)),

@@ -1,4 +1,4 @@
-"""Analysis of a study: summaries of its arms, paired comparisons of arms, and dose responses to the noise ratio."""
+"""Analysis of a study: summaries of its arms, paired comparisons of arms, and curves over its axis."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,27 +7,33 @@ from itertools import combinations
 import numpy as np
 
 from swarm.types import MetricValue, Outcome
-from voxdepth.types import MaskImage
+from voxdepth.types import FloatArray, MaskImage
 
 from ..errors import ScenarioError
-from .design import EndpointName, RunSpec, arm_label
+from .design import GAIN, NOISE_RATIO, EndpointName, RunSpec, arm_label
 from .statistics import (
     DoseResponse,
     Estimate,
+    IndexArray,
     Interval,
     Pairs,
+    SeedStatistic,
     bootstrap_ratio,
+    crossing,
     dose_response,
     holm,
+    is_beyond,
     mcnemar,
     newcombe,
+    over_seeds,
     pairs_needed,
     pairs_of,
+    success_threshold,
 )
 from .store import RunRecord, StudyData
 
 ArmLevel = tuple[str, float | None]
-"""An arm at one noise ratio."""
+"""An arm at one level of the axis."""
 Block = tuple[str, int]
 """A scenario and a seed, within which the runs of two arms form a pair."""
 REACHED: Mapping[EndpointName, Outcome] = {"arrived": Outcome.SUCCESS, "collision": Outcome.COLLISION}
@@ -105,11 +111,11 @@ MEASURES = (
 
 @dataclass(frozen=True, kw_only=True)
 class ArmSummary:
-    """The runs of one arm at one noise ratio in one scenario."""
+    """The runs of one arm at one level of the axis in one scenario."""
 
     scenario: str
     arm: str
-    theta: float | None
+    level: float | None
     planned: int
     specs: Sequence[RunSpec]
     """Runs with a result, ordered by seed."""
@@ -118,8 +124,8 @@ class ArmSummary:
 
     @property
     def label(self) -> str:
-        """The arm, with its noise ratio if it has one."""
-        return arm_label(self.arm, self.theta)
+        """The arm, with its level if it has one."""
+        return arm_label(self.arm, self.level)
 
     @property
     def n(self) -> int:
@@ -200,20 +206,20 @@ class MeanDifference:
 
 
 def summarise_arms(data: StudyData) -> list[ArmSummary]:
-    """Summarise every arm at every noise ratio in every scenario, in the order of the study."""
+    """Summarise every arm at every level in every scenario, in the order of the study."""
     grouped: dict[tuple[str, str, float | None], list[RunSpec]] = {}
     for spec in data.specs:
-        grouped.setdefault((spec.scenario, spec.arm, spec.theta), []).append(spec)
+        grouped.setdefault((spec.scenario, spec.arm, spec.level), []).append(spec)
     return [
         ArmSummary(
             scenario=scenario,
             arm=arm,
-            theta=theta,
+            level=level,
             planned=len(specs),
             specs=[spec for spec in specs if spec.key in data.records],
             records=[data.records[spec.key] for spec in specs if spec.key in data.records],
         )
-        for (scenario, arm, theta), specs in grouped.items()
+        for (scenario, arm, level), specs in grouped.items()
     ]
 
 
@@ -223,17 +229,17 @@ def over_scenarios(arms: Sequence[ArmSummary]) -> list[ArmSummary]:
         return []
     grouped: dict[ArmLevel, list[ArmSummary]] = {}
     for arm in arms:
-        grouped.setdefault((arm.arm, arm.theta), []).append(arm)
+        grouped.setdefault((arm.arm, arm.level), []).append(arm)
     return [
         ArmSummary(
             scenario="all",
             arm=name,
-            theta=theta,
+            level=level,
             planned=sum(arm.planned for arm in own),
             specs=[spec for arm in own for spec in arm.specs],
             records=[record for arm in own for record in arm.records],
         )
-        for (name, theta), own in grouped.items()
+        for (name, level), own in grouped.items()
     ]
 
 
@@ -274,7 +280,7 @@ def compare_means(data: StudyData, measures: Sequence[Measure]) -> list[MeanDiff
     """Compare the means of some measures of all pairs of arms that have a pair of runs."""
     flown: dict[ArmLevel, dict[Block, RunSpec]] = {}
     for spec in data.flown:
-        flown.setdefault((spec.arm, spec.theta), {})[spec.scenario, spec.seed] = spec
+        flown.setdefault((spec.arm, spec.level), {})[spec.scenario, spec.seed] = spec
     found = []
     for one, other in _sides(data)[0]:
         a, b = flown.get(one, {}), flown.get(other, {})
@@ -300,10 +306,11 @@ def _mean_difference(data: StudyData, measure: Measure, pairs: Sequence[tuple[Ru
 
 def _sides(data: StudyData) -> tuple[list[tuple[ArmLevel, ArmLevel]], tuple[ArmLevel, ArmLevel] | None]:
     """Return the pairs of arms that are compared, and the declared one, which comes first; None if there is none."""
-    levels: list[ArmLevel] = [(arm.name, theta) for arm in data.study.arms for theta in arm.levels]
-    # Arms at two different noise ratios are not compared.
+    study = data.study
+    levels: list[ArmLevel] = [(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
+    # Arms at two different levels are not compared.
     sides = [(a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (None in (a[1], b[1]) or a[1] == b[1])]
-    if (declared := data.study.declared) is None:
+    if (declared := study.declared) is None or declared.endpoint == GAIN:
         return sides, None
     level = {level[0]: level for level in levels}  # The arms of the declared comparison have one level.
     primary = level[declared.arm], level[declared.against]
@@ -328,6 +335,122 @@ def pairs_to_find(found: Comparison, endpoint: EndpointName, effect: float) -> i
     return pairs_needed(effect + 2 * worse, effect)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """The runs of an arm along the axis in one scenario, of those seeds that have a result at every level."""
+
+    scenario: str
+    arm: str
+    levels: FloatArray
+    """From the easiest on."""
+    runs: Mapping[int, Sequence[tuple[RunSpec, RunRecord]]]
+    """A run for each level, by seed."""
+
+    def reached(self, endpoint: EndpointName) -> MaskImage:
+        """Return whether each run reached an endpoint, shape (seeds, levels)."""
+        rows = [[record.outcome is REACHED[endpoint] for _, record in runs] for runs in self.runs.values()]
+        return np.array(rows, np.bool_).reshape(-1, len(self.levels))
+
+    def goal_speeds(self, seeds: Sequence[int]) -> FloatArray:
+        """Return the goal speed of some seeds [m/s], shape (seeds, levels)."""
+        return np.array([[_goal_speed_m_s(*run)[0] for run in self.runs[seed]] for seed in seeds])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Threshold:
+    """How far along the axis an arm comes in a scenario."""
+
+    curve: Curve
+    half_arrive: Estimate
+    """Level at which half of the flights arrive."""
+    half_speed: Estimate | None
+    """Level at which half of the reference's goal speed is left; None without a reference."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gain:
+    """By how much farther along the axis one arm keeps half of the reference's goal speed than another one."""
+
+    scenario: str
+    first: str
+    second: str
+    declared: bool
+    seeds: int
+    estimate: Estimate | None
+    """In the unit of the axis, positive if the first comes farther; None if one of them may leave the flown range."""
+
+
+def curves(data: StudyData, at_least: int = 3) -> list[Curve]:
+    """Return the curve of every arm with at least so many levels, in every scenario."""
+    flown = {(spec.scenario, spec.arm, spec.seed, spec.level): (spec, data.records[spec.key]) for spec in data.flown}
+    found = []
+    for scenario in dict.fromkeys(spec.scenario for spec in data.specs):
+        for arm in data.study.arms:
+            levels, seeds = data.study.levels_of(arm), data.study.seeds.first_seeds(arm.seeds)
+            cells = {seed: [(scenario, arm.name, seed, level) for level in levels] for seed in seeds}
+            runs = {seed: [flown[cell] for cell in row] for seed, row in cells.items() if set(row) <= flown.keys()}
+            if len(levels) >= at_least:
+                found.append(Curve(scenario=scenario, arm=arm.name, levels=np.array(levels, np.float64), runs=runs))
+    return found
+
+
+def thresholds(data: StudyData) -> list[Threshold]:
+    """Return how far along the axis each arm comes, of the arms that have a seed at every level."""
+    found, references = [], _reference_curves(data)
+    for curve in (curve for curve in curves(data) if curve.runs):
+        half_speed = None
+        if (reference := references.get(curve.scenario)) and (seeds := [*curve.runs.keys() & reference.runs.keys()]):
+            half_speed = over_seeds(len(seeds), _half_speed(curve, reference, sorted(seeds)))
+        half_arrive = success_threshold(curve.levels, curve.reached("arrived"))
+        found.append(Threshold(curve=curve, half_arrive=half_arrive, half_speed=half_speed))
+    return found
+
+
+def gains(data: StudyData) -> list[Gain]:
+    """Compare the curves of goal speed of all pairs of arms that share seeds; the declared pair comes first."""
+    declared, references = data.study.declared, _reference_curves(data)
+    primary = (declared.arm, declared.against) if declared is not None and declared.endpoint == GAIN else None
+    found = []
+    for one, other in combinations(curves(data), 2):
+        reference = references.get(one.scenario)
+        if reference is None or one.scenario != other.scenario:
+            continue
+        first, second = (other, one) if (other.arm, one.arm) == primary else (one, other)
+        seeds = sorted(first.runs.keys() & second.runs.keys() & reference.runs.keys())
+        if seeds:
+            estimate = _gain(first, second, reference, seeds)
+            is_declared = (first.arm, second.arm) == primary
+            labels = {"scenario": first.scenario, "first": first.arm, "second": second.arm}
+            found.append(Gain(**labels, declared=is_declared, seeds=len(seeds), estimate=estimate))
+    return sorted(found, key=lambda gain: not gain.declared)
+
+
+def _reference_curves(data: StudyData) -> dict[str, Curve]:
+    """Return the runs of the reference of the axis by scenario."""
+    axis = data.study.axis
+    return {c.scenario: c for c in curves(data, at_least=1) if axis is not None and c.arm == axis.reference}
+
+
+def _half_speed(curve: Curve, reference: Curve, seeds: Sequence[int]) -> SeedStatistic:
+    """Return the function of seeds that finds where their mean goal speed is half of the reference's."""
+    speeds, full = curve.goal_speeds(seeds), reference.goal_speeds(seeds).mean(axis=1)
+
+    def level(rows: IndexArray) -> FloatArray:
+        heights = full[rows].mean(axis=1) / 2
+        means = speeds[rows].mean(axis=1)
+        return np.array([crossing(curve.levels, *own) for own in zip(means, heights, strict=True)])
+
+    return level
+
+
+def _gain(first: Curve, second: Curve, reference: Curve, seeds: Sequence[int]) -> Estimate | None:
+    a, b = (_half_speed(curve, reference, seeds) for curve in (first, second))
+    if any(is_beyond(over_seeds(len(seeds), level), curve.levels) for level, curve in ((a, first), (b, second))):
+        return None
+    harder = np.sign(first.levels[-1] - first.levels[0])
+    return over_seeds(len(seeds), lambda rows: harder * (a(rows) - b(rows)))
+
+
 def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | str]]:
     """Fit the collisions of every arm with at least three noise ratios to the seeds that were flown at all of them.
 
@@ -335,19 +458,12 @@ def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | s
         The scenario, the arm, and its dose response or the reason why there is none. An arm that flew the noise ratio 1
         has a second one without it, to show how much hangs on it.
     """
-    collided = _reached(data, "collision")
-    for scenario in dict.fromkeys(spec.scenario for spec in data.specs):
-        for arm in data.study.arms:
-            if len(arm.theta) < 3:
-                continue
-            columns = [collided.get((arm.name, theta), {}) for theta in arm.theta]
-            blocks = sorted(block for block in set.intersection(*map(set, columns)) if block[0] == scenario)
-            rows = np.array([[column[block] for column in columns] for block in blocks], np.bool_)
-            rows = rows.reshape(-1, len(columns))
-            below = [k for k, theta in enumerate(arm.theta) if theta < 1]
-            yield scenario, arm.name, _fitted(arm.theta, rows)
-            if 3 <= len(below) < len(arm.theta):
-                yield scenario, f"{arm.name}, without theta 1", _fitted([arm.theta[k] for k in below], rows[:, below])
+    for curve in curves(data) if data.study.axis_key == NOISE_RATIO else ():
+        thetas, rows = curve.levels.tolist(), curve.reached("collision")
+        below = [k for k, theta in enumerate(thetas) if theta < 1]
+        yield curve.scenario, curve.arm, _fitted(thetas, rows)
+        if 3 <= len(below) < len(thetas):
+            yield curve.scenario, f"{curve.arm}, without theta 1", _fitted([thetas[k] for k in below], rows[:, below])
 
 
 def _fitted(thetas: Sequence[float], collided: MaskImage) -> DoseResponse | str:
@@ -375,7 +491,7 @@ def _reached(data: StudyData, endpoint: EndpointName) -> Mapping[ArmLevel, Mappi
     found: dict[ArmLevel, dict[Block, bool]] = {}
     for spec in data.flown:
         has_reached = data.records[spec.key].outcome is REACHED[endpoint]
-        found.setdefault((spec.arm, spec.theta), {})[spec.scenario, spec.seed] = has_reached
+        found.setdefault((spec.arm, spec.level), {})[spec.scenario, spec.seed] = has_reached
     return found
 
 

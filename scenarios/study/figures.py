@@ -1,6 +1,6 @@
 """The figures of a study's report."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -11,23 +11,23 @@ from voxdepth.tools.figure import Draw, Picture, legend_label, line_color, panel
 from voxdepth.types import FloatArray
 
 from ..batch import OUTCOMES
-from .analysis import REACHED, ArmSummary, Comparison, headline
-from .design import EndpointName
+from .analysis import GOAL_SPEED, REACHED, ArmSummary, Comparison, headline
+from .design import ENDPOINTS, NOISE_RATIO, EndpointName
 from .statistics import DoseResponse, newcombe, wilson
 from .tables import ENDPOINT_TITLES
 
 WIDTH_IN = 9.0
 COLORS = dict(zip(OUTCOMES, ("#4c9f70", "#c0392b", "#e0a030", "#7d5ba6", "#8a8f98"), strict=True))
 RATIO_CAPTION = "Shares of runs with Wilson 95 % intervals; n is the number of runs."
-NOISE_CAPTION = f"{RATIO_CAPTION} Arms at the same noise ratio are drawn beside each other."
+LEVEL_CAPTION = "Bands are 95 % intervals: of a bootstrap that draws runs for goal speeds, Wilson's for shares of runs."
 FOREST_CAPTION = (
     "Differences of shares with 95 % intervals: Newcombe's in each scenario, and of all pairs. To "
     "the right of the line, more runs of the first arm."
 )
-BESIDE = 0.008
-"""Distance of the points of two arms at the same noise ratio, so that none covers another."""
 FIT = "1 - exp(-a theta^b)"
 AXIS_LABELS: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "runs with a collision"}
+Bands = tuple[FloatArray, FloatArray]
+"""Values of some arms, shape (arms,), and the distances to the ends of their intervals, shape (2, arms)."""
 
 
 def forest(comparisons: Sequence[Comparison], endpoint: EndpointName) -> list[Picture]:
@@ -62,8 +62,10 @@ def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
     axes.grid(alpha=0.3, axis="x")
 
 
-def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], DoseResponse]) -> list[Picture]:
-    """Draw the figures of all scenarios, `fitted` by scenario and arm.
+def all_figures(
+    arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], DoseResponse], axis: str, unit: str = ""
+) -> list[Picture]:
+    """Draw the figures of all scenarios, `fitted` by scenario and arm; `axis` is the dotted key of the levels.
 
     Arms without a result are left out, and so is a figure of what no run came to.
     """
@@ -72,14 +74,15 @@ def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], Dos
         own = [arm for arm in arms if arm.scenario == scenario and arm.n]
         fits = {name: fit for (place, name), fit in fitted.items() if place == scenario}
         is_reached = any(arm.count(*REACHED.values()) for arm in own)
-        if is_reached and len({arm.theta for arm in own} - {None}) > 1:
-            caption = NOISE_CAPTION + (f" A dotted line is {FIT}, fitted by likelihood." if fits else "")
-            draws = [
-                partial(_draw_noise_ratios, own, fits, "collision"),
-                partial(_draw_noise_ratios, own, {}, "arrived"),
-            ]
-            title, size_in = f"{scenario}: collisions against noise", (WIDTH_IN / 2, 4.0)
-            found.append(_picture(title, caption, draws, size_in, shared_legend=True))
+        if len({arm.level for arm in own} - {None}) > 1:
+            caption = LEVEL_CAPTION + (f" A dotted line is {FIT}, fitted by likelihood." if fits else "")
+            label = "noise ratio theta" if axis == NOISE_RATIO else f"{axis} [{unit}]" if unit else axis
+            draws = [partial(_draw_curves, own, label, "goal speed [m/s]", _goal_speeds, {})]
+            for endpoint in ENDPOINTS:
+                bands, curves = partial(_shares, endpoint=endpoint), fits if endpoint == "collision" else {}
+                draws.append(partial(_draw_curves, own, label, f"{AXIS_LABELS[endpoint]} [%]", bands, curves))
+            name, size_in = axis.rpartition(".")[2], (WIDTH_IN / 3, 3.6)
+            found.append(_picture(f"{scenario}: curves over {name}", caption, draws, size_in, shared_legend=True))
         rows_in = 0.32 * len(own)
         if is_reached:
             draws = [partial(_draw_shares, own, endpoint) for endpoint in REACHED]
@@ -94,32 +97,37 @@ def _picture(title: str, caption: str, draws: Sequence[Draw], panel_in: tuple[fl
     return Picture.of(title, caption, panel_figure("", draws, panel_in=panel_in, **style))
 
 
-def _draw_noise_ratios(
+def _draw_curves(
     arms: Sequence[ArmSummary],
+    x_label: str,
+    y_label: str,
+    bands: Callable[[Sequence[ArmSummary]], Bands],
     fits: Mapping[str, DoseResponse],
-    endpoint: EndpointName,
     axes: Any,
 ) -> None:
-    """Draw the figure of the paper: every arm over its noise ratios, or as a horizontal line if it has none."""
-    names = list(dict.fromkeys(arm.arm for arm in arms))
-    for k, name in enumerate(names):
-        own, color = [arm for arm in arms if arm.arm == name], line_color(k)
+    """Draw a curve with its band for every arm over the axis, or a horizontal line for an arm of one level or none."""
+    levels = [arm.level for arm in arms if arm.level is not None]
+    for k, name in enumerate(dict.fromkeys(arm.arm for arm in arms)):
+        own, color = sorted((a for a in arms if a.arm == name), key=lambda a: abs(a.level or 0)), line_color(k)
         low, high = min(arm.n for arm in own), max(arm.n for arm in own)
-        n = f"n = {low}" if low == high else f"n = {low} to {high}"
-        y, errors = _shares(own, endpoint)
-        if own[0].theta is None:
-            axes.axhline(y[0], color=color, ls="--", label=legend_label(f"{name}, no noise ratio, {n}"))
+        label = legend_label(f"{name}, n = {low}" if low == high else f"{name}, n = {low} to {high}")
+        y, errors = bands(own)
+        x, style = [arm.level for arm in own], {"color": color, "label": label}
+        if len(own) == 1:
+            axes.axhline(y[0], ls="--", **style)
             continue
-        style = {"marker": "o", "ms": 4, "capsize": 3, "color": color}
-        x = np.array([arm.theta for arm in own]) + BESIDE * (k - (len(names) - 1) / 2)
-        axes.errorbar(x, y, yerr=errors, label=legend_label(f"{name}, {n} each"), **style)
+        axes.plot(x, y, marker="o", ms=3, **style)
+        axes.fill_between(x, y - errors[0], y + errors[1], color=color, alpha=0.15, lw=0)
         if name in fits:
             fine = np.linspace(0.01, 1, 100)
             fitted = [100 * fits[name].curve.at(theta) for theta in fine]
             axes.plot(fine, fitted, ":", color=color, lw=1, label=legend_label(f"{name}, fit {FIT}"))
-    axes.set_xlabel("noise ratio theta")
-    _percent_axis(axes.yaxis, axes.set_ylim)
-    axes.set_ylabel(f"{AXIS_LABELS[endpoint]} [%]")
+    if max(levels, key=abs) < 0:
+        axes.invert_xaxis()
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    if y_label.endswith("[%]"):
+        _percent_axis(axes.yaxis, axes.set_ylim)
     axes.grid(alpha=0.3)
 
 
@@ -157,7 +165,14 @@ def _percent_axis(axis: Any, set_limits: Any) -> None:
     axis.set_ticks(range(0, 101, 20))
 
 
-def _shares(arms: Sequence[ArmSummary], endpoint: EndpointName) -> tuple[FloatArray, FloatArray]:
+def _goal_speeds(arms: Sequence[ArmSummary]) -> Bands:
+    """Return mean goal speeds [m/s]."""
+    found = [estimate for arm in arms if (estimate := arm.estimate(GOAL_SPEED)) is not None]
+    means, ends = np.array([one.value for one in found]), np.array([one.interval for one in found]).T
+    return means, np.maximum(0.0, [means - ends[0], ends[1] - means])
+
+
+def _shares(arms: Sequence[ArmSummary], endpoint: EndpointName) -> Bands:
     """Return shares of an endpoint [%], shape (arms,), and the distances to their Wilson bounds, shape (2, arms)."""
     counts = [arm.count(REACHED[endpoint]) for arm in arms]
     percent = np.array([100 * count / arm.n for count, arm in zip(counts, arms, strict=True)])

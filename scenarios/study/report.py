@@ -24,8 +24,10 @@ from .analysis import (
     compare_means,
     dose_responses,
     first_collisions,
+    gains,
     over_scenarios,
     summarise_arms,
+    thresholds,
 )
 from .design import ENDPOINTS, RunSpec
 from .figures import all_figures, forest
@@ -37,9 +39,13 @@ from .tables import (
     dose_response_table,
     effect_table,
     end_table,
+    gain_table,
+    gain_verdict,
     grid_table,
+    level_table,
     mean_difference_table,
     mean_table,
+    threshold_table,
     verdict,
     work_table,
 )
@@ -57,9 +63,13 @@ class Findings:
         primary = data.study.endpoint
         others = [one for one in ENDPOINTS if one != primary and any(arm.count(REACHED[one]) for arm in self._arms)]
         self._comparisons = {endpoint: compare_arms(data, endpoint) for endpoint in (primary, *others)}
-        self.verdict = verdict(self._comparisons[primary], primary)
+        self._unit = "" if data.study.axis is None else data.study.axis.unit
+        self.verdict = result(data)
         """The result by the primary endpoint in one sentence."""
         self.tables = {
+            "gains": gain_table(gains(data), self._unit),
+            "thresholds": threshold_table(thresholds(data), self._unit),
+            "levels": level_table(data.study, arms),
             "grid": grid_table(data.study, arms),
             "ends": end_table(arms),
             **{f"{name}_effects": effect_table(found, name) for name, found in self._comparisons.items()},
@@ -79,8 +89,16 @@ class Findings:
         primary = self.data.study.endpoint
         return [
             *forest(self._comparisons[primary], primary),
-            *all_figures([*self._over_all, *self._arms], fitted),
+            *all_figures([*self._over_all, *self._arms], fitted, self.data.study.axis_key, self._unit),
         ]
+
+
+def result(data: StudyData) -> str:
+    """Return what the declared comparison found, in one sentence; of a study without one, what its first arms did."""
+    declared = [gain for gain in gains(data) if gain.declared]
+    if declared and data.study.axis is not None:
+        return " ".join(gain_verdict(gain, data.study.axis.unit) for gain in declared)
+    return verdict(compare_arms(data, data.study.endpoint), data.study.endpoint)
 
 
 def write_report(data: StudyData, out: Path) -> Path:
@@ -167,7 +185,7 @@ def drone_table(data: StudyData) -> pd.DataFrame:
 
 
 def _place(spec: RunSpec) -> dict[str, Any]:
-    return {"scenario": spec.scenario, "arm": spec.arm, "theta": spec.theta, "seed": spec.seed, "key": spec.key}
+    return {"scenario": spec.scenario, "arm": spec.arm, "level": spec.level, "seed": spec.seed, "key": spec.key}
 
 
 def _typed(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:

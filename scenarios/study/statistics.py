@@ -1,4 +1,4 @@
-"""Statistics of runs: intervals of proportions, paired comparisons, and the dose response to the noise ratio.
+"""Statistics of runs: intervals of proportions, paired comparisons, and curves over the difficulty of flights.
 
 The unit of analysis is the run. All functions are pure.
 
@@ -11,23 +11,32 @@ Sources:
     [6] McCullagh, Nelder, Generalized Linear Models (1989), Section 4.3: the complementary log-log link.
     [7] Rao, Wu, J. Am. Stat. Assoc. 83 (1988) 231, doi:10.1080/01621459.1988.10478591: the bootstrap of small strata.
     [8] Miettinen, Biometrics 24 (1968) 339, doi:10.2307/2528039: the number of pairs that a test needs.
+    [9] Wichmann, Hill, Percept. Psychophys. 63 (2001) 1293, doi:10.3758/BF03194544: psychometric curves with lapses.
+    [10] Barlow, Brunk, J. Am. Stat. Assoc. 67 (1972) 140, doi:10.2307/2284712: means that fall, by least squares.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from voxdepth.types import FloatArray, MaskImage
 
 from ..errors import ScenarioError
 
+IndexArray = npt.NDArray[np.intp]
+SeedStatistic = Callable[[IndexArray], FloatArray]
+"""A statistic of seeds: it takes their numbers, shape (samples, n), and gives a value for each sample."""
 LEVEL = 0.95
 """Confidence level of every interval."""
 RESAMPLES = 1000
 BOOTSTRAP_SEED = 20240601
+LAPSE = 0.02
+"""Share of flights that fail however easy they are."""
+N_PLACES = 61
 LOG_A_BOUNDS, B_BOUNDS = (-15.0, 5.0), (0.0, 12.0)
 """Bounds of the fit. The likelihood may grow with b without limit; then the fit ends at a bound and reports it."""
 
@@ -287,3 +296,67 @@ def dose_response(
         resamples=len(curves),
         bootstrap_seed=seed,
     )
+
+
+class LogisticCurves:
+    """All falling logistic curves of successes over an axis that are considered, with a small share of lapses [9]."""
+
+    def __init__(self, levels: FloatArray, widths: Sequence[float]) -> None:
+        """The levels have shape (L,), from the easiest on; the widths of the curves are shares of the axis."""
+        grid = np.meshgrid(np.linspace(levels[0], levels[-1], N_PLACES), widths, indexing="ij")
+        self.places, scale = (side.ravel() for side in grid)
+        """Level at which each curve has fallen to a half, shape (curves,), from the easiest on."""
+        beyond = (levels[:, None] - self.places) / (scale * (levels[-1] - levels[0]))
+        self.success: FloatArray = (1 - LAPSE) / (1 + np.exp(np.clip(beyond, -50, 50)))
+        """Probability of a success at each level for each curve, shape (L, curves)."""
+
+    def likeliest(self, successes: FloatArray, runs: FloatArray) -> FloatArray:
+        """Return the place of the likeliest curve for counts of shape (..., L); ends of the axis stand for beyond."""
+        log_likelihood = successes @ np.log(self.success) + (runs - successes) @ np.log1p(-self.success)
+        return np.asarray(self.places[log_likelihood.argmax(axis=-1)])
+
+
+def told(estimate: Estimate, levels: FloatArray) -> str:
+    """Return a level of an axis as text, or that it may be beyond the levels that were flown: none is extrapolated."""
+    low, high = estimate.interval
+    if is_beyond(estimate, levels):
+        return f"may lie outside of {levels[0]:g} to {levels[-1]:g}"
+    return f"{estimate.value:.2f} [{low:.2f}, {high:.2f}]"
+
+
+def is_beyond(estimate: Estimate, levels: FloatArray) -> bool:
+    """Return whether a level may lie beyond the ends of an axis, which stand for what is there."""
+    low, high = estimate.interval
+    return bool(low <= min(levels) or high >= max(levels))
+
+
+FIT_WIDTHS = tuple(np.geomspace(0.01, 0.5, 12))
+"""Widths of the curves that are fitted to whole studies."""
+
+
+def success_threshold(levels: FloatArray, arrived: MaskImage) -> Estimate:
+    """Return the level at which half of the flights succeed, by maximum likelihood, with a bootstrap over seeds.
+
+    `arrived` has shape (seeds, levels). An end of the axis in the interval stands for all that is beyond it.
+    """
+    curves, n = LogisticCurves(levels, FIT_WIDTHS), len(arrived)
+    runs = np.full(len(levels), float(n))
+    return over_seeds(n, lambda rows: curves.likeliest(arrived[rows].sum(axis=-2, dtype=np.float64), runs))
+
+
+def crossing(levels: FloatArray, values: FloatArray, height: float) -> float:
+    """Return the level at which means that fall along the axis have come down to a height; an end for beyond it.
+
+    The means, shape (L,), are made to fall by least squares [10], and joined by straight lines.
+    """
+    from scipy.optimize import isotonic_regression
+
+    falling = isotonic_regression(values, increasing=False).x
+    return float(np.interp(-height, -falling, levels))
+
+
+def over_seeds(n: int, statistic: SeedStatistic) -> Estimate:
+    """Return a statistic of n seeds with the percentile interval of a bootstrap over them."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    whole = statistic(np.arange(n)[None])
+    return Estimate(float(whole[0]), percentiles(statistic(rng.integers(0, n, (RESAMPLES, n)))))

@@ -8,8 +8,21 @@ from swarm.types import Outcome
 from voxdepth.tools.table import Column, Table, Value
 
 from ..batch import OUTCOMES
+from ..errors import ScenarioError
 from ..report import percent
-from .analysis import ENDS, MEASURES, REACHED, ArmSummary, Comparison, MeanDifference, headline
+from .analysis import (
+    ENDS,
+    GOAL_SPEED,
+    MEASURES,
+    REACHED,
+    ArmSummary,
+    Comparison,
+    Gain,
+    MeanDifference,
+    Threshold,
+    headline,
+    pairs_to_find,
+)
 from .design import EndpointName, Study
 from .statistics import (
     B_BOUNDS,
@@ -19,7 +32,7 @@ from .statistics import (
     Interval,
     clopper_pearson,
     newcombe,
-    pairs_needed,
+    told,
     wilson,
 )
 
@@ -59,6 +72,20 @@ COMPARISON_NOTE = (
     "before the first run is not adjusted; those of all others of a table are, for their number after Holm."
 )
 NONE_REACHED_NOTE = "No run of any pair reached this endpoint, so that these runs cannot tell the arms apart by it."
+LEVEL_NOTE = (
+    "Goal speeds with 95 % intervals of a bootstrap that draws runs, and arrivals without a collision with Wilson's."
+)
+THRESHOLD_NOTE = (
+    "Where half arrive: the likeliest logistic curve of arrivals, with 2 % of flights that fail at any level. Where "
+    "half of the full goal speed is left: the means over seeds, made to fall along the axis by least squares and "
+    "joined by lines, come down to half of the reference's mean. Over the seeds that have a result at every level, "
+    "with the middle 95 % of a bootstrap that draws seeds. Nothing is extrapolated beyond the levels that were flown."
+)
+GAIN_NOTE = (
+    "The distance along the axis between the places at which two arms come down to half of the full goal speed, "
+    "positive if the first comes farther; over common seeds, which the bootstrap of the 95 % interval draws."
+)
+BEYOND = "outside of the levels that were flown"
 DOSE_NOTE = (
     "The collision ratio as 1 - exp(-a theta^b), a complementary log-log model, fitted by maximum likelihood to the "
     "runs of those seeds that have a result at every theta; theta 0 is left out, where the curve is 0. Intervals are "
@@ -90,12 +117,20 @@ def verdict(comparisons: Sequence[Comparison], endpoint: EndpointName) -> str:
     points = f"{100 * pairs.difference:+.0f} points [{low:.0f}, {high:.0f}]"
     if p < 1 - LEVEL:
         return f"{found.first} against {found.second}: {what} {points}, by {pairs.n} pairs, p = {_p_text(p)}."
-    # Without a discordant pair their share is not 0 yet.
-    needed = pairs_needed((pairs.first_only + pairs.second_only + 1) / (pairs.n + 2), EFFECT)
-    return (
-        f"{pairs.n} pairs show no difference between {found.first} and {found.second} ({what}: {points}); to detect "
-        f"{100 * EFFECT:.0f} points you need about {needed} pairs."
-    )
+    none = f"{pairs.n} pairs show no difference between {found.first} and {found.second} ({what}: {points})"
+    try:
+        needed = pairs_to_find(found, endpoint, EFFECT)
+    except ScenarioError as error:
+        return f"{none}; {error}."
+    return f"{none}; to detect {100 * EFFECT:.0f} points you need about {needed} pairs."
+
+
+def gain_verdict(gain: Gain, unit: str) -> str:
+    """Say what the declared comparison of curves found."""
+    what = f"{gain.first} against {gain.second}, by {gain.seeds} seeds"
+    if gain.estimate is None:
+        return f"{what}: a curve may come down to half of the full goal speed {BEYOND}."
+    return f"{what}: half of the full goal speed is kept {_estimate(gain.estimate, '+.2f')} {unit} farther."
 
 
 def end_table(arms: Iterable[ArmSummary]) -> Table:
@@ -150,6 +185,45 @@ def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> T
             label, counts = f"{found.first} - {found.second}", (pairs.n, pairs.first_only, pairs.second_only)
             rows.append([label, name, *counts, pairs.difference, _interval(newcombe(pairs), "+.3f")])
     return Table.of(f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=EFFECT_NOTE)
+
+
+def level_table(study: Study, arms: Iterable[ArmSummary]) -> Table:
+    """Return the goal speed and the arrivals of each arm, a row for each level of the axis."""
+    found = {(arm.scenario, arm.level, arm.arm): arm for arm in arms if arm.n and arm.level is not None}
+    names = [arm.name for arm in study.arms if any(arm.name == name for _, _, name in found)]
+    places = sorted({(scenario, level) for scenario, level, _ in found}, key=lambda place: (place[0], abs(place[1])))
+    rows: list[list[Value]] = []
+    for scenario, level in places:
+        cells = [found.get((scenario, level, name)) for name in names]
+        speeds = [None if arm is None else _estimate(arm.estimate(GOAL_SPEED)) for arm in cells]
+        arrived = [None if arm is None else _percent(arm.count(Outcome.SUCCESS), arm.n) for arm in cells]
+        rows.append([scenario, f"{level:g}", *speeds, *arrived])
+    columns = [f"{name}: {what}" for what in ("goal speed [m/s]", "arrived [%]") for name in names]
+    return Table.of("Curves over the axis", ("scenario", study.axis_key, *columns), rows, note=LEVEL_NOTE)
+
+
+def threshold_table(found: Iterable[Threshold], unit: str) -> Table:
+    """Return how far along the axis each arm comes."""
+    columns = ("scenario", "arm", "seeds", f"half arrive [{unit}]", f"half of the full goal speed [{unit}]")
+    rows: list[list[Value]] = []
+    for one in found:
+        levels = one.curve.levels
+        ends = [None if end is None else told(end, levels) for end in (one.half_arrive, one.half_speed)]
+        rows.append([one.curve.scenario, one.curve.arm, len(one.curve.runs), *ends])
+    return Table.of("Thresholds", columns, rows, note=THRESHOLD_NOTE)
+
+
+def gain_table(found: Iterable[Gain], unit: str) -> Table:
+    """Return by how much farther along the axis one arm keeps its goal speed than another one."""
+    columns = ("first - second", "", "scenario", "seeds", f"gained [{unit}]")
+    rows: list[list[Value]] = [
+        [
+            *(f"{gain.first} - {gain.second}", "declared" if gain.declared else "other", gain.scenario, gain.seeds),
+            BEYOND if gain.estimate is None else _estimate(gain.estimate, "+.2f"),
+        ]
+        for gain in found
+    ]
+    return Table.of("Gains along the axis", columns, rows, note=GAIN_NOTE)
 
 
 def grid_table(study: Study, arms: Iterable[ArmSummary]) -> Table:
