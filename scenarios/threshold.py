@@ -1,39 +1,22 @@
 """The difficulty at which half of the flights arrive, found with few flights that are placed where they tell most."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
-from voxdepth.types import FloatArray
-
 from .batch import fly_all
 from .config import load_run
-from .study.design import NOISE_RATIO
+from .study.design import NOISE_RATIO, Axis
 from .study.statistics import LEVEL, Estimate, Interval, LogisticCurves, told
 
-N_LEVELS = 61
 WIDTHS = (0.02, 0.06, 0.15)
 """Scales of the logistic curve that are considered, as shares of the axis."""
 FIRST_SEED = 2000
 """First seed of the flights; seeds of pilots, which no study uses."""
-
-
-class Axis(NamedTuple):
-    """A setting that makes flights harder."""
-
-    key: str
-    """Its dotted key in a scenario."""
-    unit: str
-    easiest: float
-    hardest: float
-    depth: str
-    """Sensor model that has the setting."""
-
-
+N_LEVELS = 61
 AXES = {
-    "light": Axis("rig.light_stops", "f-stops", 0.0, -6.0, "stereo"),
-    "noise": Axis(NOISE_RATIO, "noise ratio", 0.0, 1.0, "noisy"),
+    "light": Axis(key="rig.light_stops", unit="f-stops", levels=tuple(np.linspace(0, -6, N_LEVELS).tolist())),
+    "noise": Axis(key=NOISE_RATIO, unit="noise ratio", levels=tuple(np.linspace(0, 1, N_LEVELS).tolist())),
 }
 
 
@@ -48,7 +31,7 @@ class ThresholdSearch:
     """
 
     def __init__(self, axis: Axis) -> None:
-        self.levels: FloatArray = np.linspace(axis.easiest, axis.hardest, N_LEVELS)
+        self.levels = np.array(axis.levels)
         curves = LogisticCurves(self.levels, WIDTHS)
         self._success, self._places = curves.success, curves.places
         self._curves = np.full(self._places.size, 1 / self._places.size)
@@ -78,7 +61,7 @@ class ThresholdSearch:
 
 def found(axis: Axis, estimate: Estimate) -> str:
     """Say where half of the flights arrive, or that it is outside of the range that was flown."""
-    return f"{axis.unit} at which half of the flights arrive: {told(estimate, np.array([axis.easiest, axis.hardest]))}"
+    return f"{axis.unit} at which half of the flights arrive: {told(estimate, np.array(axis.levels))}"
 
 
 def search(
@@ -92,10 +75,11 @@ def search(
     known = ThresholdSearch(axis)
     for first in range(FIRST_SEED, FIRST_SEED + flights, workers):
         seeds, level = range(first, min(first + workers, FIRST_SEED + flights)), known.next_level()
-        changes = {"mission.drones": 1, "rig.depth": axis.depth, "corrector": corrector}
-        changes[axis.key] = float(known.levels[level])
+        sensor = "noisy" if axis.key == NOISE_RATIO else "stereo"
+        changes = {"mission.drones": 1, "rig.depth": sensor, "corrector": corrector}
+        changes[axis.key] = axis.levels[level]
         runs = [load_run(scenario, seed, changes) for seed in seeds]
         for seed, finished in zip(seeds, fly_all(runs, workers=workers), strict=True):
             success = finished.result.outcome == "success"
             known.add(level, success=success)
-            yield seed, float(known.levels[level]), success, known.estimate()
+            yield seed, axis.levels[level], success, known.estimate()

@@ -111,23 +111,12 @@ def export(
 
 
 @app.command()
-def report(
-    out: Folder,
-    record: Annotated[
-        bool, typer.Option("--record", help="Fly the first collision of each arm again, with a Rerun recording.")
-    ] = False,
-) -> None:
+def report(out: Folder) -> None:
     """Write report.html with the results so far, its tables as Markdown, and its figures in figures/."""
-    from ..study.analysis import first_collisions
-    from ..study.replay import fly_again
-    from ..study.report import recording_folder, recording_of, write_report
+    from ..study.report import write_report
     from ..study.store import read_study
 
     data = read_study(out)
-    for spec in first_collisions(data) if record else ():
-        if recording_of(out, spec) is None:
-            _, _, verdict = fly_again(data, spec, recording_folder(out, spec), record=True)
-            typer.echo(f"{spec.label}: {verdict}")
     typer.echo(f"{len(data.records)} of {len(data.runs)} runs; written to {write_report(data, out)}")
 
 
@@ -211,5 +200,5 @@ def _print_status(data: "StudyData") -> None:
     kinds = {failure.kind for failure in data.failures.values()}
     if "plugin error" in kinds:
         typer.echo("after a change of your code, fly the study with another --out: it is another one then")
-    if kinds - {"plugin error"}:
-        typer.echo("fly the others again with --resume --retry-errors")
+    if others := sorted(kinds - {"plugin error"}):
+        typer.echo(f"fly runs with {' or '.join(others)} again with --resume --retry-errors")

@@ -1,13 +1,14 @@
 """Analysis of a study: summaries of its arms, paired comparisons of arms, and curves over its axis."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import pandas as pd
 
 from swarm.types import MetricValue, Outcome
-from voxdepth.types import FloatArray, MaskImage
+from voxdepth.types import FloatArray
 
 from ..errors import ScenarioError
 from .design import GAIN, NOISE_RATIO, EndpointName, RunSpec, arm_label
@@ -34,8 +35,10 @@ from .store import RunRecord, StudyData
 
 ArmLevel = tuple[str, float | None]
 """An arm at one level of the axis."""
-Block = tuple[str, int]
-"""A scenario and a seed, within which the runs of two arms form a pair."""
+Sides = tuple[ArmLevel, ArmLevel]
+"""Two arms that are compared."""
+RunPairs = list[tuple[RunSpec, RunSpec]]
+"""Runs of two arms with the same scenario and seed."""
 REACHED: Mapping[EndpointName, Outcome] = {"arrived": Outcome.SUCCESS, "collision": Outcome.COLLISION}
 """Outcome of the runs that reached an endpoint."""
 ENDS: Mapping[str, tuple[Outcome, ...]] = {
@@ -142,10 +145,6 @@ class ArmSummary:
         """Collision ratio: runs with a collision divided by runs; None without runs."""
         return self.collisions / self.n if self.n else None
 
-    def interval(self, method: Callable[[int, int], Interval]) -> Interval | None:
-        """Return `wilson` or `clopper_pearson` of the collision ratio; None without runs."""
-        return method(self.collisions, self.n) if self.n else None
-
     def count(self, *outcomes: Outcome) -> int:
         """Return the number of runs with one of some outcomes."""
         return sum(record.outcome in outcomes for record in self.records)
@@ -207,39 +206,29 @@ class MeanDifference:
 
 def summarise_arms(data: StudyData) -> list[ArmSummary]:
     """Summarise every arm at every level in every scenario, in the order of the study."""
+    return _summaries(data, [(spec.scenario, spec) for spec in data.specs])
+
+
+def over_scenarios(data: StudyData) -> list[ArmSummary]:
+    """Summarise every arm at every level over all scenarios; none if there is one scenario."""
+    several = len({spec.scenario for spec in data.specs}) > 1
+    return _summaries(data, [("all", spec) for spec in data.specs] if several else [])
+
+
+def _summaries(data: StudyData, specs: Sequence[tuple[str, RunSpec]]) -> list[ArmSummary]:
     grouped: dict[tuple[str, str, float | None], list[RunSpec]] = {}
-    for spec in data.specs:
-        grouped.setdefault((spec.scenario, spec.arm, spec.level), []).append(spec)
+    for name, spec in specs:
+        grouped.setdefault((name, spec.arm, spec.level), []).append(spec)
     return [
         ArmSummary(
             scenario=scenario,
             arm=arm,
             level=level,
-            planned=len(specs),
-            specs=[spec for spec in specs if spec.key in data.records],
-            records=[data.records[spec.key] for spec in specs if spec.key in data.records],
+            planned=len(own),
+            specs=[spec for spec in own if spec.key in data.records],
+            records=[data.records[spec.key] for spec in own if spec.key in data.records],
         )
-        for (scenario, arm, level), specs in grouped.items()
-    ]
-
-
-def over_scenarios(arms: Sequence[ArmSummary]) -> list[ArmSummary]:
-    """Return the summaries of all arms over all scenarios; none if there is one scenario."""
-    if len({arm.scenario for arm in arms}) < 2:
-        return []
-    grouped: dict[ArmLevel, list[ArmSummary]] = {}
-    for arm in arms:
-        grouped.setdefault((arm.arm, arm.level), []).append(arm)
-    return [
-        ArmSummary(
-            scenario="all",
-            arm=name,
-            level=level,
-            planned=sum(arm.planned for arm in own),
-            specs=[spec for arm in own for spec in arm.specs],
-            records=[record for arm in own for record in arm.records],
-        )
-        for (name, level), own in grouped.items()
+        for (scenario, arm, level), own in grouped.items()
     ]
 
 
@@ -254,67 +243,82 @@ def compare_arms(data: StudyData, endpoint: EndpointName) -> list[Comparison]:
 
     The declared comparison comes first; it is the primary one if it was declared on this endpoint.
     """
-    sides, declared = _sides(data)
+    matched, declared = _matched(data)
     primary = declared if endpoint == data.study.endpoint else None
-    reached = _reached(data, endpoint)
-    found = [(pair, cells) for pair in sides if (cells := _cells(reached, *pair))]
-    pooled = [pooled_pairs(cells.values()) for _, cells in found]
-    p_values = [mcnemar(pairs.first_only, pairs.second_only) for pairs in pooled]
-    adjusted = iter(holm([p for p, (pair, _) in zip(p_values, found, strict=True) if pair != primary]))
+    pooled = {sides: _counts(data, pairs, endpoint) for sides, pairs in matched.items()}
+    p_values = {sides: mcnemar(pairs.first_only, pairs.second_only) for sides, pairs in pooled.items()}
+    others = [sides for sides in p_values if sides != primary]
+    adjusted = dict(zip(others, holm([p_values[sides] for sides in others]), strict=True))
     return [
         Comparison(
-            first=arm_label(*pair[0]),
-            second=arm_label(*pair[1]),
-            declared=pair == declared,
-            cells=cells,
+            first=arm_label(*sides[0]),
+            second=arm_label(*sides[1]),
+            declared=sides == declared,
+            cells={name: _counts(data, own, endpoint) for name, own in _by_scenario(matched[sides]).items()},
             pairs=pairs,
             difference=newcombe(pairs),
-            p=p,
-            p_holm=None if pair == primary else next(adjusted),
+            p=p_values[sides],
+            p_holm=adjusted.get(sides),
         )
-        for p, pairs, (pair, cells) in zip(p_values, pooled, found, strict=True)
+        for sides, pairs in pooled.items()
     ]
 
 
 def compare_means(data: StudyData, measures: Sequence[Measure]) -> list[MeanDifference]:
     """Compare the means of some measures of all pairs of arms that have a pair of runs."""
-    flown: dict[ArmLevel, dict[Block, RunSpec]] = {}
+    return [
+        MeanDifference(
+            first=arm_label(*one),
+            second=arm_label(*other),
+            pairs=len(pairs),
+            estimates={measure.name: _mean_difference(data, measure, pairs) for measure in measures},
+        )
+        for (one, other), pairs in _matched(data)[0].items()
+    ]
+
+
+def _mean_difference(data: StudyData, measure: Measure, pairs: RunPairs) -> Estimate | None:
+    """Return the difference of a measure over pairs of runs, with a bootstrap over the seeds of each scenario."""
+    strata: list[list[tuple[float, ...]]] = []
+    for own in _by_scenario(pairs).values():
+        counts = [[measure.of(spec, data.records[spec.key]) for spec in pair] for pair in own]
+        strata.append([(*a, *b) for a, b in counts if a is not None and b is not None])
+    strata = [rows for rows in strata if rows]
+    return bootstrap_ratio(strata) if strata else None
+
+
+def _by_scenario(pairs: RunPairs) -> dict[str, RunPairs]:
+    scenarios = dict.fromkeys(first.scenario for first, _ in pairs)
+    return {name: [pair for pair in pairs if pair[0].scenario == name] for name in scenarios}
+
+
+def _counts(data: StudyData, pairs: RunPairs, endpoint: EndpointName) -> Pairs:
+    """Count the pairs by which of the two runs reached an endpoint."""
+    reached = {key: record.outcome is REACHED[endpoint] for key, record in data.records.items()}
+    return pairs_of([(reached[a.key], reached[b.key]) for a, b in pairs])
+
+
+def _matched(data: StudyData) -> tuple[dict[Sides, RunPairs], Sides | None]:
+    """Return the pairs of runs of the same scenario and seed of every two arms, and the declared arms.
+
+    These come first; None if there are none. Arms at two different levels are not compared.
+    """
+    study, flown = data.study, dict[ArmLevel, dict[tuple[str, int], RunSpec]]()
     for spec in data.flown:
         flown.setdefault((spec.arm, spec.level), {})[spec.scenario, spec.seed] = spec
-    found = []
-    for one, other in _sides(data)[0]:
-        a, b = flown.get(one, {}), flown.get(other, {})
-        blocks = [block for block in a if block in b]
-        if blocks:
-            estimates = {
-                m.name: _mean_difference(data, m, [(a[block], b[block]) for block in blocks]) for m in measures
-            }
-            labels = {"first": arm_label(*one), "second": arm_label(*other)}
-            found.append(MeanDifference(**labels, pairs=len(blocks), estimates=estimates))
-    return found
-
-
-def _mean_difference(data: StudyData, measure: Measure, pairs: Sequence[tuple[RunSpec, RunSpec]]) -> Estimate | None:
-    """Return the difference of a measure over pairs of runs, with a bootstrap over the seeds of each scenario."""
-    strata: dict[str, list[tuple[float, ...]]] = {}
-    for pair in pairs:
-        a, b = (measure.of(spec, data.records[spec.key]) for spec in pair)
-        if a is not None and b is not None:
-            strata.setdefault(pair[0].scenario, []).append((*a, *b))
-    return bootstrap_ratio(list(strata.values())) if strata else None
-
-
-def _sides(data: StudyData) -> tuple[list[tuple[ArmLevel, ArmLevel]], tuple[ArmLevel, ArmLevel] | None]:
-    """Return the pairs of arms that are compared, and the declared one, which comes first; None if there is none."""
-    study = data.study
     levels: list[ArmLevel] = [(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
-    # Arms at two different levels are not compared.
     sides = [(a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (None in (a[1], b[1]) or a[1] == b[1])]
-    if (declared := study.declared) is None or declared.endpoint == GAIN:
-        return sides, None
-    level = {level[0]: level for level in levels}  # The arms of the declared comparison have one level.
-    primary = level[declared.arm], level[declared.against]
-    return [primary, *(pair for pair in sides if set(pair) != set(primary))], primary
+    primary: Sides | None = None
+    if (declared := study.declared) is not None and declared.endpoint != GAIN:
+        level = {level[0]: level for level in levels}  # The arms of the declared comparison have one level.
+        primary = level[declared.arm], level[declared.against]
+        sides = [primary, *(pair for pair in sides if set(pair) != set(primary))]
+    matched = {}
+    for one, other in sides:
+        a, b = flown.get(one, {}), flown.get(other, {})
+        if pairs := [(a[block], b[block]) for block in a if block in b]:
+            matched[one, other] = pairs
+    return matched, primary
 
 
 def pairs_to_find(found: Comparison, endpoint: EndpointName, effect: float) -> int:
@@ -336,38 +340,6 @@ def pairs_to_find(found: Comparison, endpoint: EndpointName, effect: float) -> i
 
 
 @dataclass(frozen=True, kw_only=True)
-class Curve:
-    """The runs of an arm along the axis in one scenario, of those seeds that have a result at every level."""
-
-    scenario: str
-    arm: str
-    levels: FloatArray
-    """From the easiest on."""
-    runs: Mapping[int, Sequence[tuple[RunSpec, RunRecord]]]
-    """A run for each level, by seed."""
-
-    def reached(self, endpoint: EndpointName) -> MaskImage:
-        """Return whether each run reached an endpoint, shape (seeds, levels)."""
-        rows = [[record.outcome is REACHED[endpoint] for _, record in runs] for runs in self.runs.values()]
-        return np.array(rows, np.bool_).reshape(-1, len(self.levels))
-
-    def goal_speeds(self, seeds: Sequence[int]) -> FloatArray:
-        """Return the goal speed of some seeds [m/s], shape (seeds, levels)."""
-        return np.array([[_goal_speed_m_s(*run)[0] for run in self.runs[seed]] for seed in seeds])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Threshold:
-    """How far along the axis an arm comes in a scenario."""
-
-    curve: Curve
-    half_arrive: Estimate
-    """Level at which half of the flights arrive."""
-    half_speed: Estimate | None
-    """Level at which half of the reference's goal speed is left; None without a reference."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Gain:
     """By how much farther along the axis one arm keeps half of the reference's goal speed than another one."""
 
@@ -380,75 +352,84 @@ class Gain:
     """In the unit of the axis, positive if the first comes farther; None if one of them may leave the flown range."""
 
 
-def curves(data: StudyData, at_least: int = 3) -> list[Curve]:
-    """Return the curve of every arm with at least so many levels, in every scenario."""
-    flown = {(spec.scenario, spec.arm, spec.seed, spec.level): (spec, data.records[spec.key]) for spec in data.flown}
-    found = []
-    for scenario in dict.fromkeys(spec.scenario for spec in data.specs):
-        for arm in data.study.arms:
-            levels, seeds = data.study.levels_of(arm), data.study.seeds.first_seeds(arm.seeds)
-            cells = {seed: [(scenario, arm.name, seed, level) for level in levels] for seed in seeds}
-            runs = {seed: [flown[cell] for cell in row] for seed, row in cells.items() if set(row) <= flown.keys()}
-            if len(levels) >= at_least:
-                found.append(Curve(scenario=scenario, arm=arm.name, levels=np.array(levels, np.float64), runs=runs))
-    return found
+Threshold = tuple[str, str, int, Estimate, Estimate | None, FloatArray]
+"""Scenario, arm, number of seeds, the levels at which half of the flights arrive and at which half of the reference's
+goal speed is left (None without a reference), and the levels that were flown."""
+
+
+def curves(data: StudyData, value: Callable[[RunSpec, RunRecord], float]) -> dict[tuple[str, str], pd.DataFrame]:
+    """Return a number of every run by scenario and arm, for arms with a level: columns are levels, the easiest first.
+
+    The rows are the seeds that have a result at every level of the arm.
+    """
+    names = ["scenario", "arm", "seed", "level", "value"]
+    rows = [(s.scenario, s.arm, s.seed, s.level, value(s, data.records[s.key])) for s in data.flown]
+    grouped = pd.DataFrame(rows, columns=names).groupby(names[:2], sort=False)
+    levels = {arm.name: data.study.levels_of(arm) for arm in data.study.arms}
+    return {
+        (scenario, arm): own.pivot(index="seed", columns="level", values="value").reindex(columns=levels[arm]).dropna()
+        for (scenario, arm), own in grouped
+        if None not in levels[arm]
+    }
 
 
 def thresholds(data: StudyData) -> list[Threshold]:
-    """Return how far along the axis each arm comes, of the arms that have a seed at every level."""
-    found, references = [], _reference_curves(data)
-    for curve in (curve for curve in curves(data) if curve.runs):
-        half_speed = None
-        if (reference := references.get(curve.scenario)) and (seeds := [*curve.runs.keys() & reference.runs.keys()]):
-            half_speed = over_seeds(len(seeds), _half_speed(curve, reference, sorted(seeds)))
-        half_arrive = success_threshold(curve.levels, curve.reached("arrived"))
-        found.append(Threshold(curve=curve, half_arrive=half_arrive, half_speed=half_speed))
+    """Return how far along the axis each arm comes, of the arms that have a seed at each of at least three levels."""
+    speeds, full = _speeds(data)
+    found = []
+    for (scenario, arm), own in curves(data, lambda _, record: record.outcome is Outcome.SUCCESS).items():
+        if len(own) and len(own.columns) > 2:
+            levels, half_speed = own.columns.to_numpy(float), None
+            if seeds := sorted({*own.index} & full.get(scenario, {}).keys()):
+                half_speed = over_seeds(len(seeds), _half_speed(speeds[scenario, arm], full[scenario], seeds))
+            half_arrive = success_threshold(levels, own.to_numpy(bool))
+            found.append((scenario, arm, len(own), half_arrive, half_speed, levels))
     return found
 
 
 def gains(data: StudyData) -> list[Gain]:
     """Compare the curves of goal speed of all pairs of arms that share seeds; the declared pair comes first."""
-    declared, references = data.study.declared, _reference_curves(data)
+    declared, (speeds, full) = data.study.declared, _speeds(data)
     primary = (declared.arm, declared.against) if declared is not None and declared.endpoint == GAIN else None
     found = []
-    for one, other in combinations(curves(data), 2):
-        reference = references.get(one.scenario)
-        if reference is None or one.scenario != other.scenario:
-            continue
-        first, second = (other, one) if (other.arm, one.arm) == primary else (one, other)
-        seeds = sorted(first.runs.keys() & second.runs.keys() & reference.runs.keys())
-        if seeds:
-            estimate = _gain(first, second, reference, seeds)
-            is_declared = (first.arm, second.arm) == primary
-            labels = {"scenario": first.scenario, "first": first.arm, "second": second.arm}
-            found.append(Gain(**labels, declared=is_declared, seeds=len(seeds), estimate=estimate))
+    for pair in combinations((place for place, own in speeds.items() if len(own.columns) > 2), 2):
+        first, second = reversed(pair) if (pair[1][1], pair[0][1]) == primary else pair
+        seeds = sorted({*speeds[first].index} & {*speeds[second].index} & full.get(first[0], {}).keys())
+        if first[0] == second[0] and seeds:
+            estimate = _gain(speeds[first], speeds[second], full[first[0]], seeds)
+            named = {"scenario": first[0], "first": first[1], "second": second[1]}
+            found.append(Gain(**named, declared=(first[1], second[1]) == primary, seeds=len(seeds), estimate=estimate))
     return sorted(found, key=lambda gain: not gain.declared)
 
 
-def _reference_curves(data: StudyData) -> dict[str, Curve]:
-    """Return the runs of the reference of the axis by scenario."""
-    axis = data.study.axis
-    return {c.scenario: c for c in curves(data, at_least=1) if axis is not None and c.arm == axis.reference}
+def _speeds(data: StudyData) -> tuple[dict[tuple[str, str], pd.DataFrame], dict[str, dict[int, float]]]:
+    """Return the curves of goal speed, and the reference's mean goal speed by scenario and seed."""
+    speeds, axis = curves(data, lambda spec, record: _goal_speed_m_s(spec, record)[0]), data.study.axis
+    reference = None if axis is None else axis.reference
+    return speeds, {place: own.mean(axis=1).to_dict() for (place, arm), own in speeds.items() if arm == reference}
 
 
-def _half_speed(curve: Curve, reference: Curve, seeds: Sequence[int]) -> SeedStatistic:
-    """Return the function of seeds that finds where their mean goal speed is half of the reference's."""
-    speeds, full = curve.goal_speeds(seeds), reference.goal_speeds(seeds).mean(axis=1)
+def _half_speed(speeds: pd.DataFrame, full: Mapping[int, float], seeds: Sequence[int]) -> SeedStatistic:
+    """Return the function of seeds that finds the level at which half of the reference's goal speed is left."""
+    levels, values = speeds.columns.to_numpy(float), speeds.loc[seeds].to_numpy()
+    halves = np.array([full[seed] for seed in seeds]) / 2
 
-    def level(rows: IndexArray) -> FloatArray:
-        heights = full[rows].mean(axis=1) / 2
-        means = speeds[rows].mean(axis=1)
-        return np.array([crossing(curve.levels, *own) for own in zip(means, heights, strict=True)])
+    def at(rows: IndexArray) -> FloatArray:
+        means = zip(values[rows].mean(axis=1), halves[rows].mean(axis=1), strict=True)
+        return np.array([crossing(levels, *own) for own in means])
 
-    return level
+    return at
 
 
-def _gain(first: Curve, second: Curve, reference: Curve, seeds: Sequence[int]) -> Estimate | None:
-    a, b = (_half_speed(curve, reference, seeds) for curve in (first, second))
-    if any(is_beyond(over_seeds(len(seeds), level), curve.levels) for level, curve in ((a, first), (b, second))):
-        return None
-    harder = np.sign(first.levels[-1] - first.levels[0])
-    return over_seeds(len(seeds), lambda rows: harder * (a(rows) - b(rows)))
+def _gain(
+    first: pd.DataFrame, second: pd.DataFrame, full: Mapping[int, float], seeds: Sequence[int]
+) -> Estimate | None:
+    a, b = (_half_speed(speeds, full, seeds) for speeds in (first, second))
+    for at, speeds in ((a, first), (b, second)):
+        if is_beyond(over_seeds(len(seeds), at), speeds.columns.to_numpy(float)):
+            return None
+    harder = np.sign(first.columns[-1] - first.columns[0])
+    return over_seeds(len(seeds), lambda rows: np.asarray(harder * (a(rows) - b(rows))))
 
 
 def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | str]]:
@@ -458,17 +439,18 @@ def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | s
         The scenario, the arm, and its dose response or the reason why there is none. An arm that flew the noise ratio 1
         has a second one without it, to show how much hangs on it.
     """
-    for curve in curves(data) if data.study.axis_key == NOISE_RATIO else ():
-        thetas, rows = curve.levels.tolist(), curve.reached("collision")
-        below = [k for k, theta in enumerate(thetas) if theta < 1]
-        yield curve.scenario, curve.arm, _fitted(thetas, rows)
-        if 3 <= len(below) < len(thetas):
-            yield curve.scenario, f"{curve.arm}, without theta 1", _fitted([thetas[k] for k in below], rows[:, below])
+    collided = curves(data, lambda _, record: record.outcome is Outcome.COLLISION)
+    for (scenario, arm), rows in collided.items() if data.study.axis_key == NOISE_RATIO else ():
+        if len(rows.columns) > 2:
+            below = [theta for theta in rows.columns if theta < 1]
+            yield scenario, arm, _fitted(rows)
+            if 3 <= len(below) < len(rows.columns):
+                yield scenario, f"{arm}, without theta 1", _fitted(rows[below])
 
 
-def _fitted(thetas: Sequence[float], collided: MaskImage) -> DoseResponse | str:
+def _fitted(collided: pd.DataFrame) -> DoseResponse | str:
     try:
-        return dose_response(thetas, collided)
+        return dose_response(collided.columns.tolist(), collided.to_numpy(bool))
     except ScenarioError as error:
         return str(error)
 
@@ -477,29 +459,3 @@ def first_collisions(data: StudyData) -> list[RunSpec]:
     """Return the run of each arm that ended in a collision and has the lowest seed."""
     found = {spec.arm: spec for spec in reversed(data.collisions)}
     return [found[arm.name] for arm in data.study.arms if arm.name in found]
-
-
-def pooled_pairs(cells: Iterable[Pairs]) -> Pairs:
-    """Return the pairs of all scenarios together."""
-    cells = list(cells)
-    counts = ("both", "first_only", "second_only", "neither")
-    return Pairs(**{name: sum(getattr(pairs, name) for pairs in cells) for name in counts})
-
-
-def _reached(data: StudyData, endpoint: EndpointName) -> Mapping[ArmLevel, Mapping[Block, bool]]:
-    """Return whether each run with a result reached an endpoint."""
-    found: dict[ArmLevel, dict[Block, bool]] = {}
-    for spec in data.flown:
-        has_reached = data.records[spec.key].outcome is REACHED[endpoint]
-        found.setdefault((spec.arm, spec.level), {})[spec.scenario, spec.seed] = has_reached
-    return found
-
-
-def _cells(reached: Mapping[ArmLevel, Mapping[Block, bool]], first: ArmLevel, second: ArmLevel) -> dict[str, Pairs]:
-    """Return the pairs of runs of two arms by scenario."""
-    a, b = reached.get(first, {}), reached.get(second, {})
-    outcomes: dict[str, list[tuple[bool, bool]]] = {}
-    for block in a:
-        if block in b:
-            outcomes.setdefault(block[0], []).append((a[block], b[block]))
-    return {scenario: pairs_of(pairs) for scenario, pairs in outcomes.items()}

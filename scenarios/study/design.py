@@ -85,7 +85,7 @@ class Arm(Model):
     corrector: CorrectorSpec
     """The corrector's name, or a table with `name` and `config`."""
     theta: tuple[float, ...] = ()
-    """Noise ratios of the sensor model `noisy`, one or a list; each makes runs of its own."""
+    """Noise ratios of the sensor model `noisy`, one or a list; a list is an axis of the arm, from the easiest on."""
     levels: tuple[float, ...] = Field(default=(), strict=False)
     """Levels of the study's axis that this arm flies. Default: all."""
     size: str | None = Field(default=None, pattern=r"^\d+x\d+$")
@@ -120,8 +120,10 @@ class Arm(Model):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All values of the scenario that the arm sets at every level, by dotted key."""
+        """All values of the scenario that the arm sets, by dotted key; a level of the axis goes before them."""
         changes = {**self.changes, "rig.depth": self.depth, "corrector": self.corrector.model_dump()}
+        if self.theta:
+            changes[NOISE_RATIO] = self.theta[0]
         if self.size is not None:
             width, height = self.size.split("x")
             changes |= images_of(int(width), int(height))
@@ -196,13 +198,15 @@ class Study(Model):
         for arm in self.arms:
             if axis is None and arm.levels:
                 raise ValueError(f"arm {arm.name!r} has levels of an axis, which the study lacks: give [axis]")
-            if axis is not None and arm.theta:
-                raise ValueError(f"arm {arm.name!r} has theta in a study with an axis: a study has one of both")
-            if axis is not None and (unknown := [level for level in arm.levels if level not in axis.levels]):
+            if axis is None:
+                continue
+            if len(arm.theta) > 1:
+                raise ValueError(f"arm {arm.name!r} has {len(arm.theta)} theta in a study with an axis, expected one")
+            if unknown := [level for level in arm.levels if level not in axis.levels]:
                 raise ValueError(f"arm {arm.name!r} flies {unknown[0]:g}, which is no level of the axis")
-            if axis is not None and _is_set_by(axis.key, (*ALWAYS_SET, *self.changes, *arm.changes)):
+            if _is_set_by(axis.key, (*ALWAYS_SET, *self.changes, *arm.changes)):
                 raise ValueError(f"the axis {axis.key} must not be set by the study or by arm {arm.name!r} as well")
-        if axis is not None and axis.reference is not None and axis.reference not in [arm.name for arm in self.arms]:
+        if axis is not None and axis.reference not in (None, *(arm.name for arm in self.arms)):
             raise ValueError(f"the reference of the axis is no arm of the study: {axis.reference!r}")
 
     def _check_seeds(self) -> None:

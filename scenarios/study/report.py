@@ -13,7 +13,6 @@ from voxdepth.tools.figure import Picture
 from voxdepth.tools.files import write
 from voxdepth.tools.page import render_page
 from voxdepth.tools.table import write_frame
-from voxdepth.tools.viewer import RECORDING
 
 from ..errors import ScenarioError
 from ..files import DATA
@@ -31,7 +30,6 @@ from .analysis import (
 )
 from .design import ENDPOINTS, RunSpec
 from .figures import all_figures, forest
-from .statistics import DoseResponse
 from .store import StudyData
 from .tables import (
     arm_table,
@@ -47,7 +45,6 @@ from .tables import (
     mean_table,
     threshold_table,
     verdict,
-    work_table,
 )
 
 
@@ -57,18 +54,17 @@ class Findings:
     def __init__(self, data: StudyData) -> None:
         self.data = data
         self._arms = summarise_arms(data)
-        self._over_all = over_scenarios(self._arms)
+        self._over_all = over_scenarios(data)
         arms = [*self._arms, *self._over_all]
-        self._dose_responses = list(dose_responses(data))
         primary = data.study.endpoint
         others = [one for one in ENDPOINTS if one != primary and any(arm.count(REACHED[one]) for arm in self._arms)]
         self._comparisons = {endpoint: compare_arms(data, endpoint) for endpoint in (primary, *others)}
-        self._unit = "" if data.study.axis is None else data.study.axis.unit
+        unit = "" if data.study.axis is None else data.study.axis.unit
         self.verdict = result(data)
         """The result by the primary endpoint in one sentence."""
         self.tables = {
-            "gains": gain_table(gains(data), self._unit),
-            "thresholds": threshold_table(thresholds(data), self._unit),
+            "gains": gain_table(gains(data), unit),
+            "thresholds": threshold_table(thresholds(data), unit),
             "levels": level_table(data.study, arms),
             "grid": grid_table(data.study, arms),
             "ends": end_table(arms),
@@ -76,21 +72,17 @@ class Findings:
             **{f"{name}_comparisons": comparison_table(found, name) for name, found in self._comparisons.items()},
             "means": mean_table(arms),
             "mean_differences": mean_difference_table(compare_means(data, MEASURES)),
-            "dose_responses": dose_response_table(self._dose_responses),
+            "dose_responses": dose_response_table(dose_responses(data)),
             "arms": arm_table(self._arms),
-            "work": work_table(self._arms),
         }
         """The tables of the report by name, in their order; those of the primary endpoint come first, and those
         of another that no run reached are left out."""
 
     def pictures(self) -> list[Picture]:
         """Draw the figures of the report."""
-        fitted = {(scenario, arm): fit for scenario, arm, fit in self._dose_responses if isinstance(fit, DoseResponse)}
         primary = self.data.study.endpoint
-        return [
-            *forest(self._comparisons[primary], primary),
-            *all_figures([*self._over_all, *self._arms], fitted, self.data.study.axis_key, self._unit),
-        ]
+        arms = [*self._over_all, *self._arms]
+        return [*forest(self._comparisons[primary], primary), *all_figures(self.data.study, arms)]
 
 
 def result(data: StudyData) -> str:
@@ -145,27 +137,13 @@ def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
         verdict=findings.verdict,
         figures=pictures,
         examples=[
-            {
-                "run": spec.label,
-                "command": f"voxdepth study replay {shlex.quote(str(out))} {spec.short_key} --record",
-                "recording": "" if (path := recording_of(out, spec)) is None else path.relative_to(out),
-            }
+            (spec.label, f"voxdepth study replay {shlex.quote(str(out))} {spec.short_key} --record")
             for spec in first_collisions(data)
         ],
         versions=data.versions,
         machine=data.machine,
         out=out,
     )
-
-
-def recording_folder(out: Path, spec: RunSpec) -> Path:
-    """Return the folder for the recordings of a run that the report links."""
-    return out / "recordings" / spec.short_key
-
-
-def recording_of(out: Path, spec: RunSpec) -> Path | None:
-    """Return the newest recording of a run that was made for the report; None if there is none."""
-    return max(recording_folder(out, spec).glob(f"*/{RECORDING}"), default=None)
 
 
 def run_table(data: StudyData) -> pd.DataFrame:

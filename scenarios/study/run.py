@@ -96,13 +96,8 @@ class Progress:
         return Table.of(self.headline(), columns, rows)
 
     def line(self) -> str:
-        """Return everything in one line."""
-        arms = [
-            f"{a.Index} {a.arrived} of {a.done} arrived, {a.collisions} collided"
-            for a in self.arms.itertuples()
-            if a.done
-        ]
-        return f"{time.strftime('%H:%M:%S')} {self.headline()}" + (f"; {', '.join(arms)}" if arms else "")
+        """Return the time of day and the headline."""
+        return f"{time.strftime('%H:%M:%S')} {self.headline()}"
 
     def headline(self) -> str:
         """Return the number of runs, the speed, the time left and the number of errors."""

@@ -6,13 +6,12 @@ Sources:
     [1] Wilson, J. Am. Stat. Assoc. 22 (1927) 209, doi:10.1080/01621459.1927.10502953.
     [2] Newcombe, Stat. Med. 17 (1998) 2635, method 10 (paired differences).
     [3] Holm, Scand. J. Stat. 6 (1979) 65.
-    [4] Clopper, Pearson, Biometrika 26 (1934) 404, doi:10.1093/biomet/26.4.404.
-    [5] McNemar, Psychometrika 12 (1947) 153, doi:10.1007/BF02295996; here exact, by the binomial distribution.
-    [6] McCullagh, Nelder, Generalized Linear Models (1989), Section 4.3: the complementary log-log link.
-    [7] Rao, Wu, J. Am. Stat. Assoc. 83 (1988) 231, doi:10.1080/01621459.1988.10478591: the bootstrap of small strata.
-    [8] Miettinen, Biometrics 24 (1968) 339, doi:10.2307/2528039: the number of pairs that a test needs.
-    [9] Wichmann, Hill, Percept. Psychophys. 63 (2001) 1293, doi:10.3758/BF03194544: psychometric curves with lapses.
-    [10] Barlow, Brunk, J. Am. Stat. Assoc. 67 (1972) 140, doi:10.2307/2284712: means that fall, by least squares.
+    [4] McNemar, Psychometrika 12 (1947) 153, doi:10.1007/BF02295996; here exact, by the binomial distribution.
+    [5] McCullagh, Nelder, Generalized Linear Models (1989), Section 4.3: the complementary log-log link.
+    [6] Rao, Wu, J. Am. Stat. Assoc. 83 (1988) 231, doi:10.1080/01621459.1988.10478591: the bootstrap of small strata.
+    [7] Miettinen, Biometrics 24 (1968) 339, doi:10.2307/2528039: the number of pairs that a test needs.
+    [8] Wichmann, Hill, Percept. Psychophys. 63 (2001) 1293, doi:10.3758/BF03194544: psychometric curves with lapses.
+    [9] Barlow, Brunk, J. Am. Stat. Assoc. 67 (1972) 140, doi:10.2307/2284712: means that fall, by least squares.
 """
 
 import math
@@ -50,18 +49,9 @@ class Interval(NamedTuple):
 
 def wilson(k: int, n: int) -> Interval:
     """Return Wilson's score interval of a proportion `k / n` with n > 0 [1]."""
-    return _proportion(k, n, "wilson")
-
-
-def clopper_pearson(k: int, n: int) -> Interval:
-    """Return the exact interval of a proportion `k / n` with n > 0 [4]. Its coverage is never below the level."""
-    return _proportion(k, n, "exact")
-
-
-def _proportion(k: int, n: int, method: str) -> Interval:
     from scipy.stats import binomtest
 
-    found = binomtest(k, n).proportion_ci(LEVEL, method=method)
+    found = binomtest(k, n).proportion_ci(LEVEL, method="wilson")
     return Interval(float(found.low), float(found.high))
 
 
@@ -105,14 +95,14 @@ def pairs_of(outcomes: Sequence[tuple[bool, bool]]) -> Pairs:
 
 
 def mcnemar(b: int, c: int) -> float:
-    """Return the exact two-sided p-value of McNemar's test [5] for b and c discordant pairs; 1 if there are none."""
+    """Return the exact two-sided p-value of McNemar's test [4] for b and c discordant pairs; 1 if there are none."""
     from scipy.stats import binomtest
 
     return float(binomtest(b, b + c, 0.5).pvalue) if b + c else 1.0
 
 
 def pairs_needed(discordant: float, effect: float, power: float = 0.8) -> int:
-    """Return about how many pairs McNemar's test needs to find a difference of two shares, after Miettinen [8].
+    """Return about how many pairs McNemar's test needs to find a difference of two shares, after Miettinen [7].
 
     `discordant` is the share of pairs of which one alone reaches the endpoint, at least the effect; both are above 0.
     """
@@ -159,7 +149,7 @@ def bootstrap_ratio(
 
     A row of a stratum, none of which is empty, is a run: what is counted, and what it is counted per, which is 1 for a
     mean. The row of a pair of runs has both numbers of the first and then those of the second, and the result is the
-    difference of the ratios. Of a stratum of n rows n - 1 are drawn: n would vary too little where n is small [7].
+    difference of the ratios. Of a stratum of n rows n - 1 are drawn: n would vary too little where n is small [6].
     """
     rng = np.random.default_rng(seed)
     arrays = [np.asarray(rows, np.float64) for rows in strata]
@@ -186,7 +176,7 @@ def percentiles(values: Sequence[float] | FloatArray) -> Interval:
 class DoseCurve:
     """Collision ratio as a function of the noise ratio: `p = 1 - exp(-a theta^b)`.
 
-    This is the complementary log-log model `log(-log(1 - p)) = log a + b log theta` [6]. The ratio grows faster than
+    This is the complementary log-log model `log(-log(1 - p)) = log a + b log theta` [5]. The ratio grows faster than
     linearly if b > 1.
     """
 
@@ -213,17 +203,12 @@ class DoseResponse:
     """The maximum-likelihood curve with percentile intervals of a bootstrap."""
 
     curve: DoseCurve
-    thetas: tuple[float, ...]
-    """Noise ratios of the fit. The ratio 0 is left out, since the curve is 0 there for all parameters."""
     seeds: int
     """Number of seeds that were flown at every noise ratio."""
     a: Interval
     b: Interval
     ratio: Interval
     """Interval of `DoseCurve.ratio`."""
-    resamples: int
-    """Number of bootstrap samples that could be fitted; samples without any collision could not."""
-    bootstrap_seed: int
 
 
 def fit_dose_curve(
@@ -263,13 +248,11 @@ def fit_dose_curve(
     return DoseCurve(a=float(np.exp(found.x[0])), b=float(found.x[1]))
 
 
-def dose_response(
-    thetas: Sequence[float], collided: MaskImage, *, seed: int = BOOTSTRAP_SEED, resamples: int = RESAMPLES
-) -> DoseResponse:
-    """Fit the curve, and estimate its intervals by a bootstrap over seeds.
+def dose_response(thetas: Sequence[float], collided: MaskImage, *, resamples: int = RESAMPLES) -> DoseResponse:
+    """Fit the curve to noise ratios above 0, and estimate its intervals by a bootstrap over seeds, which all share.
 
-    All noise ratios share the seeds, so the bootstrap resamples seeds, which are the rows of `collided`: whether each
-    run collided, shape (seeds, thetas). `seed` is that of the bootstrap.
+    `collided` tells whether each run collided, shape (seeds, thetas). Samples without both runs with and runs without a
+    collision are drawn again.
 
     Raises:
         ScenarioError: The data do not determine a curve.
@@ -277,29 +260,18 @@ def dose_response(
     above = [i for i, theta in enumerate(thetas) if theta > 0]
     kept, rows = [thetas[i] for i in above], collided[:, above]
     n = [len(rows)] * len(kept)
-    curve = fit_dose_curve(kept, rows.sum(axis=0).tolist(), n)
-    rng = np.random.default_rng(seed)
-    curves = []
-    for _ in range(resamples):
+    curve, rng = fit_dose_curve(kept, rows.sum(axis=0).tolist(), n), np.random.default_rng(BOOTSTRAP_SEED)
+    curves: list[DoseCurve] = []
+    while len(curves) < resamples:
         counts = rows[rng.integers(0, len(rows), len(rows))].sum(axis=0)
         if 0 < counts.sum() < sum(n):
             curves.append(fit_dose_curve(kept, counts.tolist(), n, start=curve))
-    if not curves:
-        raise ScenarioError("no bootstrap sample had both runs with and runs without a collision: fly more seeds")
-    return DoseResponse(
-        curve=curve,
-        thetas=tuple(kept),
-        seeds=len(rows),
-        a=percentiles([c.a for c in curves]),
-        b=percentiles([c.b for c in curves]),
-        ratio=percentiles([c.ratio for c in curves]),
-        resamples=len(curves),
-        bootstrap_seed=seed,
-    )
+    a, b, ratio = (percentiles([getattr(one, name) for one in curves]) for name in ("a", "b", "ratio"))
+    return DoseResponse(curve=curve, seeds=len(rows), a=a, b=b, ratio=ratio)
 
 
 class LogisticCurves:
-    """All falling logistic curves of successes over an axis that are considered, with a small share of lapses [9]."""
+    """All falling logistic curves of successes over an axis that are considered, with a small share of lapses [8]."""
 
     def __init__(self, levels: FloatArray, widths: Sequence[float]) -> None:
         """The levels have shape (L,), from the easiest on; the widths of the curves are shares of the axis."""
@@ -347,7 +319,7 @@ def success_threshold(levels: FloatArray, arrived: MaskImage) -> Estimate:
 def crossing(levels: FloatArray, values: FloatArray, height: float) -> float:
     """Return the level at which means that fall along the axis have come down to a height; an end for beyond it.
 
-    The means, shape (L,), are made to fall by least squares [10], and joined by straight lines.
+    The means, shape (L,), are made to fall by least squares [9], and joined by straight lines.
     """
     from scipy.optimize import isotonic_regression
 

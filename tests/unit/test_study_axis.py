@@ -71,9 +71,12 @@ def test_an_axis_that_cannot_be_flown_is_refused(values: dict[str, object], mess
     assert message in str(caught.value)
 
 
-def test_a_study_has_an_axis_or_noise_ratios() -> None:
-    with pytest.raises(pydantic.ValidationError, match="'n' has theta in a study with an axis"):
-        study(arm("a"), noisy("n", 0.5), axis=AXIS | {"reference": None})
+def test_an_arm_has_one_noise_ratio_along_another_axis() -> None:
+    hold = {"key": "rig.noise.scale.hold_s", "levels": [0.0, 0.5, 1.0]}
+    specs = expand(study(noisy("n", 0.5), seeds=1, axis=hold))
+    assert [(s.run.scenario.rig.noise.scale.theta, s.level) for s in specs] == [(0.5, 0.0), (0.5, 0.5), (0.5, 1.0)]
+    with pytest.raises(pydantic.ValidationError, match="'n' has 2 theta in a study with an axis, expected one"):
+        study(noisy("n", 0.5, 0.6), axis=hold)
 
 
 @pytest.mark.parametrize("levels", [STOPS, tuple(-level for level in STOPS)])
@@ -117,10 +120,11 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
     assert gain.estimate.interval.low < 0.7 < gain.estimate.interval.high
     assert result(data).startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
     a, b = thresholds(data)
-    for one, place in ((a, -1.7), (b, -2.4)):
-        assert one.half_speed is not None
-        assert one.half_speed.value == pytest.approx(place, abs=0.1)
-        assert one.half_arrive.value == pytest.approx(place, abs=0.25)
+    for (_, _, seeds, half_arrive, half_speed, _), place in ((a, -1.7), (b, -2.4)):
+        assert seeds == 8
+        assert half_speed is not None
+        assert half_speed.value == pytest.approx(place, abs=0.1)
+        assert half_arrive.value == pytest.approx(place, abs=0.25)
 
 
 @pytest.mark.parametrize("half_at", [{"a": -1.7, "b": -6.0}, {"a": 1.0, "b": -2.4}])
@@ -137,7 +141,7 @@ def test_seeds_without_a_result_at_every_level_are_left_out() -> None:
     lost = next(spec.key for spec in data.specs if (spec.seed, spec.arm, spec.level) == (3, "a", -1.0))
     data = replace(data, records={key: one for key, one in data.records.items() if key != lost})
     assert gains(data)[0].seeds == 7
-    assert [len(one.curve.runs) for one in thresholds(data)] == [7, 8]
+    assert [seeds for _, _, seeds, *_ in thresholds(data)] == [7, 8]
 
 
 def test_the_report_has_a_row_for_each_level_and_a_figure() -> None:
