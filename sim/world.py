@@ -185,16 +185,15 @@ class World:
 
     def step(self) -> list[Contact]:
         """Advance by 1/240 s and return the contacts that began in this step."""
-        force_n, torque_n_m = self._controller.actuate(
+        actuated = self._controller.actuate(
             self._velocity, self._attitude, self._rates, self._desired_velocity, self._desired_yaw, self.dt_s
         )
-        force_n = force_n + self._wind.step_n()
+        wind_n = self._wind.step_n()
         bullet, client = pybullet, self.client
-        for body, force, at, torque in zip(
-            self.drone_ids, force_n.tolist(), self._position.tolist(), torque_n_m.tolist(), strict=True
-        ):
-            bullet.applyExternalForce(body, -1, force, at, bullet.WORLD_FRAME, physicsClientId=client)
-            bullet.applyExternalTorque(body, -1, torque, bullet.WORLD_FRAME, physicsClientId=client)
+        for body, at_m, (force_n, torque_n_m) in zip(self.drone_ids, self._position.tolist(), actuated, strict=True):
+            blown_n = [own + wind for own, wind in zip(force_n, wind_n, strict=True)]
+            bullet.applyExternalForce(body, -1, blown_n, at_m, bullet.WORLD_FRAME, physicsClientId=client)
+            bullet.applyExternalTorque(body, -1, torque_n_m, bullet.WORLD_FRAME, physicsClientId=client)
         self.steps += 1
         self._step_movers()
         bullet.stepSimulation(physicsClientId=client)
