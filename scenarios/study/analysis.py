@@ -301,24 +301,25 @@ def _counts(data: StudyData, pairs: RunPairs, endpoint: EndpointName) -> Pairs:
 def _matched(data: StudyData) -> tuple[dict[Sides, RunPairs], Sides | None]:
     """Return the pairs of runs of the same scenario and seed of every two arms, and the declared arms.
 
-    These come first; None if there are none. Arms at two different levels are not compared.
+    The declared arms come first, those of a gain at every level, and are None for a gain. Arms at two different
+    levels are not compared.
     """
     study, flown = data.study, dict[ArmLevel, dict[tuple[str, int], RunSpec]]()
     for spec in data.flown:
         flown.setdefault((spec.arm, spec.level), {})[spec.scenario, spec.seed] = spec
     levels: list[ArmLevel] = [(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
     sides = [(a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (None in (a[1], b[1]) or a[1] == b[1])]
-    primary: Sides | None = None
-    if (declared := study.declared) is not None and declared.endpoint != GAIN:
-        level = {level[0]: level for level in levels}  # The arms of the declared comparison have one level.
-        primary = level[declared.arm], level[declared.against]
-        sides = [primary, *(pair for pair in sides if set(pair) != set(primary))]
+    own: list[Sides] = []
+    if (declared := study.declared) is not None:
+        first, second = ([level for level in levels if level[0] == name] for name in (declared.arm, declared.against))
+        own = [(a, b) for a in first for b in second if declared.endpoint != GAIN or a[1] == b[1]]
+        sides = [*own, *(pair for pair in sides if pair not in own and pair[::-1] not in own)]
     matched = {}
     for one, other in sides:
         a, b = flown.get(one, {}), flown.get(other, {})
         if pairs := [(a[block], b[block]) for block in a if block in b]:
             matched[one, other] = pairs
-    return matched, primary
+    return matched, own[0] if own and declared is not None and declared.endpoint != GAIN else None
 
 
 def pairs_to_find(found: Comparison, endpoint: EndpointName, effect: float) -> int:

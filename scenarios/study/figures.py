@@ -70,9 +70,8 @@ def all_figures(study: Study, arms: Sequence[ArmSummary]) -> list[Picture]:
             draws = [partial(_draw_curves, own, f"{study.axis_key}{unit}", *panel) for panel in labels.items()]
             title, size_in = f"{scenario}: curves over {study.axis_key.rpartition('.')[2]}", (WIDTH_IN / 3, 3.6)
             found.append(_picture(title, LEVEL_CAPTION, draws, size_in, shared_legend=True))
-        rows_in = 0.32 * len(own)
         caption, draw = "Every run has exactly one outcome; n is the number of runs.", partial(_draw_outcomes, own)
-        size_in = WIDTH_IN, 1.6 + rows_in
+        size_in = WIDTH_IN, 1.6 + 0.32 * len(own)
         found.append(_picture(f"{scenario}: how runs ended", caption, [draw], size_in, shared_legend=True))
     return found
 

@@ -6,7 +6,7 @@ import numpy as np
 import pydantic
 import pytest
 
-from scenarios.study.analysis import gains, thresholds
+from scenarios.study.analysis import GOAL_SPEED, compare_means, gains, thresholds
 from scenarios.study.design import Study, by_importance, expand
 from scenarios.study.report import Findings, result
 from scenarios.study.statistics import LAPSE, crossing, success_threshold, told
@@ -134,6 +134,13 @@ def test_a_gain_is_not_extrapolated(half_at: dict[str, float]) -> None:
     assert gain.estimate is None
     assert result(data).endswith("come down to half of the full goal speed outside of the levels that were flown.")
     assert "may lie outside of 0 to -4" in Findings(data).tables["thresholds"].markdown()
+
+
+def test_measures_are_compared_as_the_gain_was_declared() -> None:
+    data = flown(light(), {"a": -1.7, "b": -2.4})
+    pairs = [(one.first, one.second) for one in compare_means(data, [GOAL_SPEED])]
+    assert pairs[: len(STOPS)] == [(f"b at {level:g}", f"a at {level:g}") for level in STOPS]
+    assert len(pairs) == len(STOPS) + 2, "and both against the reference at its level"
 
 
 def test_seeds_without_a_result_at_every_level_are_left_out() -> None:
