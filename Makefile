@@ -65,7 +65,7 @@ profile: setup   ## measure where the time of a mission goes and print a table
 acceptance: setup ## fly every scenario's acceptance check over 20 seeds
 	$(BIN)/voxdepth accept --seeds 20
 
-picture: setup   ## make the pictures of README.md and docs/scenes.md
+picture: setup   ## make the pictures of docs/corrector.md and docs/scenes.md
 	$(BIN)/voxdepth picture city --seed 1 --drone 4 --at 7 --out docs/city.jpg
 	$(BIN)/voxdepth scenes --seed 1 --out docs/scenes.jpg
 

@@ -1,273 +1,256 @@
-"""Train a follower with stable-baselines3, and compare it with a blind one, the scripted one and one that hovers.
+"""Train followers that avoid obstacles by their eyes alone, and test them in worlds that no training used.
 
-The script needs stable-baselines3, which brings PyTorch:
+A follower flies through the streets of a city, below a leader that flies over the roofs. It learns from the controller
+of this project by DAgger [1]_: it flies, and learns at each step what the controller would have done there. The
+controller sees the true depth and remembers what it saw; the follower has the last three images of a camera, by the
+fast sensor model `fitted`. A blind follower is trained alike, but its images are always empty. Nothing but the network
+keeps a follower from the walls. The script needs PyTorch:
 
-    pip install -c constraints.txt -e '.[all]' stable-baselines3
-    python examples/train_follower.py --steps 20000 --seeds 0 1 2 --out follower
+    pip install -c constraints.txt -e '.[all]' torch
+    python examples/train_follower.py train --seeds 0 1 2 --out follower
+    python examples/train_follower.py test follower/*.pt --depth stereo --corrector temporal
 
-The blind follower is trained like the other one, but its depth image is always empty. With `--steering direct` nothing
-but the policy keeps a follower from flying into a wall; otherwise the avoidance layer of the scripted drones does. The
-folder receives a model of each training, `curve.png`, and `outcomes.csv`: how the episodes ended in worlds that no
-training used. `--fly` flies followers that were trained before, perhaps with another depth. A few hundred steps show
-that the script works; they teach the follower nothing.
+`train` writes a network of each training and `curve.png`; `test` prints how the episodes ended.
+
+References:
+    .. [1] Ross, Gordon and Bagnell 2011, A reduction of imitation learning and structured prediction to no-regret
+       online learning, AISTATS.
 """
 
 import argparse
 import csv
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+import json
+import sys
+from collections import Counter, deque
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import active_children, get_context
+from contextlib import closing
+from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, ClassVar
 
-import gymnasium
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
-import pydantic
 
-from swarm.compose import composed_mission
+from sim.frames import yaw_from_quaternion
+from sim.types import Capture
+from swarm.agents import create_agent
+from swarm.environments.episode import Episode
+from swarm.environments.learner import Observation, heading_frame
 from swarm.environments.task import SMALL_RIG, LearningTask
+from swarm.gym import STREETS
 from swarm.recorder import Recorder
+from swarm.types import Outcome
+from voxdepth.baselines.single_frame import Raw
+from voxdepth.types import CorrectedDepth, Frame
 
 try:
     import torch
-    from stable_baselines3 import SAC
-    from stable_baselines3.common.callbacks import BaseCallback
-    from stable_baselines3.common.env_util import make_vec_env
-    from stable_baselines3.common.results_plotter import load_results
+    from torch import nn
 except ImportError as error:
-    raise SystemExit(f"{error}: run `pip install -c constraints.txt stable-baselines3`") from error
+    raise SystemExit(f"{error}: run `pip install -c constraints.txt torch`") from error
 
-ENVIRONMENT = "swarm:voxdepth/LeaderFollower-v0"
-FIRST_TEST_SEED = 1_000_000
-MEAN_OF = 10
-"""Episodes that a point of the curve averages."""
-REPORT_STEPS = 2000
-"""Steps of a training between two lines of its progress."""
-Policy = Callable[[Any], npt.NDArray[np.float32]]
-"""Gives the action for an observation."""
+Array = npt.NDArray[np.float32]
+
+FIRST_TRAINING_SEED, FIRST_TEST_SEED = 0, 1_000_000
+EPISODES, EPOCHS = 12, 30
+"""Episodes of a round of a training, and the passes over all steps that were flown."""
+BLOCK_PX, IMAGES = 5, 3
+"""The nearest of so many by so many pixels is a pixel for the network, which gets so many images."""
+UNITS = {"velocity_m_s": 3.0, "leader_m": 15.0, "slot_m": 5.0}
+"""Values of the vectors that become 1."""
+ASIDE = np.array([1, -1, 1], np.float32), np.array([1, -1, 1, -1], np.float32)
+"""Signs of a vector and of an action in a mirror."""
 
 
-class Scaled(gymnasium.ObservationWrapper):
-    """Gives a small network vectors near 1, and a coarse image of nearness in place of the depth."""
+class Eyes:
+    """Turns observations into inputs of a network: coarse images and vectors near 1, and their mirror image."""
 
-    NEAR_M = 0.5
-    """Depth of nearness 1; it falls with 1 / depth, as disparity does. Unknown depth has nearness 0."""
-    BLOCK_PX = 4
-    """The nearest of so many by so many pixels becomes a pixel."""
-    UNITS: ClassVar = {"velocity_m_s": 2.0, "leader_m": 8.0, "slot_m": 8.0}
-    """Values of the vectors that become 1."""
-
-    def __init__(self, env: gymnasium.Env, blind: bool = False) -> None:
-        super().__init__(env)
-        height, width = env.observation_space["depth_m"].shape
-        image = gymnasium.spaces.Box(0, 1, (height // self.BLOCK_PX, width // self.BLOCK_PX), np.float32)
-        vectors = {name: gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32) for name in self.UNITS}
-        self.observation_space = gymnasium.spaces.Dict({"nearness": image, **vectors})
+    def __init__(self, blind: bool) -> None:
         self._blind = blind
+        self._images: deque[Array] = deque(maxlen=IMAGES)
 
-    def observation(self, observation: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-        """Return the observation as the network sees it; a blind follower's image is empty."""
-        depth_m = observation["depth_m"]
-        nearness = np.where(depth_m > 0, self.NEAR_M / np.maximum(depth_m, self.NEAR_M), 0).astype(np.float32)
-        height, width = self.observation_space["nearness"].shape
-        coarse = nearness.reshape(height, self.BLOCK_PX, width, self.BLOCK_PX).max(axis=(1, 3))
-        vectors = {name: observation[name] / np.float32(unit) for name, unit in self.UNITS.items()}
-        return {"nearness": coarse * np.float32(not self._blind), **vectors}
-
-
-class Approach(gymnasium.Wrapper):
-    """Adds a reward for each metre that a step brings the follower nearer to its slot, which tells it what to try.
-
-    It is the shaping of Ng, Harada and Russell (1999) without the discount: the sum of an episode is the difference
-    between the first and the last distance, so it cannot be earned by going to and fro.
-    """
-
-    PER_M = 4.0
-
-    def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode and remember how far the slot is."""
-        observation, info = self.env.reset(**options)
-        self._slot_m = float(np.linalg.norm(observation["slot_m"]))
-        return observation, info
-
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Fly one step; the approach is a part of the reward."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        before_m, self._slot_m = self._slot_m, float(np.linalg.norm(observation["slot_m"]))
-        return observation, float(reward) + self.PER_M * (before_m - self._slot_m), terminated, truncated, info
+    def __call__(self, observation: Observation) -> tuple[Array, Array]:
+        """Return the input, and that of the mirrored world; episodes need eyes of their own."""
+        _, height, width = observation["nearness"].shape
+        blocks = observation["nearness"].reshape(height // BLOCK_PX, BLOCK_PX, width // BLOCK_PX, BLOCK_PX)
+        coarse = blocks.max(axis=(1, 3)) / np.float32(64) * np.float32(not self._blind)
+        self._images.extend([coarse] * (IMAGES - len(self._images)) or [coarse])
+        images, vectors = np.stack(self._images), [observation[name] / np.float32(unit) for name, unit in UNITS.items()]
+        seen = np.concatenate([images.ravel(), *vectors])
+        return seen, np.concatenate([images[..., ::-1].ravel(), *(vector * ASIDE[0] for vector in vectors)])
 
 
-class Progress(BaseCallback):
-    """Prints how far a training is."""
-
-    def __init__(self, name: str, steps: int) -> None:
-        super().__init__()
-        self._name, self._steps = name, steps
-
-    def _on_step(self) -> bool:
-        if self.num_timesteps % REPORT_STEPS < self.training_env.num_envs:
-            returns = [episode["r"] for episode in self.model.ep_info_buffer][-MEAN_OF:]
-            mean = f"mean return {np.mean(returns):.0f}" if returns else "no episode has ended"
-            print(f"{self._name}: {self.num_timesteps} of {self._steps} steps, {mean}", flush=True)
-        return True
+def network(n_inputs: int) -> nn.Module:
+    """Create a network from inputs to actions."""
+    hidden = [nn.Linear(n_inputs, 256), nn.ReLU(), nn.Linear(256, 128), nn.ReLU()]
+    return nn.Sequential(*hidden, nn.Linear(128, 4), nn.Tanh())
 
 
-def task_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the environment."""
-    rig = SMALL_RIG.model_copy(update={"depth": options.depth})
-    return {"corrector": options.corrector, "rig": rig, "steering": options.steering, "others": "truth"}
+def act(model: nn.Module, seen: Array) -> Array:
+    """Return the action of a network."""
+    with torch.no_grad():
+        return np.asarray(model(torch.from_numpy(seen)[None])[0].numpy())
 
 
-def follower(task: dict[str, Any], blind: bool = False) -> gymnasium.Env:
-    """Create the environment of a follower."""
-    return Scaled(Approach(gymnasium.make(ENVIRONMENT, **task)), blind)
+class Teacher:
+    """What the controller of this project would do in the place of a follower."""
+
+    def __init__(self, task: LearningTask, episode: Episode, truth: "Truth") -> None:
+        role = episode.roles[1]
+        self._agent = create_agent(role, task.mission)
+        self._speed_m_s = task.mission.follower_speed_m_s
+        self._turn_rad = task.mission.pilot.yaw_rate_rad_s / task.mission.control_hz
+        self._episode, self._truth = episode, truth
+
+    def action(self) -> Array:
+        """Return its action for the present step."""
+        known = self._episode.situation(1)
+        assert known.percept is not None, "an episode begins with an image"
+        known = replace(known, percept=replace(known.percept, corrected=self._truth.corrected))
+        command = self._agent.decide(known).command
+        velocity = heading_frame(known).T @ command.velocity_m_s / self._speed_m_s
+        turn_rad = command.yaw_rad - yaw_from_quaternion(known.own.q_world_body_xyzw)
+        turn = ((turn_rad + np.pi) % (2 * np.pi) - np.pi) / self._turn_rad
+        return np.clip([*velocity, turn], -1, 1).astype(np.float32)
 
 
-def train(options: argparse.Namespace, seed: int, blind: bool) -> Counter[str]:
-    """Train one follower, whose episodes are logged below the output folder, and count the outcomes of its tests."""
+class Truth(Recorder):
+    """Keeps the newest true depth of the follower's camera, as a camera without errors would deliver it."""
+
+    def __init__(self) -> None:
+        self._raw = Raw()
+
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
+        """Keep the truth of a capture."""
+        frame = Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=np.minimum(capture.depth_true_m, 40))
+        self.corrected = self._raw.process(frame)
+
+
+def task_of(depth: str, corrector: str) -> LearningTask:
+    """Return the task of a follower."""
+    rig = SMALL_RIG.model_copy(update={"depth": depth})
+    return LearningTask.of(**STREETS, observation="nearness", rig=rig, corrector=corrector)
+
+
+def taught(model: nn.Module | None, seed: int, blind: bool, rng: np.random.Generator) -> list[tuple[Array, Array]]:
+    """Fly an episode by the network, or by the teacher without one; return inputs with the actions of the teacher."""
+    task, truth, eyes, steps = task_of("fitted", "raw"), Truth(), Eyes(blind), []
+    with closing(Episode(task, [1], seed=seed, recorder=truth)) as episode:
+        teacher = Teacher(task, episode, truth)
+        while episode.outcome is None:
+            (seen, mirrored), wanted = eyes(episode.observe(1)), teacher.action()
+            steps += [(seen, wanted), (mirrored, wanted * ASIDE[1])]
+            flown = wanted if model is None else act(model, seen)
+            episode.step({1: flown + rng.normal(0, [0.1, 0.3, 0.1, 0.2])})  # Errors to recover from.
+    return steps
+
+
+def train(options: argparse.Namespace, seed: int, blind: bool) -> str:
+    """Train one follower; the folder receives its network and its curve."""
     torch.set_num_threads(1)  # The other trainings need the other processors.
-    name = _name(seed, blind)
-    envs = make_vec_env(
-        follower,
-        n_envs=options.envs,
-        seed=1000 * seed,
-        env_kwargs={"task": task_of(options), "blind": blind},
-        monitor_dir=str(options.out / name),
-    )
-    settings = {"gamma": 0.95, "learning_rate": 1e-3, "learning_starts": 500, "ent_coef": "auto_0.05"}
-    model = SAC("MultiInputPolicy", envs, **settings, policy_kwargs={"net_arch": [64, 64]}, seed=seed)
-    model.learn(options.steps, callback=Progress(name, options.steps))
-    envs.close()
-    model.save(options.out / f"{name}.zip")
-    return tested(options, model, blind)
+    torch.manual_seed(seed)
+    name, rng, model = f"{'blind' if blind else 'sighted'}-{seed}", np.random.default_rng(seed), None
+    steps: list[tuple[Array, Array]] = []
+    curve: list[tuple[int, float]] = []
+    for round_ in range(options.rounds):
+        first = FIRST_TRAINING_SEED + 1000 * seed + EPISODES * round_
+        for world in range(first, first + EPISODES):
+            steps += taught(model, world, blind, rng)
+        model = fitted(model, steps, EPOCHS)
+        outcomes = flown(model, task_of("fitted", "raw"), range(900_000, 900_010), blind)
+        curve.append((len(steps) // 2, outcomes["success"] / outcomes.total()))
+        print(f"{name}: {curve[-1][0]} steps, {100 * curve[-1][1]:.0f} % arrive", flush=True)
+    torch.save(model.state_dict(), options.out / f"{name}.pt")
+    (options.out / f"{name}.json").write_text(json.dumps(curve))
+    return name
 
 
-def tested(options: argparse.Namespace, model: SAC, blind: bool) -> Counter[str]:
-    """Count how the episodes of a trained follower end."""
-    return Counter(flown(options, lambda observation: model.predict(observation, deterministic=True)[0], blind))
+def fitted(model: nn.Module | None, steps: Sequence[tuple[Array, Array]], epochs: int) -> nn.Module:
+    """Return a network that does in all steps what the teacher wanted, from that of the last round on."""
+    seen, wanted = (torch.from_numpy(np.stack(values)) for values in zip(*steps, strict=True))
+    model = model or network(seen.shape[1])
+    optimiser = torch.optim.Adam(model.parameters(), lr=1e-3, weight_decay=1e-5)
+    for _ in range(epochs):
+        for batch in torch.randperm(len(seen)).split(512):
+            optimiser.zero_grad()
+            nn.functional.smooth_l1_loss(model(seen[batch]), wanted[batch]).backward()
+            optimiser.step()
+    return model
 
 
-def flown(options: argparse.Namespace, policy: Policy, blind: bool = False) -> Iterator[str]:
-    """Fly an episode in each test world and give its outcome."""
-    env = follower(task_of(options), blind)
-    for seed in _test_seeds(options):
-        observation, _ = env.reset(seed=seed)
-        done = False
-        while not done:
-            observation, _, terminated, truncated, info = env.step(policy(observation))
-            done = terminated or truncated
-        yield info["outcome"]
-    env.close()
+def flown(model: nn.Module, task: LearningTask, seeds: Sequence[int], blind: bool) -> Counter[str]:
+    """Count how episodes of a follower end."""
+    outcomes = Counter[str]()
+    for seed in seeds:
+        eyes = Eyes(blind)
+        with closing(Episode(task, [1], seed=seed)) as episode:
+            while episode.outcome is None:
+                episode.step({1: act(model, eyes(episode.observe(1))[0])})
+            outcomes[episode.outcome.value] += 1
+    return outcomes
 
 
-def scripted(options: argparse.Namespace) -> Iterator[str]:
-    """Fly the scripted follower in each test world and give the outcome of its mission."""
-    task = LearningTask(**task_of(options))
-    learner, *_ = task.followers
-    others = set(range(task.mission.drones)) - {learner}
-    for seed in _test_seeds(options):
-        with composed_mission(
-            task, Recorder(), latency_s=task.latency_s, seed=seed, gray=False, exact=others
-        ) as mission:
-            while mission.outcome is None:
-                mission.tick()
-            yield str(mission.outcome)
+def test(options: argparse.Namespace, path: Path) -> Counter[str]:
+    """Count how the episodes of a trained follower end in the test worlds."""
+    torch.set_num_threads(1)
+    state = torch.load(path, weights_only=True)
+    model = network(state["0.weight"].shape[1])
+    model.load_state_dict(state)
+    seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + options.worlds)
+    return flown(model, task_of(options.depth, options.corrector), seeds, path.stem.startswith("blind"))
 
 
-def draw(out: Path, seeds: Sequence[int]) -> None:
-    """Draw the mean return of the last episodes over the steps of training, a line for each one."""
+def draw(out: Path) -> None:
+    """Draw the share of arrivals after each round of training, a line for each follower."""
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-    for blind, color in ((False, "tab:blue"), (True, "tab:orange")):
-        for seed in seeds:
-            episodes = load_results(str(out / _name(seed, blind)))
-            returns = episodes["r"].rolling(MEAN_OF, min_periods=1).mean()
-            label = f"{'blind' if blind else 'with depth'}, a line for each seed" if seed == seeds[0] else None
-            axes.plot(episodes["l"].cumsum(), returns, color=color, label=label)
-    axes.set_xlabel("steps of training")
-    axes.set_ylabel(f"mean return of the last {MEAN_OF} episodes")
+    for path in sorted(out.glob("*.json")):
+        steps, arrived = zip(*json.loads(path.read_text()), strict=True)
+        is_blind, is_first = path.stem.startswith("blind"), path.stem.endswith("-0")
+        label = ("blind" if is_blind else "with depth") if is_first else None
+        axes.plot(steps, arrived, "o-", color="tab:orange" if is_blind else "tab:blue", label=label)
+    axes.set(xlabel="steps that were flown in training", ylabel="share of 10 other worlds in which it arrives")
+    axes.set_ylim(0, 1.05)
     axes.grid(alpha=0.3)
     axes.legend()
-    figure.savefig(out / "curve.png", dpi=120)
-
-
-def write(outcomes: dict[str, Counter[str]], path: Path | None = None) -> None:
-    """Print how often each follower's episodes ended in which way, and write it to a file."""
-    kinds = sorted({kind for counted in outcomes.values() for kind in counted})
-    lines = [["follower", "episodes", *kinds]]
-    lines += [[name, str(c.total()), *(str(c[kind]) for kind in kinds)] for name, c in outcomes.items()]
-    if path is not None:
-        with path.open("w", newline="") as file:
-            csv.writer(file).writerows(lines)
-    for line in lines:
-        print("  ".join(text.rjust(12) for text in line))
-
-
-def _name(seed: int, blind: bool) -> str:
-    return f"{'blind' if blind else 'sighted'}-{seed}"
-
-
-def _test_seeds(options: argparse.Namespace) -> range:
-    return range(FIRST_TEST_SEED, FIRST_TEST_SEED + options.episodes)
-
-
-def trainings(options: argparse.Namespace) -> dict[str, Counter[str]]:
-    """Train all followers, several at a time, and return the outcomes of each; Ctrl-C ends the trainings at once."""
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        running = {
-            _name(seed, blind): pool.submit(train, options, seed, blind)
-            for blind in (False, True)
-            for seed in options.seeds
-        }
-        try:
-            return {name: training.result() for name, training in running.items()}
-        except BaseException:
-            for worker in active_children():
-                worker.terminate()
-            raise
+    figure.savefig(out / "curve.png", dpi=110)
 
 
 def parsed() -> argparse.Namespace:
     """Return the options of the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
-    parser.add_argument("--steps", type=int, default=20_000, help="steps of the environment in each training")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="seeds of the trainings")
-    parser.add_argument("--depth", choices=["truth", "noisy", "stereo"], default="stereo", help="what is corrected")
-    parser.add_argument("--corrector", default="temporal", help="name of the depth corrector, as in `voxdepth run`")
-    parser.add_argument("--steering", choices=["shielded", "direct"], default="shielded", help="what obeys the policy")
-    parser.add_argument("--episodes", type=int, default=20, help="test worlds")
-    parser.add_argument("--envs", type=int, default=2, help="environments of each training")
-    parser.add_argument("--workers", type=int, default=2, help="trainings that run side by side")
-    parser.add_argument("--out", type=Path, default=Path("follower"), help="folder of models, curve and outcomes")
-    parser.add_argument("--fly", type=Path, nargs="+", metavar="ZIP", help="test these models of yours, train none")
-    options = parser.parse_args()
-    try:
-        LearningTask(**task_of(options))
-    except pydantic.ValidationError as error:
-        parser.error(error.errors()[0]["msg"])
-    return options
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--workers", type=int, default=2, help="followers at a time; 2 by default")
+    commands = parser.add_subparsers(dest="command", required=True)
+    training = commands.add_parser("train", help="train followers, with depth and blind")
+    training.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="seeds of the trainings; 0 1 2")
+    training.add_argument("--rounds", type=int, default=5, help="rounds of a training; 5 by default")
+    training.add_argument("--out", type=Path, default=Path("follower"), help="folder of networks and curve")
+    testing = commands.add_parser("test", help="test followers in worlds that no training used")
+    testing.add_argument("networks", type=Path, nargs="+", metavar="PT", help="networks of trainings")
+    testing.add_argument("--worlds", type=int, default=50, help="test worlds; 50 by default")
+    testing.add_argument("--depth", choices=["truth", "fitted", "stereo"], default="stereo", help="sensor model")
+    testing.add_argument("--corrector", default="temporal", help="depth corrector, as in `voxdepth run`")
+    return parser.parse_args()
 
 
 def main() -> None:
-    """Train followers with and without depth, and compare them in worlds that the training did not use."""
+    """Train, or test what was trained."""
     options = parsed()
-    if options.fly:
-        models = {path.stem: SAC.load(path) for path in options.fly}
-        write({name: tested(options, model, name.startswith("blind")) for name, model in models.items()})
-        return
-    options.out.mkdir(parents=True, exist_ok=True)
-    print(f"Followers that do not learn fly in {options.episodes} worlds.", flush=True)
-    outcomes = {
-        "hovering": Counter(flown(options, lambda observation: np.zeros(4, np.float32))),
-        "scripted": Counter(scripted(options)),
-    }
-    outcomes |= trainings(options)
-    draw(options.out, options.seeds)
-    write(outcomes, options.out / "outcomes.csv")
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        if options.command == "train":
+            options.out.mkdir(parents=True, exist_ok=True)
+            jobs = [(seed, blind) for seed in options.seeds for blind in (False, True)]
+            list(pool.map(train, [options] * len(jobs), *zip(*jobs, strict=True)))
+            draw(options.out)
+            return
+        outcomes = list(pool.map(test, [options] * len(options.networks), options.networks))
+    table = csv.writer(sys.stdout)
+    kinds = [outcome.value for outcome in Outcome]
+    table.writerow(["follower", *kinds])
+    table.writerows(
+        [path.stem, *(c[kind] for kind in kinds)] for path, c in zip(options.networks, outcomes, strict=True)
+    )
 
 
 if __name__ == "__main__":

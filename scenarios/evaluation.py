@@ -4,6 +4,7 @@ import tomllib
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
@@ -32,6 +33,8 @@ RECORDINGS = "recordings"
 """Folder of the shipped sequences, below that of the results."""
 SAME_SURFACE = 0.02
 """Largest relative change of the true depth of a static pixel from the frame before."""
+Tell = Callable[[str], None]
+"""Hears what is being done."""
 GHOST_FRAMES = 5
 """Ghosts are counted this many frames after a moving object left a pixel, so once per departure."""
 
@@ -52,16 +55,23 @@ def _as_our_errors() -> Iterator[None]:
 
 def shipped(planned: "SeededSequence") -> Requested:
     """Return a rendered sequence, which is recorded once below the folder of the results, see `recorded`."""
-    name = planned.sequence.name
+    return _requested(planned.sequence.name, partial(recorded, planned), planned.seed)
 
+
+def existing(folder: Path) -> Requested:
+    """Return an existing recording of the simulator with the truth."""
+    return _requested(name_of(folder), lambda *_: Recording.open(folder), None)
+
+
+def _requested(name: str, recording: Callable[[Path, int, Tell], Recording], seed: int | None) -> Requested:
     @_as_our_errors()
-    def opened(out: Path, frames: int, tell: Callable[[str], None]) -> SimulatedSource:
-        return SimulatedSource(name, recorded(planned, out, frames, tell), planned.seed)
+    def opened(out: Path, frames: int, tell: Tell) -> SimulatedSource:
+        return SimulatedSource(name, recording(out, frames, tell), seed)
 
     return Requested(name, has_poses=True, open=opened)
 
 
-def recorded(planned: "SeededSequence", out: Path, frames: int, tell: Callable[[str], None]) -> Recording:
+def recorded(planned: "SeededSequence", out: Path, frames: int, tell: Tell) -> Recording:
     """Return a sequence's recording, which is made if there is none of the same configuration with enough frames."""
     name, configuration = planned.sequence.name, to_toml(planned)
     folder = out / RECORDINGS / f"{name}-{sha256(configuration.encode()).hexdigest()[:12]}"
@@ -74,17 +84,6 @@ def recorded(planned: "SeededSequence", out: Path, frames: int, tell: Callable[[
     rmtree(folder, ignore_errors=True)
     record(planned, folder, frames, lambda done: tell(f"recording {name}, frame {done} of {frames}"))
     return Recording.open(folder)
-
-
-def existing(folder: Path) -> Requested:
-    """Return an existing recording of the simulator with the truth."""
-    name = name_of(folder)
-
-    @_as_our_errors()
-    def opened(out: Path, frames: int, tell: Callable[[str], None]) -> SimulatedSource:
-        return SimulatedSource(name, Recording.open(folder), None)
-
-    return Requested(name, has_poses=True, open=opened)
 
 
 class SimulatedSource:

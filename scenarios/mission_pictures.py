@@ -1,6 +1,5 @@
 """Pictures of missions: a map of the flight, and the images and depth of one drone."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,11 +15,12 @@ from swarm.team import Team
 from swarm.types import MissionResult
 from voxdepth.colors import colored
 from voxdepth.registry import title
+from voxdepth.tools.figure import image_shown, panel_figure
 
 from .config import Run
 from .errors import ScenarioError
 from .flight import Finished, flying
-from .images import drone_color, gray_bgr, require_picture, save_picture, titled
+from .images import drone_color, hex_color, require_picture, save_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,10 +45,7 @@ LEGEND_COLUMNS = 5
 
 def draw_flight(path: Path, run: Run, finished: Finished) -> None:
     """Write a map of a flight; a failure is a `ToolError`."""
-    data = io.BytesIO()
-    flight_figure(run, finished).savefig(data, format="png", bbox_inches="tight")
-    image = cv2.imdecode(np.frombuffer(data.getvalue(), np.uint8), cv2.IMREAD_COLOR)
-    save_picture(path, np.asarray(image, np.uint8))
+    save_picture(path, flight_figure(run, finished))
 
 
 def flight_figure(run: Run, finished: Finished) -> "Figure":
@@ -101,20 +98,16 @@ def _draw_movers(axes: "Axes", scene: Scene, result: MissionResult) -> None:
 
 def _draw_team(axes: "Axes", team: Team, result: MissionResult) -> None:
     """Draw the paths of a team, each drone with its number at the end of its path, where it starts and its goal."""
-    leader = _hex(drone_color(team.leader))
+    leader = hex_color(drone_color(team.leader))
     for drone in team.members:
         path_m = result.trajectories[drone].position_m
-        color = _hex(drone_color(drone))
+        color = hex_color(drone_color(drone))
         look = LEADER if drone == team.leader else FOLLOWER
         axes.plot(path_m[:, 0], path_m[:, 1], color=color, **look)
         axes.plot(*path_m[-1, :2], "o", color=color, label="drone at the end, by its number", **NUMBERED)
         axes.annotate(str(drone), (float(path_m[-1, 0]), float(path_m[-1, 1])), **NUMBER)
     axes.plot(*team.start_m[:2], "s", color=leader, markersize=6, linestyle="", zorder=4, label="start of a leader")
     axes.plot(*team.goal_m[:2], "*", color="#31a354", markersize=13, linestyle="", zorder=4, label="goal")
-
-
-def _hex(color: tuple[int, int, int]) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*color)
 
 
 def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
@@ -128,20 +121,15 @@ def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
     axes.set_ylabel("y [m]")
 
 
-def require_drone(run: Run, drone: int) -> None:
-    """Raise a `ScenarioError` if the mission has no drone of that number."""
-    n_drones = len(run.scenario.mission.starts_m())
-    if drone >= n_drones:
-        raise ScenarioError(f"expected a drone from 0 to {n_drones - 1}, got {drone}")
-
-
 def take_picture(run: Run, path: Path, *, drone: int, at_s: float) -> None:
     """Fly until `at_s` and write the gray image and true, raw and corrected depth of one drone side by side.
 
     A mission that ends earlier or has no such drone is a `ScenarioError`; a file that cannot be written, a `ToolError`.
     """
     require_picture(path)
-    require_drone(run, drone)
+    n_drones = len(run.scenario.mission.starts_m())
+    if drone >= n_drones:
+        raise ScenarioError(f"expected a drone from 0 to {n_drones - 1}, got {drone}")
     recorder = CaptureRecorder()
     with flying(run, recorder, recorded=True) as mission:
         while mission.outcome is None and mission.time_s < at_s:
@@ -149,10 +137,12 @@ def take_picture(run: Run, path: Path, *, drone: int, at_s: float) -> None:
     if drone not in recorder.newest or mission.time_s < at_s:
         raise ScenarioError(f"the mission ended at {mission.time_s:.1f} s, before the picture at {at_s:.1f} s")
     capture, corrected = recorder.newest[drone]
-    panels = [
-        titled("gray, left camera", gray_bgr(capture.gray_left)),
-        titled("depth, true", colored(capture.depth_true_m)),
-        titled("depth, raw", colored(capture.depth_raw_m)),
-        titled(f"depth, corrected by {title(str(run.scenario.corrector))}", colored(corrected.depth_m)),
-    ]
-    save_picture(path, np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])]))
+    shown = {
+        "gray, left camera": np.repeat(capture.gray_left[..., None], 3, axis=2),
+        "depth, true": colored(capture.depth_true_m)[..., ::-1],
+        "depth, raw": colored(capture.depth_raw_m)[..., ::-1],
+        f"depth, corrected by {title(str(run.scenario.corrector))}": colored(corrected.depth_m)[..., ::-1],
+    }
+    height_px, width_px = capture.gray_left.shape
+    draws = [image_shown(name, image) for name, image in shown.items()]
+    save_picture(path, panel_figure("", draws, columns=2, panel_in=(width_px / DPI, height_px / DPI + 0.25)))

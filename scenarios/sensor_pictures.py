@@ -1,9 +1,10 @@
 """Pictures of sequences and scenes: the contact sheet of a recording, and every kind of scene."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
 
 from sim.bodies import Weather
 from sim.flights import Walk
@@ -14,35 +15,25 @@ from sim.scenes import GROWN
 from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture, InvalidReason
 from sim.world import World
-from voxdepth.colors import colored, picked
+from voxdepth.colors import FAR_M, colored
+from voxdepth.tools.figure import Draw, image_shown, panel_figure
 from voxdepth.tools.output import is_correction
 from voxdepth.tools.table import Column, Table
-from voxdepth.types import FloatArray
+from voxdepth.types import FloatArray, GrayImage
 
 from .errors import ScenarioError
-from .images import (
-    INVALID_REASON_COLORS_BGR,
-    WHITE,
-    Image,
-    color_invalid_reasons,
-    depth_scale,
-    gray_bgr,
-    narrowed,
-    require_picture,
-    save_picture,
-    titled,
-)
+from .images import INVALID_REASON_COLORS, color_invalid_reasons, hex_color, require_picture, save_picture
 
-PANEL_PX = 300
-ROWS = 3
-GAP_PX = 6
+PANEL_IN, ROWS = 2.8, 3
+"""Width of a panel, and rows of a sheet."""
+SCALE_M = np.linspace(0.01, FAR_M, 500, dtype=np.float32)[None]
+"""Depths whose colours a sheet names; the last one includes all farther depths."""
 PATH_FRACTIONS = (0.15, 0.6)
 """Places along the path from which the pictures are taken."""
 CAMERA_HEIGHT_M = 1.7
 FLIGHT_HEIGHT_M, UP = 3.0, np.array([0.0, 0.0, 1.0])
-PICTURE_PX = 420
 HALF_SIDE_M = 12.0
-"""The difficulty is measured up to this distance on both sides of a path, which leads along x or along y."""
+"""The traversability is measured up to this distance on both sides of a path, which leads along x or along y."""
 DRONE_RADIUS_M = 0.25
 
 
@@ -62,41 +53,32 @@ def make_sheet(folder: Path, out: Path) -> None:
     recording = Recording.open(folder)
     if len(recording) == 0:
         raise ScenarioError(f"{folder} holds no complete frame: record some first")
-    frames = np.unique(np.linspace(0, len(recording) - 1, ROWS).round().astype(int))
-    rows = [_row(recording[int(frame)], int(frame)) for frame in frames]
-    width_px = rows[0].shape[1]
-    scale = titled("depth of both depth images; black: no depth", depth_scale(width_px, colored))
-    save_picture(out, np.vstack([*rows, scale, _legend(width_px)]))
+    numbers = np.unique(np.linspace(0, len(recording) - 1, ROWS).round().astype(int)).tolist()
+    draws = [draw for number in numbers for draw in _row(recording[number], number)]
+    height, width = recording.intrinsics.shape
+    figure = panel_figure("", [*draws, _draw_scale], columns=5, panel_in=(PANEL_IN, PANEL_IN * height / width + 0.3))
+    reasons = {reason.name.lower().replace("_", " "): color for reason, color in INVALID_REASON_COLORS.items()}
+    meanings = {f"no depth: {name}": color for name, color in reasons.items()} | {"it has depth": (0, 0, 0)}
+    patches = [Patch(color=hex_color(color), label=meaning) for meaning, color in meanings.items()]
+    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), fontsize=8)
+    save_picture(out, figure)
 
 
-def _row(capture: Capture, frame: int) -> Image:
-    panels = {
-        f"gray, frame {frame}": narrowed(gray_bgr(capture.gray_left), PANEL_PX),
-        "depth, true": colored(picked(capture.depth_true_m, PANEL_PX)),
-        "depth, raw": colored(picked(capture.depth_raw_m, PANEL_PX)),
-        "hidden from the right camera (red)": color_invalid_reasons(
-            picked(capture.occluded * np.uint8(InvalidReason.OCCLUDED), PANEL_PX)
-        ),
-        "why there is no depth": color_invalid_reasons(picked(capture.invalid_reason, PANEL_PX)),
-    }
-    gaps = ((0, GAP_PX), (0, GAP_PX), (0, 0))
-    return np.hstack([np.pad(titled(name, image), gaps, constant_values=WHITE) for name, image in panels.items()])
-
-
-def _legend(width_px: int) -> Image:
-    """The reasons why there is no depth, below their names."""
-    meanings = {f"no depth: {_words(reason)}": color for reason, color in INVALID_REASON_COLORS_BGR.items()}
-    meanings |= {"it has depth": (0, 0, 0)}
-    ends = np.linspace(0, width_px, len(meanings) + 1).round().astype(int)
-    fields = [
-        titled(meaning, np.full((12, end - start, 3), color, np.uint8))
-        for (meaning, color), start, end in zip(meanings.items(), ends, ends[1:], strict=False)
+def _row(capture: Capture, number: int) -> list[Draw]:
+    occluded = capture.occluded * np.uint8(InvalidReason.OCCLUDED)
+    return [
+        image_shown(f"gray, frame {number}", capture.gray_left, cmap="gray", vmin=0, vmax=255),
+        image_shown("depth, true", colored(capture.depth_true_m)[..., ::-1], interpolation="nearest"),
+        image_shown("depth, raw", colored(capture.depth_raw_m)[..., ::-1], interpolation="nearest"),
+        image_shown("hidden from the right camera", color_invalid_reasons(occluded), interpolation="nearest"),
+        image_shown("why there is no depth", color_invalid_reasons(capture.invalid_reason), interpolation="nearest"),
     ]
-    return np.hstack(fields)
 
 
-def _words(reason: InvalidReason) -> str:
-    return reason.name.lower().replace("_", " ")
+def _draw_scale(axes: Axes) -> None:
+    axes.imshow(colored(SCALE_M)[..., ::-1], extent=(0, FAR_M, 0, FAR_M / 12))
+    axes.set_title("depth [m], and farther; black: none", fontsize=8)
+    axes.set_yticks([])
 
 
 def make_gallery(seed: int, out: Path) -> Table:
@@ -105,45 +87,38 @@ def make_gallery(seed: int, out: Path) -> Table:
     The traversability is the mean free path in drone diameters, at flight height. A failure is a `ScenarioError`.
     """
     require_picture(out)
-    rows, pictures = [], []
+    rows, draws = [], []
     for spec_type in GROWN:
         kind = str(spec_type.model_fields["kind"].default)
         scene = spec_type(weather=Weather(shadows=True)).build(seed)
         with World(scene, np.empty((0, 3))) as world:
-            rows.append((kind, *difficulty_along(world, scene.path_m + FLIGHT_HEIGHT_M * UP)))
-            pictures.append(titled(kind, _scene_picture(world, seed)))
-    save_picture(out, np.vstack(pictures), quality=80)
+            bodies = sum(body.kind != "ground" for body in scene.bodies)
+            rows.append((kind, bodies, traversability_along(world, scene.path_m + FLIGHT_HEIGHT_M * UP)))
+            draws += [image_shown(kind, image, cmap="gray", vmin=0, vmax=255) for image in _views(world, seed)]
+    save_picture(out, panel_figure("", draws, columns=len(PATH_FRACTIONS), panel_in=(3.8, 2.4)))
     return Table.of("scenes", ("scene", "bodies", Column("traversability", number=".1f")), rows)
 
 
-def _scene_picture(world: World, seed: int) -> Image:
+def _views(world: World, seed: int) -> list[GrayImage]:
     rig = RigConfig(width_px=840, height_px=480, mount_forward_m=0.0, depth="truth")
     sensor = StereoSensor(world, create_renderer("raycast", world), rig, seed=seed)
     poses = list(Walk(height_m=CAMERA_HEIGHT_M).poses(world.scene.path_m, seed, 1.0))
     chosen = [poses[int(fraction * len(poses))] for fraction in PATH_FRACTIONS]
-    images = [gray_bgr(sensor.capture(pair).gray_left) for pair in sensor.render(chosen, 0)]
-    return np.hstack([narrowed(image, PICTURE_PX) for image in images])
+    return [sensor.capture(pair).gray_left for pair in sensor.render(chosen, 0)]
 
 
-class Difficulty(NamedTuple):
-    """Obstacles beside a path."""
+def traversability_along(world: World, path_m: FloatArray) -> float:
+    """Mean free path around a path, shape (n, 3), at its mean height, in diameters of a drone; a lower one is harder.
 
-    bodies: int
-    """Number of bodies without the ground."""
-    traversability: float
-    """Mean free path in the air around the path, in diameters of a drone; a lower one is harder."""
-
-
-def difficulty_along(world: World, path_m: FloatArray) -> Difficulty:
-    """Measure the difficulty around a path, shape (n, 3), at its mean height, in a world without drones."""
+    The world is without drones.
+    """
     low_m, high_m = path_m[:, :2].min(axis=0), path_m[:, :2].max(axis=0)
     across = np.eye(2)[(high_m - low_m).argmin()]
     (low_x, low_y), (high_x, high_y) = low_m - HALF_SIDE_M * across, high_m + HALF_SIDE_M * across
-    free = traversability(
+    return traversability(
         world,
         low_m=(low_x, low_y),
         high_m=(high_x, high_y),
         height_m=float(path_m[:, 2].mean()),
         drone_radius_m=DRONE_RADIUS_M,
     )
-    return Difficulty(bodies=sum(body.kind != "ground" for body in world.scene.bodies), traversability=free)

@@ -7,7 +7,7 @@ References:
     .. [1] Steele, Lea and Flood 2014, Fast splittable pseudorandom number generators, doi:10.1145/2660193.2660195
 """
 
-from functools import cache
+from functools import lru_cache
 from statistics import NormalDist
 
 import cv2
@@ -32,30 +32,35 @@ def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: floa
 
     The noise is keyed by the seed and by `key`, which is the drone, the frame and the camera.
     """
-    noisy = normal_numbers(counter_key(seed, Purpose.PHOTON, *key), gray.size).reshape(gray.shape)
-    noisy *= np.float32(sigma)
-    noisy += gray * np.float32(gain)
-    return np.asarray(np.clip(np.rint(noisy, out=noisy), 0, 255, out=noisy).astype(np.uint8))
+    noise = normal_numbers(counter_key(seed, Purpose.PHOTON, *key), gray.size, sigma).reshape(gray.shape)
+    exposed = gray if gain == 1 else gray * np.float32(gain)
+    return np.asarray(cv2.add(exposed, noise, dtype=cv2.CV_8U), np.uint8)
 
 
-def normal_numbers(key: np.uint64, n: int) -> npt.NDArray[np.float32]:
-    """Numbers of the standard normal distribution, shape (n,)."""
-    z = key + np.arange(-(-n // 4), dtype=np.uint64) * GAMMA
+def normal_numbers(key: np.uint64, n: int, sigma: float = 1.0) -> npt.NDArray[np.float32]:
+    """Numbers of the normal distribution of mean 0, shape (n,)."""
+    z = key + _weyl_sequence(-(-n // 4))
     z = (z ^ (z >> np.uint64(30))) * MIX_1
     z = (z ^ (z >> np.uint64(27))) * MIX_2
     z ^= z >> np.uint64(31)
     bits = z.astype("<u8", copy=False).view("<u2")[None, :n]
-    numbers: npt.NDArray[np.float32] = np.asarray(cv2.LUT(bits, normal_quantiles()[None]), np.float32)[0]
+    numbers: npt.NDArray[np.float32] = np.asarray(cv2.LUT(bits, normal_quantiles(sigma)[None]), np.float32)[0]
     return numbers
 
 
-@cache
-def normal_quantiles() -> npt.NDArray[np.float32]:
-    """The standard normal distribution as equally likely values in ascending order, of variance 1."""
+@lru_cache(maxsize=8)
+def _weyl_sequence(n: int) -> npt.NDArray[np.uint64]:
+    """The states of the generator before they are mixed, from the key 0 on."""
+    return np.arange(n, dtype=np.uint64) * GAMMA
+
+
+@lru_cache(maxsize=8)
+def normal_quantiles(sigma: float = 1.0) -> npt.NDArray[np.float32]:
+    """The normal distribution of mean 0 as equally likely values in ascending order."""
     upper = [NormalDist().inv_cdf((k + 0.5) / QUANTILES) for k in range(QUANTILES // 2, QUANTILES)]
     values: FloatArray = np.concatenate([-np.array(upper[::-1]), upper])
     values /= values.std()
-    return values.astype(np.float32)
+    return np.asarray(values.astype(np.float32) * np.float32(sigma))
 
 
 def low_light_noise(stops: float) -> float:

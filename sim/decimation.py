@@ -60,13 +60,14 @@ def decimated_depth(depth_m: FloatImage, factor: int) -> FloatImage:
     height, width = (side - side % factor for side in depth_m.shape)
     whole_m = depth_m[:height, :width]
     pixels_m = np.stack([whole_m[row::factor, col::factor] for row in range(factor) for col in range(factor)])
-    n_valid = np.count_nonzero(pixels_m, axis=0)
     if factor > LARGEST_MEDIAN:
-        mean_m = pixels_m.sum(axis=0, dtype=np.float64) / np.maximum(n_valid, 1)
+        mean_m = pixels_m.sum(axis=0, dtype=np.float64) / np.maximum(np.count_nonzero(pixels_m, axis=0), 1)
         return np.asarray(mean_m.astype(np.float32))
     _sort(pixels_m)  # The invalid ones, which are 0, come first.
-    middle = len(pixels_m) - 1 - n_valid // 2
-    return np.asarray(np.take_along_axis(pixels_m, middle[None], axis=0)[0])
+    middle_m: FloatImage = pixels_m[-1]
+    for k in range(1, len(pixels_m) // 2 + 1):  # The k-th from the end is in the middle of at least 2 k valid pixels.
+        np.copyto(middle_m, pixels_m[-1 - k], where=pixels_m[-2 * k] > 0)
+    return middle_m
 
 
 def _sort(images: FloatImage) -> None:

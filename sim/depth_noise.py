@@ -19,7 +19,7 @@ from .seeds import Purpose, stream
 from .stereo import focal_baseline_px_m
 from .types import IdImage, InvalidReason, Model
 
-SensorModelName = Literal["truth", "noisy", "stereo"]
+SensorModelName = Literal["truth", "noisy", "fitted", "stereo"]
 SENSOR_MODEL_NAMES: tuple[SensorModelName, ...] = get_args(SensorModelName)
 
 

@@ -1,6 +1,6 @@
 """The stereo cameras of all drones of a world."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 from .cpu import Mapper
@@ -14,8 +14,7 @@ T = TypeVar("T")
 class StereoRig:
     """Makes captures of the stereo cameras that the drones of a world carry; see `StereoSensor`.
 
-    `pool_map` maps over the drones; a map with several threads gives the same captures sooner. The drones of `exact`
-    see the true depth instead.
+    `pool_map` maps over the drones; a map with several threads gives the same captures sooner.
     """
 
     def __init__(
@@ -27,18 +26,15 @@ class StereoRig:
         seed: int,
         gray: bool = True,
         pool_map: Mapper = map,
-        exact: Collection[int] = (),
     ) -> None:
         self._world = world
         self._sensor = StereoSensor(world, renderer, config, seed=seed, gray=gray)
-        self._exact = frozenset(exact)
-        self._exact_sensor = StereoSensor(world, renderer, config.exact(), seed=seed, gray=False)
         self._map = pool_map
         self.intrinsics = self._sensor.intrinsics
         self.mount_m = config.left_mount_m
 
     def capture(self, drones: Sequence[int], frame: int) -> Iterator[Capture]:
-        """One capture for each of the drones, those with true depth last, all at the present time of the world.
+        """One capture for each of the drones, all at the present time of the world.
 
         The images are rendered at once. Noise and depth are computed when a capture is consumed, or ahead of that by
         the threads of `pool_map`. Noise is keyed by drone and frame.
@@ -47,12 +43,5 @@ class StereoRig:
 
     def capture_and(self, process: Callable[[Capture], T], drones: Sequence[int], frame: int) -> Iterator[T]:
         """The results of a function of each of these captures; several threads may call it for different drones."""
-        measured = [drone for drone in drones if drone not in self._exact]
-        exact = [drone for drone in drones if drone in self._exact]
-        seen = [
-            (sensor, pair)
-            for sensor, members in ((self._sensor, measured), (self._exact_sensor, exact))
-            if members
-            for pair in sensor.render([self._world.pose(drone) for drone in members], frame)
-        ]
-        return self._map(lambda one: process(one[0].capture(one[1])), seen)
+        pairs = self._sensor.render([self._world.pose(drone) for drone in drones], frame)
+        return self._map(lambda pair: process(self._sensor.capture(pair)), pairs)

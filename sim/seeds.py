@@ -25,6 +25,7 @@ class Purpose(IntEnum):
     SPECKS = 14
     WIND = 15
     LOCALISATION = 16
+    FITTED = 17
 
 
 def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:

@@ -185,7 +185,8 @@ def fail_one_to_one(
     height, width = disparity.shape
     nearest = np.empty(width, np.int16)
     for row in range(height):
-        nearest[:] = -1
+        for col in range(width):
+            nearest[col] = -1
         for col in range(width):
             target = col - ((disparity[row, col] + 8) >> 4)
             if disparity[row, col] >= 0 and target >= 0:

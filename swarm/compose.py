@@ -1,6 +1,6 @@
 """Composing a mission from its parts: world, renderer, cameras, correctors and controllers."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 
 import pydantic
@@ -16,13 +16,13 @@ from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
 from voxdepth.registry import DEFAULT
 
-from .controllers import Factory
+from .agents import Follower, Leader
+from .controllers import Agent, Factory, Role, load_controller
+from .guide import Chart, Guide
 from .mission import Mission
 from .recorder import Recorder
 from .task import MissionConfig
-
-EXACT = CorrectorSpec(name="raw")
-"""Corrector of drones that see the true depth."""
+from .team import Team
 
 
 class MissionSetup(Model):
@@ -60,7 +60,8 @@ def composed_mission(
     gray: bool,
     threads: int = 1,
     make_agent: Factory | None = None,
-    exact: Collection[int] = (),
+    guided: Collection[int] = (),
+    measured: bool = True,
 ) -> Iterator[Mission]:
     """Create a mission that is ready to fly, and free its world at the end.
 
@@ -72,7 +73,8 @@ def composed_mission(
         gray: Whether gray images are needed even if neither the corrector nor the sensor model needs them.
         threads: Number of threads that make the images; it changes the speed only.
         make_agent: Creates the agents of the drones; None takes the factory that the mission's `controller` names.
-        exact: Numbers of drones whose cameras read the true depth, which is not corrected.
+        guided: Numbers of drones without a camera, which fly by the true bodies of the world; see `guide.Guide`.
+        measured: Whether the mission has a result.
 
     Raises:
         MissionError: The mission cannot be flown as configured.
@@ -80,11 +82,16 @@ def composed_mission(
     config, rig_config = setup.mission, setup.rig
     scene = setup.scene.build(seed)
     with World(scene, config.starts_m(), setup.airframe, start_yaw_rad=config.start_yaws_rad()) as world:
-        specs = [EXACT if drone in exact else setup.corrector for drone in range(world.n_drones)]
-        correctors = [spec.create(rig_config.intrinsics) for spec in specs]
-        gray = gray or any(corrector.uses_gray for corrector in correctors)
+        correctors = [
+            None if drone in guided else setup.corrector.create(rig_config.intrinsics)
+            for drone in range(world.n_drones)
+        ]
+        gray = gray or any(corrector.uses_gray for corrector in correctors if corrector)
         renderer = create_renderer(setup.renderer, world, threads=threads)
-        rig = StereoRig(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads), exact=exact)
+        rig = StereoRig(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads))
+        create_agent = make_agent or load_controller(config.controller)
+        if guided:
+            create_agent = _with_guides(create_agent, guided, world, config.teams())
         yield Mission(
             config,
             world,
@@ -94,5 +101,19 @@ def composed_mission(
             camera_hz=rig_config.rate_hz,
             latency_s=latency_s,
             seed=seed,
-            make_agent=make_agent,
+            create_agent=create_agent,
+            measured=measured,
         )
+
+
+def _with_guides(create: Factory, guided: Collection[int], world: World, teams: Sequence[Team]) -> Factory:
+    """Return a factory of agents in which some drones follow the rules of a mission by the true bodies of the world."""
+    charts = {team.leader: Chart(world, team) for team in teams if not set(guided).isdisjoint(team.members)}
+
+    def create_agent(role: Role, config: MissionConfig) -> Agent:
+        if role.drone not in guided:
+            return create(role, config)
+        guide = Guide(role, config, charts[role.team.leader])
+        return Leader(role, config, guide) if role.leads else Follower(role, config, guide)
+
+    return create_agent

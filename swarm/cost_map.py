@@ -281,8 +281,8 @@ def _clearance(state: npt.NDArray[np.uint8]) -> FloatImage:
 
 def _look_up(clearance: FloatImage, cells: FloatArray) -> FloatArray:
     """Return the clearance at positions (x, y), shape (..., 2), in cells; 0 beyond the map."""
-    last = np.array(clearance.shape[::-1]) - 1
-    inside = np.minimum(np.maximum(np.floor(cells + 1.5), 0), last).astype(np.intp)
+    rows, cols = clearance.shape
+    inside = np.minimum(np.maximum(cells + 1.5, 0), (cols - 1, rows - 1)).astype(np.intp)
     return np.asarray(clearance[inside[..., 1], inside[..., 0]], np.float64)
 
 

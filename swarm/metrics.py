@@ -11,6 +11,7 @@ from sim.world import World
 from voxdepth.metrics import DepthErrors, depth_errors
 from voxdepth.types import CorrectedDepth, Diagnostics, FloatArray, MaskImage
 
+from .errors import MissionError
 from .pilot import Decision, PilotConfig
 from .team import Team, positions_of
 from .types import MetricValue, Trajectory
@@ -245,6 +246,27 @@ class MissionMetrics:
 
     def _mean(self, name: str) -> float | None:
         return float(np.mean(self._series[name])) if self._series[name] else None
+
+
+class Unmeasured(MissionMetrics):
+    """Stands for the metrics of a mission whose result nobody reads, which then takes less time."""
+
+    def add_decisions(self, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
+        """Add nothing."""
+
+    def sample(self, states: list[DroneState]) -> dict[str, float]:
+        """Add nothing and return nothing."""
+        return {}
+
+    def follow_leaders(self, positions_m: FloatArray) -> None:
+        """Add nothing."""
+
+    def add_depth(self, capture: Capture, corrected: CorrectedDepth) -> None:
+        """Add nothing."""
+
+    def summary(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> dict[str, MetricValue]:
+        """Raise a `MissionError`: nothing was measured."""
+        raise MissionError("this mission has no result, because it was created with measured=False")
 
 
 def _polarization(team: Team, states: Sequence[DroneState], flying: MaskImage) -> float:

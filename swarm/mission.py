@@ -11,10 +11,10 @@ from sim.types import Capture, Contact, DroneState, VelocityCommand
 from sim.world import PHYSICS_HZ, World
 from voxdepth.types import DepthCorrector, FloatArray
 
-from .controllers import Factory, Role, load_controller
+from .controllers import Factory, Role
 from .errors import MissionError
 from .link import Link
-from .metrics import MissionMetrics, touched
+from .metrics import MissionMetrics, Unmeasured, touched
 from .neighbours import Detector, NeighbourTracker
 from .perception import Perception
 from .pilot import Decision, Situation
@@ -33,8 +33,8 @@ DROPPED = Decision(command=VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=0.0
 class Mission:
     """Runs swarms in a world, tick by tick; `compose.composed_mission` describes the arguments.
 
-    The world has one drone per member of the teams, at `config.starts_m()`, and each has a corrector. The number of
-    captures per second, `camera_hz`, must divide `config.control_hz`.
+    The world has one drone per member of the teams, at `config.starts_m()`. A drone without a corrector has no camera.
+    The number of captures per second, `camera_hz`, must divide `config.control_hz`.
 
     Raises:
         MissionError: The rates do not divide each other, or a start or a goal is inside of a body.
@@ -45,13 +45,14 @@ class Mission:
         config: MissionConfig,
         world: World,
         rig: StereoRig,
-        correctors: Sequence[DepthCorrector],
+        correctors: Sequence[DepthCorrector | None],
         recorder: Recorder,
         *,
         camera_hz: float,
         latency_s: float,
         seed: int,
-        make_agent: Factory | None = None,
+        create_agent: Factory,
+        measured: bool = True,
     ) -> None:
         self._steps_per_tick = _whole_ratio(PHYSICS_HZ, config.control_hz, "control_hz", "the physics rate")
         self._ticks_per_frame = _whole_ratio(config.control_hz, camera_hz, "rate_hz", "control_hz")
@@ -65,7 +66,7 @@ class Mission:
             Localisation(config.localisation, seed=seed, drone=drone) for drone in range(world.n_drones)
         ]
         self._perceptions = [
-            self._create_perception(drone, corrector, latency_s=latency_s, seed=seed)
+            None if corrector is None else self._create_perception(drone, corrector, latency_s=latency_s, seed=seed)
             for drone, corrector in enumerate(correctors)
         ]
         self._trackers = [NeighbourTracker(config.neighbours, rig.intrinsics, world.n_drones) for _ in correctors]
@@ -73,12 +74,13 @@ class Mission:
         leaders = [team.leader for team in self._team_of]
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
         self._link.broadcast(world.states, self.time_s)
-        create_agent, radius_m = make_agent or load_controller(config.controller), world.airframe.radius_m
+        radius_m = world.airframe.radius_m
         camera = OnboardCamera(intrinsics=rig.intrinsics, mount_cam_m=R_BODY_CAM.T @ rig.mount_m)
         roles = [Role(drone=i, team=team, radius_m=radius_m, camera=camera) for i, team in enumerate(self._team_of)]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)
-        self._metrics = MissionMetrics(world, self._teams, config.pilot, goal_radius_m=config.goal_radius_m)
+        metrics = MissionMetrics if measured else Unmeasured
+        self._metrics = metrics(world, self._teams, config.pilot, goal_radius_m=config.goal_radius_m)
         self._ticks = 0
         self.outcome: Outcome | None = None
 
@@ -131,7 +133,7 @@ class Mission:
         if self.outcome is None:
             raise MissionError("the mission has not ended yet: call tick() until there is an outcome")
         contacts = tuple(self.world.contacts)
-        dropped = [p.dropped for p in self._perceptions]
+        dropped = [0 if perception is None else perception.dropped for perception in self._perceptions]
         return MissionResult(
             outcome=self.outcome,
             contacts=contacts,
@@ -142,14 +144,16 @@ class Mission:
 
     def _perceive(self) -> None:
         """Capture and process an image of every drone that is not busy with an earlier one."""
-        flying = np.flatnonzero(self.world.flying).tolist()
-        ready = [i for i in flying if self._perceptions[i].ready(self.time_s)]
+        flying = ((i, self._perceptions[i]) for i in np.flatnonzero(self.world.flying).tolist())
+        ready = [i for i, perception in flying if perception is not None and perception.ready(self.time_s)]
         for capture, percept in self._rig.capture_and(self._see, ready, self._ticks // self._ticks_per_frame):
             self._recorder.capture(self.world.steps, capture, percept.corrected)
 
     def _see(self, capture: Capture) -> tuple[Capture, Percept]:
         """Process the image of one drone, which changes nothing that another drone's thread uses."""
-        percept = self._perceptions[capture.drone].see(capture)
+        perception = self._perceptions[capture.drone]
+        assert perception is not None, "a drone with a camera has a corrector"
+        percept = perception.see(capture)
         self._metrics.add_depth(capture, percept.corrected)
         return capture, percept
 
@@ -180,7 +184,8 @@ class Mission:
 
     def _situation(self, drone: int, own: DroneState) -> Situation:
         heard = self._link.heard_by(drone, self.time_s)
-        percept = self._perceptions[drone].latest(self.time_s)
+        perception = self._perceptions[drone]
+        percept = None if perception is None else perception.latest(self.time_s)
         members = self._team_of[drone].members
         return Situation(
             time_s=self.time_s,

@@ -5,13 +5,14 @@ lasts is an assumption, which a drone makes for as long as its odometry is good.
 (layers, rows along y, columns along x), and indices of voxels that order.
 """
 
+from functools import cache
 from math import ceil, floor
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import float32, float64, int64
-from numba.types import Tuple, UniTuple
+from numba.types import UniTuple
 from pydantic import Field, model_validator
 
 from voxdepth.compiled import compile_all, compiled, named_tuple
@@ -114,11 +115,6 @@ class View(NamedTuple):
 VIEW = named_tuple(View, *[float64] * 4, int64[::1], int64[::1])
 
 
-@compiled(
-    Tuple((int64[::1], int64[::1], float32[::1]))(
-        VIEW, float64[::1], float64[::1], UniTuple(int64, 3), float64[:, ::1], float64
-    )
-)
 def find_in_view(
     view: View,
     origin_m: FloatArray,
@@ -129,19 +125,47 @@ def find_in_view(
 ) -> tuple[Indices, Indices, FloatVector]:
     """Find the voxels whose middle is in view, up to a range: index, that of the cell, and squared range [m^2] of each.
 
+    The voxels have sides (x, y, z), and `origin_m` is the corner of the first one.
+    """
+    T, n = T_map_cam[:3].astype(np.float32), int(np.prod(shape))
+    corner_m, sides = origin_m.astype(np.float32) - T[:, 3], sides_m.astype(np.float32)
+    voxel, cell, squared_m2 = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.float32)
+    n = _list_in_view(view, corner_m, sides, shape, T, np.float32(farthest_m**2), voxel, cell, squared_m2)
+    return voxel[:n], cell[:n], squared_m2[:n]
+
+
+@compiled(
+    int64(
+        VIEW, float32[::1], float32[::1], UniTuple(int64, 3), float32[:, ::1], float32,
+        int64[::1], int64[::1], float32[::1],
+    )
+)  # fmt: skip
+def _list_in_view(
+    view: View,
+    corner_m: FloatVector,
+    sides_m: FloatVector,
+    shape: tuple[int, int, int],
+    T_map_cam: FloatImage,
+    farthest_squared: np.float32,
+    # output
+    voxel: Indices,
+    cell: Indices,
+    squared_m2: FloatVector,
+) -> int:
+    """List the voxels in view, and return their number; `corner_m` is the offset of the first one from the camera.
+
     Columns wholly to the left or to the right of the view are skipped. The distance of a voxel to either side of it,
     times the focal length, is linear in its height, so that the ends of a column decide.
     """
     n_layers, n_rows, n_cols = shape
     cells_per_row, height, width = view.cell_col[-1] + 1, np.float32(len(view.cell_row)), np.float32(len(view.cell_col))
-    (xx, yx, zx, x_m), (xy, yy, zy, y_m), (xz, yz, zz, z_m), _ = T_map_cam.astype(np.float32)
+    xx, yx, zx = T_map_cam[0, 0], T_map_cam[0, 1], T_map_cam[0, 2]
+    xy, yy, zy = T_map_cam[1, 0], T_map_cam[1, 1], T_map_cam[1, 2]
+    xz, yz, zz = T_map_cam[2, 0], T_map_cam[2, 1], T_map_cam[2, 2]
     fx, fy = np.float32(view.fx_px), np.float32(view.fy_px)
     cx, cy = np.float32(view.cx_px + 0.5), np.float32(view.cy_px + 0.5)
-    side_m, layer_m, farthest_squared = np.float32(sides_m[0]), np.float32(sides_m[2]), np.float32(farthest_m**2)
-    left_m, front_m, up_m = origin_m.astype(np.float32) - np.array([x_m, y_m, z_m])
-    top_m, on_the_right = up_m + layer_m * np.float32(n_layers), width - cx
-    n_voxels, n = n_layers * n_rows * n_cols, 0
-    voxel, cell, squared_m2 = np.empty(n_voxels, np.int64), np.empty(n_voxels, np.int64), np.empty(n_voxels, np.float32)
+    side_m, layer_m, left_m, front_m, up_m = sides_m[0], sides_m[2], corner_m[0], corner_m[1], corner_m[2]
+    top_m, on_the_right, n = up_m + layer_m * np.float32(n_layers), width - cx, 0
     for i in range(n_rows):
         north_m = front_m + side_m * np.float32(i + 0.5)
         for j in range(n_cols):
@@ -164,7 +188,7 @@ def find_in_view(
                     cell[n] = view.cell_row[int(v)] * cells_per_row + view.cell_col[int(u)]
                     squared_m2[n] = flat_squared + above_m * above_m
                     n += 1
-    return voxel[:n], cell[:n], squared_m2[:n]
+    return n
 
 
 class VoxelMap:
@@ -250,8 +274,7 @@ class VoxelMap:
         (free_m, surface_m), half_m, near_m = evidence, np.float32(self._config.voxel_m / 2), self._config.near_m
         is_exact, points_m = self._surfaces(surface_m, T_odom_cam, drones_m)
         voxel, cell, squared_m2 = find_in_view(
-            self._view, self.origin_m, self._sides_m, self._misses.shape, np.ascontiguousarray(T_odom_cam),
-            max(near_m, float(free_m.max())),
+            self._view, self.origin_m, self._sides_m, self._misses.shape, T_odom_cam, max(near_m, float(free_m.max()))
         )  # fmt: skip
         free_m2, from_m2, to_m2 = (
             np.square(np.maximum(range_m, 0)).ravel()[cell]
@@ -336,8 +359,7 @@ class VoxelMap:
         Layers count that a cylinder touches.
         """
         c, sides_m, origin_m = self._config, self._sides_m[::-1], self.origin_m[::-1]
-        reach = np.ceil(np.array([half_height_m, radius_m, radius_m]) / sides_m).astype(np.int64)
-        window = np.moveaxis(np.indices((2 * reach + 1).tolist()), 0, -1).reshape(-1, 3) - reach
+        window = _window(*np.ceil(np.array([half_height_m, radius_m, radius_m]) / sides_m).astype(np.int64).tolist())
         center = centers_m[:, None, ::-1] - origin_m
         voxel = np.floor(center / sides_m).astype(np.int64) + window
         z_m, y_m, x_m = np.moveaxis((voxel + 0.5) * sides_m - center, -1, 0)
@@ -360,6 +382,12 @@ class VoxelMap:
             for values in (self._misses, self._missed_s, self._occupancy, self._unobserved):
                 _shift(values, moved[::-1])
         self._origin = wanted
+
+
+@cache
+def _window(*reach: int) -> Indices:
+    """Return the offsets up to a reach along each axis, shape (n, 3)."""
+    return np.moveaxis(np.indices([2 * each + 1 for each in reach]), 0, -1).reshape(-1, len(reach)) - reach
 
 
 def _shift(array: npt.NDArray[np.generic], by: npt.NDArray[np.int64]) -> None:

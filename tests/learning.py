@@ -4,7 +4,7 @@ from typing import Any
 
 from sim.scenes import CitySpec
 from sim.sensor import RigConfig
-from swarm.environments.task import LearningTask
+from swarm.environments.task import LearningTask, RewardConfig
 from swarm.task import MissionConfig
 from swarm.team import Route
 
@@ -20,7 +20,14 @@ def quick(*, x_m: float = -2.0, y_m: float = 0.0, **mission: Any) -> dict[str, A
     """Options of an environment: three drones that fly along x to a goal before the first towers, by exact depth."""
     route = Route(start_m=(-8.0, y_m, 6.0), goal_m=(x_m, y_m, 6.0))
     values: dict[str, Any] = {"drones": 3, "duration_s": 12.0, "routes": (route,)}
-    return {"scene": QUICK_CITY, "rig": QUICK_RIG, "corrector": "raw", "mission": MissionConfig(**values | mission)}
+    return {
+        "scene": QUICK_CITY,
+        "rig": QUICK_RIG,
+        "corrector": "raw",
+        "mission": MissionConfig(**values | mission),
+        "others": "same",
+        "reward": RewardConfig(approach_per_m=0.0),
+    }
 
 
 def quick_task(**mission: Any) -> LearningTask:

@@ -8,6 +8,7 @@ from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig
 from sim.world import World
+from swarm.controllers import load_controller
 from swarm.mission import Mission
 from swarm.recorder import Recorder
 from swarm.task import MissionConfig
@@ -31,4 +32,5 @@ def mission_among(*bodies: Body, config: MissionConfig, seed: int = 0, renderer:
             camera_hz=RIG.rate_hz,
             latency_s=config.latency_s,
             seed=seed,
+            create_agent=load_controller(config.controller),
         )

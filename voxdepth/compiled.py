@@ -34,11 +34,11 @@ _waiting: "list[Compiled]" = []
 class Compiled:
     """A function that Numba compiles for arguments of fixed types; see `compiled`."""
 
-    def __init__(self, function: Callable[..., Any], signature: Any) -> None:
+    def __init__(self, function: Callable[..., Any], signature: Any, *, is_part: bool = False) -> None:
         with _numba_cache(_folder(function.__module__.partition(".")[0])) as is_kept:
-            self.dispatcher = numba.njit(cache=is_kept, nogil=True, error_model="numpy", no_cfunc_wrapper=True)(
-                function
-            )
+            self.dispatcher = numba.njit(
+                cache=is_kept, nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=is_part
+            )(function)
         self.signature = signature
         self._is_compiled = False
         update_wrapper(self, function)
@@ -77,6 +77,15 @@ def compiled(signature: Any) -> Callable[[Function], Function]:
 
     def decorate(function: Function) -> Function:
         return cast(Function, Compiled(function, signature))
+
+    return decorate
+
+
+def compiled_part(signature: Any) -> Callable[[Function], Function]:
+    """Decorate a part of compiled functions; Python cannot call it, which saves the code for that."""
+
+    def decorate(function: Function) -> Function:
+        return cast(Function, Compiled(function, signature, is_part=True))
 
     return decorate
 

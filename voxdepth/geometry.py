@@ -103,8 +103,9 @@ def log_se3(T: FloatArray) -> FloatArray:
         step[i] = T[i, 3]
         step[3 + i] = (T[(i + 2) % 3, (i + 1) % 3] - T[(i + 1) % 3, (i + 2) % 3]) / 2
     sine = np.sqrt(step[3] * step[3] + step[4] * step[4] + step[5] * step[5])
-    if sine > 0:
-        step[3:] *= np.arctan2(sine, (T[0, 0] + T[1, 1] + T[2, 2] - 1) / 2) / sine
+    factor = np.arctan2(sine, (T[0, 0] + T[1, 1] + T[2, 2] - 1) / 2) / sine if sine > 0 else 1.0
+    for i in range(3, 6):  # A slice would compile for seconds.
+        step[i] *= factor
     return step
 
 

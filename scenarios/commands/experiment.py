@@ -57,22 +57,21 @@ def experiment(
     import cv2
     from rich.console import Console
 
-    from ..experiments.runner import INDEX, RunOptions, find_experiments, run, write_index
+    from ..experiments.runner import INDEX, find_experiments, run, write_index
 
     cv2.setNumThreads(1)
-    options = RunOptions(
-        out=out,
-        sequences=None if sequences is None else tuple(name.strip() for name in sequences.split(",")),
-        data=tuple(data or ()),
-        frames=frames,
-        width_px=width,
-        seed=seed,
-        command=" ".join(["voxdepth", *sys.argv[1:]]),
-    )
-    console = Console()
+    given = {
+        "sequences": None if sequences is None else tuple(name.strip() for name in sequences.split(",")),
+        "data": tuple(data or ()),
+        "frames": frames,
+        "width_px": width,
+        "seed": seed,
+    }
+    console, command = Console(), " ".join(["voxdepth", *sys.argv[1:]])
     with console.status("") as status:
-        for report in run(find_experiments(names), options, status.update):
-            report.print(console)
-            typer.echo(f"table, figure and result.json are in {out / report.experiment.name}")
+        asked = [(one, one.context(out, status.update, **given)) for one in find_experiments(names)]
+        for one, context in asked:
+            run(one, context, command).print(console)
+            typer.echo(f"table, figure and result.json are in {out / one.name}")
     write_index(out).print(console)
     typer.echo(f"these claims, of all experiments with results, are in {out / INDEX}")

@@ -9,7 +9,7 @@ import typer
 from voxdepth.tools.options import parsed_size
 
 # The words of the library, which is not imported for `--help`: sensor models and renderers.
-Depth = StrEnum("Depth", "TRUTH NOISY STEREO")
+Depth = StrEnum("Depth", "TRUTH NOISY FITTED STEREO")
 RendererName = StrEnum("RendererName", "RASTER RAYCAST TINY EGL")
 
 Scenario = Annotated[str, typer.Argument(help="A shipped scenario, or a TOML file: a scenario or a run's config.toml.")]

@@ -73,6 +73,7 @@ def regress(
     from rich.console import Console
 
     from voxdepth.corrector_spec import CorrectorSpec
+    from voxdepth.tools.table import Table
 
     from .. import regression
     from ..rerun.frames import record_case
@@ -84,21 +85,21 @@ def regress(
     with console.status("") as status:
         measured = regression.measure(make, lambda case: status.update(f"running {corrector} on {case}"))
     regression.metric_table(measured, corrector).print(console)
-    beyond = regression.beyond_limits(measured) if corrector == DEFAULT_CORRECTOR else []
-    for case, _, limit_m, error_m in beyond:
-        typer.echo(f"{case}: without noise the mean error is {error_m} m, expected at most {limit_m} m", err=True)
-    if beyond:
+    if corrector == DEFAULT_CORRECTOR and len(beyond := regression.beyond_limits(measured)):
+        for case, error_m in beyond.items():
+            expected = f"expected at most {regression.EXACT_LIMITS_M[case]} m"
+            typer.echo(f"{case}: without noise the mean error is {error_m} m, {expected}", err=True)
         raise typer.Exit(1)
     if before is None:
         regression.write_golden(path, measured)
         typer.echo(f"golden metrics written to {path}")
         return
     differences = regression.compare(before, measured)
-    if not differences:
+    if differences.empty:
         typer.echo(f"no metric differs from {path} by more than its tolerance")
         return
-    regression.difference_table(differences).print(console)
-    worst = differences[0].case
+    Table.of_frame(regression.OUTSIDE, differences).print(console)
+    worst = differences["noise"][0]
     recording = out / f"regress-{path.stem}.rrd"
     record_case(recording, worst, regression.corrected(make, worst))
     typer.echo(f"the worst case, {worst}, is in {recording}; if the change is meant: --update")

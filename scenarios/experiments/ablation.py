@@ -1,134 +1,86 @@
 """Ablation of the default method: one part off at a time, with its effect on errors and latency."""
 
-from dataclasses import dataclass
-from typing import Any
-
 import pandas as pd
 
 from voxdepth.registry import DEFAULT
-from voxdepth.temporal.config import TemporalConfig
-from voxdepth.tools.evaluation.measurements import Selector
-from voxdepth.tools.evaluation.methods import Method, find_method
+from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.scoring import GHOSTS, SURVIVAL
 from voxdepth.tools.figure import panels, plotted
-from voxdepth.tools.table import Column, Table, Value
 
 from .default import FLICKER, HOLES, LATENCY, MEDIAN, OFF, PSNR_NEAR, RMSE, SEEN, Comparison
-from .experiment import Experiment, ExperimentContext, Findings, configured_method
+from .experiment import Experiment, ExperimentContext, Findings
 
-NEVER = 100_000
-"""A threshold that nothing reaches."""
-ANY = 1e-6
-"""A threshold that everything passes."""
-DEFAULT_CONFIG = TemporalConfig()
+NEVER, ANY = 100_000, 1e-6
+"""Thresholds that nothing reaches, and that everything passes."""
 SEQUENCES = ("sim-LN", "sim-MB", "sim-PLF", "sim-cross", "sim-approach", "sim-hover")
 """Near and far surfaces, with and without parallax, and objects that move across and towards the camera."""
-
-
-@dataclass(frozen=True)
-class Variant:
-    """The default method with another configuration."""
-
-    name: str
-    off: str
-    """The part that is off or different."""
-    config: TemporalConfig = DEFAULT_CONFIG
-    sees_true_pose: bool = False
-    """Whether it is told the true pose, as an oracle."""
-
-    @property
-    def method(self) -> Method:
-        """The method to evaluate; the unchanged variant shares its results with all other comparisons."""
-        if self.name == DEFAULT:
-            return find_method(DEFAULT)
-        return configured_method(DEFAULT, self.name, self.config, sees_true_pose=self.sees_true_pose)
-
-
-def _variant(name: str, off: str, **changes: Any) -> Variant:
-    return Variant(name, off, TemporalConfig.model_validate(changes))
-
-
-VARIANTS = (
-    Variant(DEFAULT, "nothing"),
-    _variant(
-        "single-frame", "neither tracking nor memory: inpainting and smoothing alone", odometry={"min_tracks": NEVER}
-    ),
-    _variant(
-        "averaging-only",
-        "memory averages what it agrees with, and never fills holes or rejects measurements",
-        fusion={"min_evidence": 16, "min_evidence_per_frame": 16},
-    ),
-    _variant("memory-first", "the memory outvotes all ends of holes", filling={"memory_distance_px": ANY}),
-    _variant("no-memory", "the memory has no vote in holes", filling={"memory_distance_px": NEVER}),
-    _variant("no-previous", "the previous output has no vote", filling={"previous_distance_px": NEVER}),
-    _variant("no-gray", "changes of gray are ignored", fusion={"max_gray_change_hole": 255}),
-    _variant("no-drift", "slow drift of measurements against the memory is ignored", fusion={"max_drift_px": NEVER}),
-    _variant("no-bias", "differences of one sign over 5 x 5 px still agree", fusion={"max_bias_px": NEVER}),
-    _variant("no-coherence", "every pixel may contradict the memory by itself", fusion={"min_coherence": ANY}),
-    _variant(
-        "fast-decay", "the background is forgotten as soon as an object occludes it", fusion={"decay_occluded": 15}
-    ),
-    _variant("no-shadows", "occlusion shadows have no bonus", filling={"shadow_factor": 1}),
-    _variant("no-rows", "rows whose ends agree have no bonus", filling={"row_factor": 1}),
-    _variant("no-slopes", "no surface is slanted", filling={"max_slope": 0}),
-    _variant("no-lone-ends", "an axis with one end has no vote", filling={"lone_factor": ANY}),
-    _variant("no-fill", "holes that the memory cannot fill stay empty", fill="none"),
-    _variant("fill-all", "even the least probable guess is shown", fill="all"),
-    _variant("no-smoothing", "no smoothing", smoothing_window_px=1),
-    _variant("full-size", "memory at full size, not half", decimation=1),
-    Variant("true-prior", "told the true pose (an oracle)", sees_true_pose=True),
-)
+SETTINGS = {
+    f"odometry.min_tracks={NEVER}": "neither tracking nor memory: inpainting and smoothing alone",
+    f"filling.memory_distance_px={ANY}": "the memory outvotes all ends of holes",
+    f"filling.memory_distance_px={NEVER}": "the memory has no vote in holes",
+    f"filling.previous_distance_px={NEVER}": "the previous output has no vote",
+    "fusion.max_gray_change_hole=255": "changes of gray are ignored",
+    f"fusion.max_drift_px={NEVER}": "slow drift of measurements against the memory is ignored",
+    f"fusion.max_bias_px={NEVER}": "differences of one sign over 5 x 5 px still agree",
+    f"fusion.min_coherence={ANY}": "every pixel may contradict the memory by itself",
+    "fusion.decay_occluded=15": "the background is forgotten as soon as an object occludes it",
+    "filling.shadow_factor=1": "occlusion shadows have no bonus",
+    "filling.row_factor=1": "rows whose ends agree have no bonus",
+    "filling.max_slope=0": "no surface is slanted",
+    f"filling.lone_factor={ANY}": "an axis with one end has no vote",
+    "fill=none": "holes that the memory cannot fill stay empty",
+    "fill=all": "even the least probable guess is shown",
+    "smoothing_window_px=1": "no smoothing",
+    "decimation=1": "memory at full size, not half",
+}
+"""What a setting switches off or changes. `voxdepth evaluate --methods` takes the same names."""
+VARIANTS = {DEFAULT: "nothing"} | {f"{DEFAULT}[{setting}]": off for setting, off in SETTINGS.items()}
 
 
 def ablate(context: ExperimentContext) -> Findings:
     """Evaluate every variant on the same frames."""
-    comparison = Comparison(context.evaluate([variant.method for variant in VARIANTS]))
-    quantities = {variant.name: _quantities(comparison, variant.method.name) for variant in VARIANTS}
-    columns = tuple(quantities[DEFAULT])
-    means = pd.DataFrame({name: [values.mean() for values in of.values()] for name, of in quantities.items()}).T
-    rows: list[list[Value]] = [
-        [sequence, name, *(values[sequence] for values in by_column.values())]
-        for sequence in context.sequences
-        for name, by_column in quantities.items()
-    ]
-    title = f"One part off, mean over {', '.join(context.sequences)}"
-    mean_rows = [(variant.name, variant.off, *means.loc[variant.name]) for variant in VARIANTS]
+    comparison = Comparison(context.evaluate(find_methods(list(VARIANTS))))
+    by_variant = {variant: quantities(comparison, variant) for variant in VARIANTS}
+    found = pd.concat(by_variant, names=["variant", "sequence"])
+    means = found.groupby("variant", sort=False).mean()
+    means.insert(0, "what is off", pd.Series(VARIANTS))
     return Findings(
-        tables=(
-            Table.of(title, ("variant", "what is off", *columns), mean_rows),
-            Table.of("By sequence", ("sequence", "variant", *columns), rows, name="by-sequence"),
-        ),
+        tables={
+            "table": means.reset_index(),
+            "by-sequence": found.swaplevel().loc[list(context.sequences)].reset_index(),
+        },
         notes=(
-            "Surfaces within 20 m. Errors in holes and PSNR (peak 40 m) are after completion by the nearest valid; "
-            "off is more than 10 % too far or too near. Survival and ghosts are of sequences with moving objects.",
-            "Times are medians, and means of these over sequences of different sizes.",
+            f"Means over {', '.join(context.sequences)}. Surfaces within 20 m. Errors in holes and PSNR (peak 40 m) "
+            "are after completion by the nearest valid; off is more than 10 % too far or too near. Survival and "
+            "ghosts are of sequences with moving objects. Times are means of medians.",
             "One seed and a few sequences: a difference of a percent or two is not significant.",
         ),
         figure=panels(
             f"One part off, n = {context.frames} frames of {len(context.sequences)} sequences",
-            [plotted(means[[k]][::-1], columns[k].name, columns[k].heading, "", kind="barh") for k in (0, 4)],
+            [
+                plotted(means[[heading]][::-1], "", heading, "", kind="barh")
+                for heading in ("holes MAE [m]", "measured median [mm]")
+            ],
+            panel_in=(7.0, 4.6),
         ),
     )
 
 
-def _quantities(comparison: Comparison, method: str) -> dict[Column, pd.Series]:
-    """The values of a method by sequence for each column."""
-
-    def values(selector: Selector) -> pd.Series:
-        return comparison.values(selector, method)
-
-    return {
-        Column("holes MAE", "m", ".3f"): values(HOLES),
-        Column("seen holes MAE", "m", ".3f"): values(SEEN),
-        Column("holes off", "%", ".1f"): 100 * values(OFF),
-        Column("measured RMSE", "m", ".3f"): values(RMSE),
-        Column("measured median", "mm", ".1f"): 1000 * values(MEDIAN),
-        Column("PSNR 20 m", "dB"): values(PSNR_NEAR),
-        Column("flicker", "mm", ".1f"): 1000 * values(FLICKER),
-        Column("survival less raw's", "points", ".1f"): 100 * (values(SURVIVAL[0]) - values(SURVIVAL[1])),
-        Column("ghosts less raw's", "points", ".1f"): 100 * (values(GHOSTS[0]) - values(GHOSTS[1])),
-        Column("p50", "ms", ".1f"): values(LATENCY),
-    }
+def quantities(comparison: Comparison, method: str) -> pd.DataFrame:
+    """What is measured of a method (columns), by sequence."""
+    values = {
+        "holes MAE [m]": (HOLES, 1), "seen holes MAE [m]": (SEEN, 1), "holes off [%]": (OFF, 100),
+        "measured RMSE [m]": (RMSE, 1), "measured median [mm]": (MEDIAN, 1000), "PSNR 20 m [dB]": (PSNR_NEAR, 1),
+        "flicker [mm]": (FLICKER, 1000),
+    }  # fmt: skip
+    survival, ghosts = (
+        100 * (comparison.values(own, method) - comparison.values(raw, method)) for own, raw in (SURVIVAL, GHOSTS)
+    )
+    return pd.DataFrame(
+        {heading: factor * comparison.values(selector, method) for heading, (selector, factor) in values.items()}
+        | {"survival less raw's [points]": survival, "ghosts less raw's [points]": ghosts}
+        | {"p50 [ms]": comparison.values(LATENCY, method)}
+    )
 
 
 ABLATION = Experiment(

@@ -10,7 +10,7 @@ from ..study.analysis import dose_responses, summarise_arms
 from ..study.design import Study, load_study
 from ..study.executors import Processes
 from ..study.run import run_study
-from ..study.statistics import DoseResponse, Interval
+from ..study.statistics import DoseResponse
 from ..study.tables import arm_table, dose_response_table
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 
@@ -29,9 +29,9 @@ def fly(context: ExperimentContext) -> Findings:
     folder = context.out / COLLISIONS.name / "study"
     data = run_study(study, folder, executor, lambda progress: context.report(progress.line()), resume=True)
     arms, responses = summarise_arms(data), list(dose_responses(data))
-    ratios = {arm.level: 100 * (arm.ratio or 0.0) for arm in arms}
+    ratios = pd.DataFrame({ARM: {arm.level: 100 * (arm.ratio or 0.0) for arm in arms}})
     return Findings(
-        tables=(arm_table(arms), dose_response_table(responses)),
+        tables={"table": arm_table(arms).frame(), "dose": dose_response_table(responses).frame()},
         claims=_claims(next(response for _, name, response in responses if name == ARM)),
         notes=(
             f"Seeds {study.seeds.first} and up; --frames sets their number. So few tell little: the whole "
@@ -39,7 +39,7 @@ def fly(context: ExperimentContext) -> Findings:
         ),
         figure=panels(
             f"Collisions of {study.scenarios[0]}, n = {context.frames} missions at each noise ratio",
-            [plotted(pd.DataFrame({ARM: ratios}), "", "noise ratio theta", "missions with a collision [%]")],
+            [plotted(ratios, "", "noise ratio theta", "missions with a collision [%]")],
         ),
     )
 
@@ -58,19 +58,13 @@ def _claims(response: DoseResponse | str) -> tuple[Claim, Claim]:
     shape = "collisions grow faster than linearly with the noise ratio"
     size = "from a noise ratio of 0.5 to one of 1, collisions grow 8 times"
     if isinstance(response, str):
-        return Claim(paper=shape, found=response, holds=None), Claim(paper=size, found=response, holds=None)
+        return Claim(shape, response, None), Claim(size, response, None)
     b, ratio, curve = response.b, response.ratio, response.curve
-    is_decided = b.low > 1 or b.high < 1
+    interval, is_decided = "with a 95 % interval of {:.2f} to {:.2f}", b.low > 1 or b.high < 1
     return (
-        Claim(paper=shape, found=f"as theta^{curve.b:.2f}, {_interval(b)}", holds=b.low > 1 if is_decided else None),
-        Claim(
-            paper=size, found=f"{curve.ratio:.1f} times, {_interval(ratio)}", holds=ratio.low <= GROWTH <= ratio.high
-        ),
+        Claim(shape, f"as theta^{curve.b:.2f}, {interval.format(*b)}", b.low > 1 if is_decided else None),
+        Claim(size, f"{curve.ratio:.1f} times, {interval.format(*ratio)}", ratio.low <= GROWTH <= ratio.high),
     )
-
-
-def _interval(interval: Interval) -> str:
-    return "with a 95 % interval of {:.2f} to {:.2f}".format(*interval)
 
 
 COLLISIONS = Experiment(

@@ -4,18 +4,15 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.registry import create_corrector
-from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.evaluation.methods import Method
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
-from voxdepth.tools.table import Table
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
@@ -30,7 +27,7 @@ ALIKE = 2.0
 """Largest factor between two sizes that count as alike."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Claim:
     """A statement of the paper and the corresponding finding."""
 
@@ -67,7 +64,7 @@ def alike(found: float, printed: float) -> bool:
 
 def all_hold(holds: Collection[bool]) -> bool | None:
     """Whether a claim holds in every case; None without a case."""
-    return all(holds) if len(holds) else None
+    return all(map(bool, holds)) if len(holds) else None
 
 
 def most_hold(holds: Collection[bool]) -> bool | None:
@@ -75,12 +72,18 @@ def most_hold(holds: Collection[bool]) -> bool | None:
     return bool(sum(holds) > len(holds) / 2) if len(holds) else None
 
 
+def pivot(frame: pd.DataFrame, rows: str, columns: str, values: str) -> pd.DataFrame:
+    """The numbers of one column by the entries of two others, in the order of the frame; NaN where undefined."""
+    found = frame.pivot(index=rows, columns=columns, values=values).astype(float)
+    return found.reindex(index=frame[rows].unique(), columns=frame[columns].unique())
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Findings:
     """The answer to the question of an experiment."""
 
-    tables: tuple[Table, ...]
-    """The first one answers the question."""
+    tables: Mapping[str, pd.DataFrame]
+    """By the names of their files; the first one, `table`, answers the question. Headings have units: `time [ms]`."""
     claims: tuple[Claim, ...] = ()
     notes: tuple[str, ...] = ()
     """Differences to the paper's experiment and other remarks that a reader needs."""
@@ -99,18 +102,14 @@ class ExperimentContext:
     frames: int
     width_px: int | None
     """Width of the images; None for that of each sequence."""
-    seed: int | None
+    seed: int | None = None
     data: tuple[Path, ...] = ()
     """Folders of recordings, for the experiments that read them."""
     report: Callable[[str], None]
     """Is called with a description of each step when it begins."""
 
     def sequence(self, name: str) -> SeededSequence:
-        """A sequence at the requested width; its field of view stays the same.
-
-        Raises:
-            ScenarioError: No sequence has that name, or the width is invalid.
-        """
+        """A sequence at the requested width with its field of view; a `ScenarioError` if there is none like that."""
         sequence = load_sequence(name, self.seed, {})
         if self.width_px is None:
             return sequence
@@ -122,11 +121,7 @@ class ExperimentContext:
         return load_sequence(name, self.seed, {"rig.width_px": self.width_px, "rig.height_px": height_px})
 
     def recording(self, name: str) -> Recording:
-        """The recording of a sequence with enough frames, which is made now if it does not exist.
-
-        Raises:
-            ScenarioError, SimError: The sequence cannot be recorded.
-        """
+        """The recording of a sequence, made now if there is none; a failure is a `ScenarioError` or a `SimError`."""
         return recorded(self.sequence(name), self.out, self.frames, self.report)
 
     def captures(self, name: str) -> Iterator[Capture]:
@@ -141,30 +136,13 @@ class ExperimentContext:
         return (frame_of(capture) for capture in self.captures(name))
 
     def evaluate(self, methods: Sequence[Method]) -> Evaluation:
-        """Evaluate methods on all sequences as `voxdepth evaluate` does; finished results are reused.
-
-        Raises:
-            ScenarioError: A method failed.
-        """
+        """Evaluate methods on all sequences as `voxdepth evaluate` does; the first failure is a `ScenarioError`."""
         sequences = [shipped(self.sequence(name)) for name in self.sequences]
         plan = Plan(sequences=sequences, methods=methods, frames=self.frames, out=self.out)
         evaluation = evaluate(plan, lambda what, results: self.report(f"{what}; {results} of {len(plan)} done"))
         for failed in evaluation.failures:
             raise ScenarioError(f"{failed.key.method} failed on {failed.key.sequence}: {failed.error}")
         return evaluation
-
-
-def configured_method(
-    corrector: str, name: str, config: TemporalConfig | VoxDepthConfig, *, sees_true_pose: bool = False
-) -> Method:
-    """A corrector with a configuration, to which the name must belong alone: results are stored under it."""
-    return Method(
-        name=f"{corrector}-{name}",
-        make=lambda intrinsics: create_corrector(corrector, intrinsics, config),
-        sees_true_pose=sees_true_pose,
-        config=config.model_dump(mode="json"),
-        warm_up_frames=config.warm_up_frames,
-    )
 
 
 @dataclass(frozen=True)
@@ -187,3 +165,21 @@ class Experiment:
     """Default width of the images; None for that of each sequence."""
     reads_data: bool = False
     """Whether it reads recordings in folders, too."""
+
+    def context(self, out: Path, report: Callable[[str], None], **given: Any) -> ExperimentContext:
+        """What it works on: what the user gives, or its defaults for None; what cannot be is a `ScenarioError`."""
+        chosen: dict[str, Any] = {"sequences": self.sequences, "frames": self.frames, "width_px": self.width_px}
+        chosen |= {name: value for name, value in given.items() if value is not None}
+        context = ExperimentContext(out=out, report=lambda what: report(f"{self.name}: {what}"), **chosen)
+        if context.frames < self.min_frames:
+            raise ScenarioError(
+                f"{self.name} needs at least {self.min_frames} frames of each sequence, got --frames {context.frames}: "
+                "ask for more"
+            )
+        if context.data and not self.reads_data:
+            raise ScenarioError(f"{self.name} reads no recordings: leave out --data")
+        for name in context.sequences:
+            if context.sequences.count(name) > 1:
+                raise ScenarioError(f"--sequences names {name!r} twice: once is enough")
+            context.sequence(name)
+        return context

@@ -2,80 +2,70 @@
 
 import pandas as pd
 
-from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.registry import PAPER
 from voxdepth.tools.evaluation.groups import ALL
 from voxdepth.tools.evaluation.measurements import Selector
+from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.figure import panels, plotted
-from voxdepth.tools.table import Column, Table
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, configured_method, listed
-from .image_motion import BASELINE, SCORES, by_registration, score_pairs
+from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed, pivot
+from .image_motion import BASELINE, by_registration, score_pairs
 
 CHOSEN, LARGEST = "200", "600"
 """The paper's choice, and the largest size."""
 REGISTRATIONS = {str(size_px): RegistrationConfig(size_px=size_px) for size_px in (100, 150, 200, 300, 400, 600)}
 """By the width and height that gray images are reduced to [px]."""
-METHODS = {size: configured_method(PAPER, f"size-{size}", VoxDepthConfig(registration=config))
-           for size, config in REGISTRATIONS.items()}  # fmt: skip
+METHODS = {size: f"{PAPER}[registration.size_px={size}]" for size in REGISTRATIONS}
 DISTANCE, MAX_PAIRS = 10, 10
 """Frames between the two images of a pair, and pairs of a sequence."""
 PSNR = Selector("psnr16_mm", range=ALL)
-COLUMNS = ("sequence", Column("size", "px"), *SCORES, Column("corrected PSNR", "dB"), "n frames")
+SIZE, GRAY, CORRECTED, TIME = "size [px]", "gray PSNR [dB]", "corrected PSNR [dB]", "p50 [ms]"
 
 
 def compare_sizes(context: ExperimentContext) -> Findings:
     """Register pairs of frames and correct whole sequences at each size."""
-    measurements = context.evaluate(list(METHODS.values())).measurements
-    rows = []
+    measurements = context.evaluate(find_methods(list(METHODS.values()))).measurements
+    scores = {}
     for name in context.sequences:
         shape = context.recording(name).intrinsics.shape
         estimators = BASELINE | {size: by_registration(config, shape) for size, config in REGISTRATIONS.items()}
-        corrected_db = {size: measurements.value(name, method.name, PSNR) for size, method in METHODS.items()}
-        scores = score_pairs(context, name, estimators, DISTANCE, MAX_PAIRS)
-        rows += [(name, size, *score, corrected_db.get(size), context.frames) for size, score in scores.items()]
-    table = Table.of(f"Registration of frames {DISTANCE} apart, and depth corrected with it", COLUMNS, rows)
+        corrected_db = {size: measurements.value(name, method, PSNR) for size, method in METHODS.items()}
+        of_sizes = score_pairs(context, name, estimators, DISTANCE, MAX_PAIRS)
+        scores[name] = of_sizes.assign(**{CORRECTED: pd.Series(corrected_db, dtype=float), "n frames": context.frames})
+    table = pd.concat(scores, names=["sequence", SIZE]).reset_index()
     gray_db, depth_db, times_ms = (
-        table.pivot("size", "sequence", column).drop(list(BASELINE))
-        for column in ("gray PSNR", "corrected PSNR", "p50")
+        pivot(table, SIZE, "sequence", values).drop(list(BASELINE)) for values in (GRAY, CORRECTED, TIME)
+    )
+    gains = 100 * (gray_db.loc[CHOSEN] / gray_db.loc[CHOSEN:].iloc[1:].max() - 1).dropna()
+    ratios = times_ms.loc[LARGEST] / times_ms.loc[CHOSEN]
+    quality = Claim(
+        "200 x 200 has 73 % better registration quality than higher resolutions",
+        f"PSNR of 200 x 200 over that of the best larger size: {listed(gains, '+.1f', '%')}",
+        all_hold(gains > 0),
+    )
+    speed = Claim(
+        "200 x 200 is three times as fast as higher resolutions",
+        f"times as fast as {LARGEST} x {LARGEST}: {listed(ratios, '.1f', '')}",
+        all_hold(ratios.round() >= 3),
     )
     return Findings(
-        tables=(table,),
-        claims=_claims(gray_db, times_ms),
+        tables={"table": table},
+        claims=(quality, speed),
         notes=(
-            "Gray PSNR: the earlier gray image warped by the map against the later one, peak 255, on the pixels that "
-            "all sizes cover; `unmoved` warps nothing, as does a registration that fails.",
-            "Corrected PSNR: depth after completion, peak 65535 mm, all frames, including those before the first "
-            "template.",
-            "Times are of describing the later frame, matching, and warping one depth image, on one thread. At "
-            "most 200 features are kept at every size.",
+            "Gray PSNR (peak 255) is of the earlier gray image warped to the later one, on the pixels that all sizes "
+            "cover; `unmoved` warps nothing, as does a registration that fails. Corrected PSNR (peak 65535 mm) is "
+            "after completion. Times are of describing, matching, and warping one depth image, on one thread.",
         ),
         figure=panels(
             f"RQ2: size of frames, n = up to {MAX_PAIRS} pairs, {context.frames} frames",
             [
-                plotted(gray_db, "registration", "size [px]", "PSNR of gray, peak 255 [dB]"),
-                plotted(depth_db, "corrected depth", "size [px]", "PSNR, peak 65535 mm [dB]"),
-                plotted(times_ms, "median time of registration", "size [px]", "time [ms]", ylim=(0, None)),
+                plotted(gray_db, "registration", SIZE, "PSNR of gray, peak 255 [dB]"),
+                plotted(depth_db, "corrected depth", SIZE, "PSNR, peak 65535 mm [dB]"),
+                plotted(times_ms, "median time of registration", SIZE, "time [ms]", ylim=(0, None)),
             ],
         ),
     )
-
-
-def _claims(gray_db: pd.DataFrame, times_ms: pd.DataFrame) -> tuple[Claim, Claim]:
-    gains = 100 * (gray_db.loc[CHOSEN] / gray_db.loc[CHOSEN:].iloc[1:].max() - 1).dropna()
-    ratios = times_ms.loc[LARGEST] / times_ms.loc[CHOSEN]
-    quality = Claim(
-        paper="200 x 200 has 73 % better registration quality than higher resolutions",
-        found=f"PSNR of 200 x 200 over that of the best larger size: {listed(gains, '+.1f', '%')}",
-        holds=all_hold(gains > 0),
-    )
-    speed = Claim(
-        paper="200 x 200 is three times as fast as higher resolutions",
-        found=f"times as fast as {LARGEST} x {LARGEST}: {listed(ratios, '.1f', '')}",
-        holds=bool((ratios.round() >= 3).all()),
-    )
-    return quality, speed
 
 
 FRAME_SIZE = Experiment(

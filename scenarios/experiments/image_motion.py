@@ -14,19 +14,12 @@ from voxdepth.baselines.optical_flow import Flow, FlowImage
 from voxdepth.geometry import back_project, inverse_rigid, transform
 from voxdepth.metrics import Sums, psnr_db
 from voxdepth.paper.registration import Features, OrbRegistration, RegistrationConfig
-from voxdepth.tools.table import Column, Value
 from voxdepth.types import FloatArray, GrayImage
 
 from .experiment import ExperimentContext
 
 PEAK_GRAY, NEAR_M, MIN_DEPTH_M = 255.0, 20.0, 0.1
 """Peak of the PSNR, largest true depth of scored surfaces [m], and what is too near for the later camera [m]."""
-SCORES = (
-    Column("gray PSNR", "dB"), Column("depth MAE", "m", ".3f"), Column("depth median error", "m", ".3f"),
-    Column("failed", "%", ".0f"), Column("p50", "ms"), Column("p95", "ms"), "n pairs", "n pixels",
-)  # fmt: skip
-"""Columns of the scores of an estimator: the gray and the true depth of the earlier image, warped to the later one."""
-
 Warp = Callable[[Any], Any]
 """Moves an image of the earlier view, shape (H, W), to the later one by nearest pixels; 0 where nothing moves to."""
 Estimator = Callable[[GrayImage], Callable[[GrayImage], Warp | None]]
@@ -74,41 +67,51 @@ def pair_starts(frames: int, distance: int, max_pairs: int) -> list[int]:
 
 def score_pairs(
     context: ExperimentContext, name: str, estimators: Mapping[str, Estimator], distance: int, max_pairs: int
-) -> dict[str, tuple[Value, ...]]:
-    """`SCORES` by estimator over pairs of frames of a sequence at a distance; a failure moves nothing."""
+) -> pd.DataFrame:
+    """A row of scores for each estimator over pairs of frames of a sequence at a distance; a failure moves nothing.
+
+    The gray image and the true depth of the earlier frame are warped to the later one.
+    """
     recording = context.recording(name)
     list(judged(estimators, recording[0], recording[1]))  # before the clock counts
-    rows: list[tuple[Any, ...]] = []
+    rows: list[dict[str, Any]] = []
     for start in pair_starts(context.frames, distance, max_pairs):
         context.report(f"{name}, frame {start} to frame {start + distance}")
         rows += judged(estimators, recording[start], recording[start + distance])
-    table = pd.DataFrame(rows, columns=["method", "ms", "failed", "gray", "n", "depth"])
-    return {str(method): tuple(_scores(pairs)) for method, pairs in table.groupby("method", sort=False)}
+    by_method = pd.DataFrame(rows).groupby("method", sort=False)
+    sums, times_ms = by_method[["gray", "n", "depth"]].sum(), by_method["ms"]
+    return pd.DataFrame(
+        {
+            "gray PSNR [dB]": (sums["gray"] / sums["n"]).map(psnr_db, na_action="ignore", peak=PEAK_GRAY),
+            "depth MAE [m]": sums["depth"].map(lambda depth: depth.mae_m),
+            "depth median error [m]": sums["depth"].map(lambda depth: depth.median_abs_m),
+            "failed [%]": 100 * by_method["failed"].mean(),
+            "p50 [ms]": times_ms.quantile(0.5),
+            "p95 [ms]": times_ms.quantile(0.95),
+            "n pairs": by_method.size(),
+            "n pixels": sums["n"],
+        }
+    )
 
 
-def _scores(pairs: pd.DataFrame) -> Iterator[Value]:
-    n, depth = int(pairs["n"].sum()), sum(pairs["depth"], Sums())
-    yield psnr_db(pairs["gray"].sum() / n, PEAK_GRAY) if n else None
-    yield from (depth.mae_m, depth.median_abs_m, 100 * float(pairs["failed"].mean()))
-    yield from (*np.percentile(pairs["ms"], (50, 95)).tolist(), len(pairs), n)
-
-
-def judged(estimators: Mapping[str, Estimator], earlier: Capture, later: Capture) -> Iterator[tuple[Any, ...]]:
-    """Name, time [ms], failure, squared gray error, pixels and depth error of each, on the pixels that all cover."""
+def judged(estimators: Mapping[str, Estimator], earlier: Capture, later: Capture) -> Iterator[dict[str, Any]]:
+    """Yield time, failure, squared gray error and depth error of each estimator, on the pixels that all cover."""
     depth_m = np.where(np.isfinite(earlier.depth_true_m), earlier.depth_true_m, np.float32(0))
-    found: dict[str, tuple[float, bool, Warp]] = {}
+    found: dict[str, tuple[float, Warp | None]] = {}
     for method, estimator in estimators.items():
         estimate = estimator(earlier.gray_left)
         start = time.perf_counter()
         warp = estimate(later.gray_left)
         (warp or UNMOVED)(depth_m)
-        found[method] = 1000 * (time.perf_counter() - start), warp is None, warp or UNMOVED
-    covered = np.all([warp(np.ones_like(earlier.gray_left)) > 0 for *_, warp in found.values()], axis=0)
+        found[method] = 1000 * (time.perf_counter() - start), warp
+    warps = {method: warp or UNMOVED for method, (_, warp) in found.items()}
+    covered = np.all([warp(np.ones_like(earlier.gray_left)) > 0 for warp in warps.values()], axis=0)
     near = covered & (later.depth_true_m <= np.float32(NEAR_M))
-    for method, (time_ms, failed, warp) in found.items():
+    for method, warp in warps.items():
         off = warp(earlier.gray_left)[covered].astype(np.float64) - later.gray_left[covered]
         depth = Sums.of(warp(depth_m), later.depth_true_m, near)
-        yield method, time_ms, failed, float(np.square(off).sum()), off.size, depth
+        gray, (time_ms, own) = float(np.square(off).sum()), found[method]
+        yield {"method": method, "ms": time_ms, "failed": own is None, "gray": gray, "n": off.size, "depth": depth}
 
 
 def true_displacement_px(earlier: Capture, later: Capture) -> float | None:

@@ -5,49 +5,53 @@ import pandas as pd
 from voxdepth.baselines.optical_flow import Dis, Farneback, HornSchunck
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.tools.figure import panels, plotted
-from voxdepth.tools.table import Column, Table
 
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed, most_hold
-from .image_motion import BASELINE, SCORES, Estimator, by_flow, by_registration, score_pairs
+from .image_motion import BASELINE, by_flow, by_registration, score_pairs
 from .paper_results import FLOW_S
 
-DISTANCES = (1, 3, 10, 25)
-"""Frames between the earlier and the later image."""
-MAX_PAIRS = 4
-"""Pairs of each distance in a sequence."""
+DISTANCES, MAX_PAIRS = (1, 3, 10, 25), 4
+"""Frames between the earlier and the later image, and pairs of each distance in a sequence."""
 REGISTRATION, DIS = "registration", "DIS flow"
+FLOWS = {DIS: by_flow(Dis()), "Farneback": by_flow(Farneback()), "Horn-Schunck": by_flow(HornSchunck())}
 BUDGET_MS = 50.0
 """The paper's limit for a frame: 20 frames per second."""
-COLUMNS = ("sequence", Column("distance", "frames"), "method", *SCORES)
 
 
 def compare_flow(context: ExperimentContext) -> Findings:
     """Warp a perfect template, which is the true depth of a frame, to later frames with every method."""
-    rows = []
+    scores = {}
     for name in context.sequences:
-        estimators: dict[str, Estimator] = {
-            **BASELINE,
-            REGISTRATION: by_registration(RegistrationConfig(), context.recording(name).intrinsics.shape),
-            DIS: by_flow(Dis()),
-            "Farneback": by_flow(Farneback()),
-            "Horn-Schunck": by_flow(HornSchunck()),
-        }
+        registration = by_registration(RegistrationConfig(), context.recording(name).intrinsics.shape)
+        estimators = BASELINE | {REGISTRATION: registration} | FLOWS
         for distance in (distance for distance in DISTANCES if distance < context.frames):
-            scores = score_pairs(context, name, estimators, distance, MAX_PAIRS)
-            rows += [(name, distance, method, *score) for method, score in scores.items()]
-    table = Table.of("A perfect template warped to later frames", COLUMNS, rows)
-    values = table.frame().set_index(["sequence", "distance [frames]", "method"]).astype(float).unstack()
-    errors_m = values["depth MAE [m]"][list(estimators)]
+            scores[name, distance] = score_pairs(context, name, estimators, distance, MAX_PAIRS)
+    table = pd.concat(scores, names=["sequence", "distance [frames]", "method"])
+    errors_m = table["depth MAE [m]"].unstack()[list(estimators)]
     # Times do not depend on the distance: those of the shortest one stand for all.
-    times_ms = values["p50 [ms]"][list(estimators)[1:]].xs(DISTANCES[0], level=1)
+    times_ms = table["p50 [ms]"].unstack()[list(estimators)[1:]].xs(DISTANCES[0], level=1)
+    flows_ms = times_ms[list(FLOWS)]
+    is_over = (flows_ms > BUDGET_MS).to_numpy().ravel()
+    found = "; ".join(f"{name} {listed(of_flows_ms, '.1f', 'ms')}" for name, of_flows_ms in flows_ms.iterrows())
+    both_m = errors_m[[REGISTRATION, DIS]].dropna()
+    is_better = both_m[DIS] < both_m[REGISTRATION]
+    speed = Claim(
+        "optical flow takes far longer than the 50 ms of a frame: Horn-Schunck 2.45 s, RAFT 15.5 s",
+        f"{found} (median); {is_over.sum()} of {is_over.size} flows take over 50 ms",
+        all_hold(is_over),
+    )
+    quality = Claim(
+        "flow predicts the movement of objects at a pixel level, more amenable to motion than registration",
+        f"DIS flow leaves the smaller mean error of depth in {is_better.sum()} of {len(is_better)} sequences and "
+        "distances",
+        most_hold(is_better),
+    )
     return Findings(
-        tables=(table,),
-        claims=_claims(errors_m, times_ms.drop(columns=REGISTRATION)),
+        tables={"table": table.reset_index()},
+        claims=(speed, quality),
         notes=(
-            "The template is the true depth of the earlier frame, so that only the motion is scored: against the true "
-            "depth of the later frame within 20 m, and against its gray image, on the pixels that all methods "
-            "cover. Neither way changes depth itself as the camera comes nearer.",
-            "A registration that fails warps nothing, which is scored, too. Times are of finding the motion and "
+            "The template is the true depth of the earlier frame, so that only the motion is scored, on the pixels "
+            "that all methods cover. A registration that fails warps nothing. Times are of finding the motion and "
             "warping one depth image, on one thread; the features of the template are found once, before.",
             f"On a Jetson Nano the paper measured {FLOW_S['Horn-Schunck']} s for Horn-Schunck and {FLOW_S['RAFT']} "
             "s for RAFT, a network, which is not built in.",
@@ -55,32 +59,16 @@ def compare_flow(context: ExperimentContext) -> Findings:
         figure=panels(
             f"RQ4: a perfect template warped to later frames, n = up to {MAX_PAIRS} pairs a point",
             [
-                *(plotted(errors_m.loc[name], f"{name}, surfaces within 20 m", "distance [frames]", "depth MAE [m]",
-                          logy=True) for name in context.sequences),
-                plotted(times_ms.T, "median, one thread; the paper's limit is 50 ms", "", "time [ms]",
-                        kind="bar", rot=0, logy=True),
+                *(
+                    plotted(errors_m.loc[name], f"{name}, surfaces within 20 m", "distance [frames]", "depth MAE [m]",
+                            logy=True)
+                    for name in context.sequences
+                ),
+                plotted(times_ms.T, "median, one thread; the paper's limit is 50 ms", "", "time [ms]", kind="bar",
+                        rot=0, logy=True),
             ],
         ),
     )  # fmt: skip
-
-
-def _claims(errors_m: pd.DataFrame, flows_ms: pd.DataFrame) -> tuple[Claim, Claim]:
-    is_over = (flows_ms > BUDGET_MS).to_numpy().ravel()
-    found = "; ".join(f"{name} {listed(times_ms, '.1f', 'ms')}" for name, times_ms in flows_ms.iterrows())
-    both_m = errors_m[[REGISTRATION, DIS]].dropna()
-    is_better = both_m[DIS] < both_m[REGISTRATION]
-    speed = Claim(
-        paper="optical flow takes far longer than the 50 ms of a frame: Horn-Schunck 2.45 s, RAFT 15.5 s",
-        found=f"{found} (median); {is_over.sum()} of {is_over.size} flows take over 50 ms",
-        holds=all_hold(is_over),
-    )
-    quality = Claim(
-        paper="flow predicts the movement of objects at a pixel level, more amenable to motion than registration",
-        found=f"DIS flow leaves the smaller mean error of depth in {is_better.sum()} of {len(is_better)} sequences and "
-        "distances",
-        holds=most_hold(is_better),
-    )
-    return speed, quality
 
 
 OPTICAL_FLOW = Experiment(

@@ -1,11 +1,8 @@
 """Numbers that the paper prints, which were measured on other data, and the percentages of its text by its tables."""
 
-from collections.abc import Sequence
 from statistics import mean
 
 import pandas as pd
-
-from voxdepth.tools.table import Column, Table, Value
 
 METHODS = ("VD", "RS", "GS", "DS")
 """VoxDepth, RealSense, GSmooth, DeepSmooth."""
@@ -51,7 +48,7 @@ SATURATION = 175.0
 """Wrapped errors above this are nearly those of unrelated images, which score 179.96."""
 
 
-def percentages_table() -> Table:
+def percentages_table() -> pd.DataFrame:
     """Every percentage of the text that follows from the tables, as printed and as computed."""
     psnr_db, m_rmse = (pd.DataFrame(printed, METHODS).T for printed in (PSNR_DB, M_RMSE))
     gains = 100 * (psnr_db["VD"] / psnr_db.drop(columns="VD").max(axis="columns") - 1)
@@ -61,7 +58,7 @@ def percentages_table() -> Table:
     real_switches = mean(SWITCHES[name] for name in REAL)
     without_kts, all_four = (mean(SWITCHES[name] for name in names) for names in (SYNTHETIC[1:], SYNTHETIC))
     fps, over_gs = FRAMES_PER_S, 100 * (FRAMES_PER_S["VD"] / FRAMES_PER_S["GS"] - 1)
-    rows: list[Sequence[Value]] = [
+    rows = [
         ("PSNR over the best other, LN", 31.0, float(gains["LN"]), "VD / best other - 1"),
         ("PSNR over the best other, MB", 31.0, float(gains["MB"]), "VD / best other - 1"),
         ("PSNR over the best other, LN and MB", 31.0, mean(gains[list(REAL)]), "mean of the two"),
@@ -79,8 +76,7 @@ def percentages_table() -> Table:
         ("fusion over inpainting, Jetson", 290.0, 100 * COMPONENTS_MS["fusion"][0] / COMPONENTS_MS["inpainting"][0],
          "fusion / inpainting"),
     ]  # fmt: skip
-    columns = ("claim", Column("printed", "%"), Column("by its tables", "%"), "how")
-    return Table.of("The paper's percentages by its own tables", columns, rows, name="arithmetic")
+    return pd.DataFrame(rows, columns=["claim", "printed [%]", "by its tables [%]", "how"])
 
 
 def saturated() -> tuple[int, int]:

@@ -1,9 +1,9 @@
 """Table psnr: the quality of corrected depth by dataset and method, beside the paper's numbers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -16,11 +16,10 @@ from voxdepth.tools.evaluation.measurements import AS_GIVEN, Selector
 from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 from voxdepth.tools.figure import Draw, panels, plotted
-from voxdepth.tools.table import Column, Table, Value
 
 from . import paper_results as paper
 from .experiment import Claim, Experiment, ExperimentContext, Findings, alike, listed, most_hold
-from .paper_results import REAL, percentages_table, saturated
+from .paper_results import M_RMSE, PSNR_DB, REAL, percentages_table, saturated
 
 _METHODS = {"VD": PAPER, "VD-code": AUTHORS, "RS": "realsense-left", "GS": "lmeds", "DS": "learned", "raw": "raw"}
 METHODS = {name: method for name, method in _METHODS.items() if method in installed_names()}
@@ -34,63 +33,43 @@ NAMES = {
     "raw": "raw: the depth as measured",
 }
 """What the names of the methods stand for, as the legend of the figure tells."""
-PANEL_IN = (10.0, 3.4)
-"""Width and height of a panel of the figure."""
-COLUMNS = ("metric", "unit", "sequence", *METHODS, *(f"{name} (paper)" for name in paper.METHODS), "n")
-
-
-class Metric(NamedTuple):
-    """One block of rows."""
-
-    title: str
-    unit: str
-    selector: Selector
-    printed: Mapping[str, Sequence[float]]
-    """The paper's numbers by dataset, in the order of its methods; empty if it has none."""
-
-
-ENGAGED_COLUMNS = ("sequence", "method", Column("by a template", "%", ".0f"), "epochs that ended", "n frames")
-PSNR = Metric("PSNR after warm-up", "dB", Selector("psnr16_mm_settled", range=ALL), paper.PSNR_DB)
-MASKED = Metric("masked RMSE after warm-up", "m", Selector("rmse_settled", "occluded"), {})
-METRICS = (
-    PSNR,
-    Metric("PSNR", "dB", Selector("psnr16_mm", range=ALL), paper.PSNR_DB),
-    MASKED,
-    Metric("masked RMSE", "m", Selector("rmse", "occluded"), {}),
-    Metric("m_rmse_u16_wrap", "1", Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN), paper.M_RMSE),
-    Metric("psnr_minmax8", "dB", Selector("psnr_minmax8", "all", ALL, AS_GIVEN), paper.PSNR_DB),
+PSNR, MASKED = "PSNR after warm-up", "masked RMSE after warm-up"
+METRICS: tuple[tuple[str, str, Selector, Mapping[str, tuple[float, ...]]], ...] = (
+    (PSNR, "dB", Selector("psnr16_mm_settled", range=ALL), PSNR_DB),
+    ("PSNR", "dB", Selector("psnr16_mm", range=ALL), PSNR_DB),
+    (MASKED, "m", Selector("rmse_settled", "occluded"), {}),
+    ("masked RMSE", "m", Selector("rmse", "occluded"), {}),
+    ("m_rmse_u16_wrap", "1", Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN), M_RMSE),
+    ("psnr_minmax8", "dB", Selector("psnr_minmax8", "all", ALL, AS_GIVEN), PSNR_DB),
 )
+"""Name, unit, selected measurement, and the paper's numbers by dataset of each block of rows."""
 
 
 def compare_quality(context: ExperimentContext) -> Findings:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
     measurements = context.evaluate(find_methods(list(METHODS.values()))).measurements
     rows = []
-    for title, unit, selector, printed in METRICS:
-        for name in context.sequences:
-            values = (measurements.value(name, method, selector) for method in METHODS.values())
-            n = max(measurements.count(name, method, selector) for method in METHODS.values())
-            by_paper = printed.get(paper.SEQUENCES.get(name, ""), (None,) * len(paper.METHODS))
-            rows.append((title, unit, name, *values, *by_paper, n))
-    table = Table.of("Quality by sequence and method", COLUMNS, rows)
-    engaged_rows = [(*case, *engaged(context, *case)) for case in product(context.sequences, (PAPER, AUTHORS))]
-    engaged_table = Table.of("How often the templates were used", ENGAGED_COLUMNS, engaged_rows, name="engaged")
-    psnrs_db, masked_m = (_values(table, metric) for metric in (PSNR, MASKED))
+    for (metric, unit, selector, printed), name in product(METRICS, context.sequences):
+        by_paper = printed.get(paper.SEQUENCES.get(name, ""), (None,) * len(paper.METHODS))
+        row: dict[str, Any] = {"metric": metric, "unit": unit, "sequence": name}
+        row |= {vd: measurements.value(name, method, selector) for vd, method in METHODS.items()}
+        row |= {f"{vd} (paper)": number for vd, number in zip(paper.METHODS, by_paper, strict=True)}
+        rows.append(row | {"n": max(measurements.count(name, method, selector) for method in METHODS.values())})
+    table = pd.DataFrame(rows, dtype=object)
+    engaged_rows = [engaged(context, *case) for case in product(context.sequences, (PAPER, AUTHORS))]
+    psnrs_db, masked_m = (
+        table[table["metric"] == metric].set_index("sequence")[list(METHODS)].astype(float) for metric in (PSNR, MASKED)
+    )
     above, total = saturated()
     return Findings(
-        tables=(table, engaged_table, percentages_table()),
+        tables={"table": table, "engaged": pd.DataFrame(engaged_rows), "arithmetic": percentages_table()},
         claims=tuple(
             claim for vd in ("VD", "VD-code") for claim in (*_psnr_claims(psnrs_db, vd), *_masked_claims(masked_m, vd))
         ),
         notes=(
-            f"After warm-up: without the first {SETTLED_FRAMES} frames, in which the first template is made. The "
-            "claims and the figure are about these. VD-code is what the public code of the paper's authors does.",
-            "The paper's numbers were measured on other data, a RealSense's and Mid-Air's: compare orders rather than "
-            "sizes. A size agrees here if it is within a factor of two of the paper's.",
-            "DS is the corrector learned, our own network, trained on our simulator: DeepSmooth's weights are not "
-            "public. Without the extra learned, the paper's numbers of it stand alone.",
-            "GS is our reconstruction of GSmooth, whose text and code are not public. RS fills from the left, as "
-            "the paper's text describes RealSense.",
+            f"After warm-up: without the first {SETTLED_FRAMES} frames, in which the first template is made; the "
+            "claims and the figure are about these. The paper's numbers were measured on other data: a size agrees "
+            "if it is within a factor of two.",
             "PSNR (peak 65535 mm, surfaces within that) and masked RMSE (occluded pixels within 20 m) are after "
             "completion by the nearest valid, and n is pixels. The two others repeat the authors' arithmetic on "
             "depth as given, are means over n frames, and rank nothing.",
@@ -99,27 +78,23 @@ def compare_quality(context: ExperimentContext) -> Findings:
         figure=panels(
             f"How near to the truth is the depth? Frames {SETTLED_FRAMES + 1} to {context.frames} of each sequence; "
             "pixels without depth get that of the nearest pixel that has one",
-            [partial(_with_values, draw, number) for draw, number in _drawn(psnrs_db, masked_m)],
+            _drawn(psnrs_db, masked_m),
             columns=1,
-            panel_in=PANEL_IN,
+            panel_in=(10.0, 3.4),
             shared_legend=True,
         ),
     )
 
 
-def engaged(context: ExperimentContext, name: str, corrector: str) -> tuple[Value, ...]:
-    """Share of the frames of a sequence that a template corrected [%], ends of epochs, and number of frames."""
+def engaged(context: ExperimentContext, name: str, corrector: str) -> dict[str, Any]:
+    """A row with the share of the frames of a sequence that a template corrected, and the ends of epochs."""
     method = VoxDepth(context.recording(name).intrinsics, config_of(corrector))  # type: ignore[arg-type]
     found = [method.align(frame).diagnostics for frame in context.frames_of(name)]
     method.close()
     share = sum(each.phase is not Phase.PASSTHROUGH for each in found) / len(found)
-    return 100 * share, sum(each.epoch_end is not EpochEnd.NONE for each in found), len(found)
-
-
-def _values(table: Table, metric: Metric) -> pd.DataFrame:
-    """The values of a metric, a row per sequence and a column per method; NaN where undefined."""
-    values = table.frame()
-    return values[values["metric"] == metric.title].set_index("sequence")[list(METHODS)].astype(float)
+    ends = sum(each.epoch_end is not EpochEnd.NONE for each in found)
+    row = {"sequence": name, "method": corrector, "by a template [%]": 100 * share}
+    return row | {"epochs that ended": ends, "n frames": len(found)}
 
 
 def _psnr_claims(psnrs_db: pd.DataFrame, vd: str = "VD") -> tuple[Claim, Claim]:
@@ -127,14 +102,14 @@ def _psnr_claims(psnrs_db: pd.DataFrame, vd: str = "VD") -> tuple[Claim, Claim]:
     gains = 100 * (psnrs_db[vd] / psnrs_db[["RS", "GS"]].max(axis="columns") - 1).dropna()
     real = [gain for name, gain in gains.items() if paper.SEQUENCES.get(str(name)) in REAL]
     order = Claim(
-        paper="of VD, RS and GS, VD has the highest PSNR in five of six datasets",
-        found=f"of {vd}, RS and GS, {vd} has the highest PSNR in {_share(gains > 0)}",
-        holds=most_hold(gains > 0),
+        "of VD, RS and GS, VD has the highest PSNR in five of six datasets",
+        f"of {vd}, RS and GS, {vd} has the highest PSNR in {_share(gains > 0)}",
+        most_hold(gains > 0),
     )
     size = Claim(
-        paper="in LN and MB, the PSNR of VD is 31 % above that of the best other method",
-        found=f"the PSNR of {vd} is above the better one of RS and GS by {listed(gains, '+.1f', '%')}",
-        holds=all(alike(gain, 31.0) for gain in real) if real else None,
+        "in LN and MB, the PSNR of VD is 31 % above that of the best other method",
+        f"the PSNR of {vd} is above the better one of RS and GS by {listed(gains, '+.1f', '%')}",
+        all(alike(gain, 31.0) for gain in real) if real else None,
     )
     return order, size
 
@@ -145,21 +120,23 @@ def _masked_claims(rmses_m: pd.DataFrame, vd: str = "VD") -> tuple[Claim, Claim]
     Where the paper says how far VD is ahead, a smaller error is a larger percentage: half of the error is 100 %.
     """
     ratios = (rmses_m[["RS", "GS"]].min(axis="columns") / rmses_m[vd]).dropna()
-    ahead, behind = 100 * (ratios[ratios > 1] - 1), 100 * (1 / ratios[ratios <= 1] - 1)
-    order = Claim(
-        paper="of VD, RS and GS, VD has the lowest masked error in four of six datasets",
-        found=f"of {vd}, RS and GS, {vd} has the lowest masked RMSE in {_share(ratios > 1)}",
-        holds=most_hold(ratios > 1),
+    parts = (
+        (f"better of RS and GS / {vd}", 100 * (ratios[ratios > 1] - 1), 25.23),
+        (f"{vd} / better of RS and GS", 100 * (1 / ratios[ratios <= 1] - 1), 2.08),
     )
-    sizes = [(values.mean(), printed) for values, printed in ((ahead, 25.23), (behind, 2.08)) if len(values)]
+    known = [(ratio, values, printed) for ratio, values, printed in parts if len(values)]
+    order = Claim(
+        "of VD, RS and GS, VD has the lowest masked error in four of six datasets",
+        f"of {vd}, RS and GS, {vd} has the lowest masked RMSE in {_share(ratios > 1)}",
+        most_hold(ratios > 1),
+    )
     size = Claim(
-        paper="best other / VD - 1 is 25.23 % on average where VD is lowest; VD / best other - 1 is 2.08 % elsewhere",
-        found="; ".join(
+        "best other / VD - 1 is 25.23 % on average where VD is lowest; VD / best other - 1 is 2.08 % elsewhere",
+        "; ".join(
             f"{ratio} - 1 is {listed(values, '.1f', '%')}, {values.mean():.1f} % on average"
-            for ratio, values in ((f"better of RS and GS / {vd}", ahead), (f"{vd} / better of RS and GS", behind))
-            if len(values)
+            for ratio, values, _ in known
         ),
-        holds=all(alike(mean, printed) for mean, printed in sizes) if sizes else None,
+        all(alike(values.mean(), printed) for _, values, printed in known) if known else None,
     )
     return order, size
 
@@ -168,22 +145,21 @@ def _share(holds: pd.Series) -> str:
     return f"{holds.sum()} of {len(holds)} {'sequence' if len(holds) == 1 else 'sequences'}"
 
 
-def _drawn(psnrs_db: pd.DataFrame, rmses_m: pd.DataFrame) -> list[tuple[Draw, str]]:
+def _drawn(psnrs_db: pd.DataFrame, rmses_m: pd.DataFrame) -> list[Draw]:
     """The panels. A PSNR has no zero that bars could begin at, so that gains over raw depth are shown."""
     gains_db = psnrs_db.drop(columns="raw").sub(psnrs_db["raw"], axis="index")
     gains_db.index = [f"{name}\nraw: {value:.1f} dB" for name, value in psnrs_db["raw"].items()]
     better = "PSNR of all surfaces: how much higher than that of the depth as measured? Higher is better"
     masked = "Error of the surfaces within 20 m that the right camera does not see. Lower is better"
-    looks: dict[str, Any] = {"kind": "bar", "rot": 0}
     return [
-        (plotted(gains_db.rename(columns=NAMES), better, "", "gain [dB]", **looks), "%+.1f"),
-        (plotted(rmses_m.rename(columns=NAMES), masked, "", "masked RMSE [m]", **looks), "%.2f"),
+        partial(_draw_bars, gains_db.rename(columns=NAMES), better, "gain [dB]", "%+.1f"),
+        partial(_draw_bars, rmses_m.rename(columns=NAMES), masked, "masked RMSE [m]", "%.2f"),
     ]
 
 
-def _with_values(draw: Draw, number: str, axes: Axes) -> None:
+def _draw_bars(values: pd.DataFrame, title: str, unit: str, number: str, axes: Axes) -> None:
     """Bars with their values."""
-    draw(axes)
+    plotted(values, title, "", unit, kind="bar", rot=0)(axes)
     for bars in axes.containers:
         axes.bar_label(bars, fmt=number, fontsize=6, padding=1)  # type: ignore[arg-type]
     axes.margins(y=0.15)

@@ -1,12 +1,11 @@
 """The paper's pictures: the stages of one epoch, and the frame that it corrects beside the other methods."""
 
 from collections.abc import Iterator
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
+import pandas as pd
 
 from swarm.perception import frame_of
 from voxdepth import VoxDepth
@@ -15,12 +14,11 @@ from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.inpainting import Inpainting
 from voxdepth.paper.steps import HostSteps
 from voxdepth.registry import create_corrector
-from voxdepth.tools.figure import panels
-from voxdepth.tools.table import Column, Table, Value
+from voxdepth.tools.figure import Draw, image_shown, panels
 from voxdepth.types import FloatImage
 
 from ..errors import ScenarioError
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold
+from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, pivot
 from .quality import METHODS
 
 CONFIG = VoxDepthConfig(fusion_lag_frames=0)
@@ -29,7 +27,6 @@ SPARSE = CONFIG.model_copy(update={"inpainting": Inpainting(size_px=1)})
 """Without inpainting: the template is the projection of the voxels."""
 PROJECTION, TEMPLATE = "voxel projection", "template"
 NEAR_M, DENSE = 20.0, 95.0
-COLUMNS = ("sequence", "stage", "frame", Column("with depth", "%", ".1f"), Column("MAE", "m"), "n pixels")
 
 
 class Stage(NamedTuple):
@@ -40,26 +37,41 @@ class Stage(NamedTuple):
     image: npt.NDArray[Any]
     truth_m: FloatImage
 
+    @property
+    def row(self) -> dict[str, Any]:
+        """What is known of the surfaces within 20 m."""
+        near = self.truth_m < NEAR_M
+        judged = near & (self.image > 0)
+        mae_m = float(np.abs(self.image[judged] - self.truth_m[judged]).mean()) if judged.any() else None
+        filled = 100 * float(judged.sum() / near.sum())
+        row = {"stage": self.name, "frame": self.frame, "with depth [%]": filled}
+        return row | {"MAE [m]": mae_m, "n pixels": int(judged.sum())}
+
 
 def draw_steps(context: ExperimentContext) -> Findings:
     """Follow the last frame of each sequence that a template corrects back to the window of the template."""
     found = [(name, stage) for name in context.sequences for stage in stages(context, name)]
-    rows = [(name, *_row(stage)) for name, stage in found if stage.image.dtype != np.uint8]
-    table = Table.of("The stages of one epoch, surfaces within 20 m", COLUMNS, rows)
-    filled = table.pivot("sequence", "stage", "with depth")
-    shares = zip(filled.index, filled[PROJECTION], filled[TEMPLATE], strict=True)
+    table = pd.DataFrame([{"sequence": name, **of.row} for name, of in found if of.image.dtype != np.uint8])
+    filled = pivot(table, "sequence", "stage", "with depth [%]")
     dense = Claim(
-        paper="the projection of the fused voxels is sparse, and inpainting makes a dense template of it",
-        found="; ".join("{} {:.0f} % and {:.0f} %".format(*each) for each in shares),
-        holds=all_hold((filled[PROJECTION] < filled[TEMPLATE]) & (filled[TEMPLATE] > DENSE)),
+        "the projection of the fused voxels is sparse, and inpainting makes a dense template of it",
+        "; ".join(f"{name} {of[PROJECTION]:.0f} % and {of[TEMPLATE]:.0f} %" for name, of in filled.iterrows()),
+        all_hold((filled[PROJECTION] < filled[TEMPLATE]) & (filled[TEMPLATE] > DENSE)),
     )
-    notes = (
-        "Depth is red where near, blue where far and black where missing. The numbers are of surfaces within 20 m, and "
-        "MAE is of those that have a depth. VD-code is the method as its authors' code has it.",
+    return Findings(
+        tables={"table": table},
+        claims=(dense,),
+        notes=(
+            "Depth is red where near, blue where far and black where missing. The numbers are of surfaces within 20 m, "
+            "and MAE is of those that have a depth. VD-code is the method as its authors' code has it.",
+        ),
+        figure=panels(
+            "The stages of one epoch, the frame that it corrects, and the same frame by every method",
+            [_drawn(stage) for _, stage in found],
+            columns=5,
+            panel_in=(2.4, 1.7),
+        ),
     )
-    title = "The stages of one epoch, the frame that it corrects, and the same frame by every method"
-    figure = panels(title, [partial(_draw, stage) for _, stage in found], columns=5, panel_in=(2.4, 1.7))
-    return Findings(tables=(table,), claims=(dense,), notes=notes, figure=figure)
 
 
 def stages(context: ExperimentContext, name: str) -> Iterator[Stage]:
@@ -89,19 +101,10 @@ def stages(context: ExperimentContext, name: str) -> Iterator[Stage]:
         yield Stage(f"{label}: {method}", at, result.depth_m, truths_m[at])
 
 
-def _row(stage: Stage) -> tuple[Value, ...]:
-    near = stage.truth_m < NEAR_M
-    judged = near & (stage.image > 0)
-    mae_m = float(np.abs(stage.image[judged] - stage.truth_m[judged]).mean()) if judged.any() else None
-    return stage.name, stage.frame, 100 * float(judged.sum() / near.sum()), mae_m, int(judged.sum())
-
-
-def _draw(stage: Stage, axes: Axes) -> None:
+def _drawn(stage: Stage) -> Draw:
     is_gray = stage.image.dtype == np.uint8
     image = stage.image if is_gray else colored(stage.image, far_end_m([stage.truth_m]))[..., ::-1]
-    axes.imshow(image, cmap="gray", interpolation="nearest")
-    axes.set_title(f"{stage.name} ({stage.frame})", fontsize=8)
-    axes.set_axis_off()
+    return image_shown(f"{stage.name} ({stage.frame})", image, cmap="gray", interpolation="nearest")
 
 
 STEPS = Experiment(

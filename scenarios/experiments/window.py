@@ -1,94 +1,65 @@
 """Fusion window size: the number of fused frames, against quality and time."""
 
-import time
-
-import numpy as np
 import pandas as pd
 
-from swarm.perception import frame_of
-from voxdepth import VoxDepth
-from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import psnr_db
-from voxdepth.metrics.paper import PEAK16_M
-from voxdepth.paper.config import VoxDepthConfig
+from voxdepth.registry import PAPER
+from voxdepth.tools.evaluation.groups import ALL
+from voxdepth.tools.evaluation.measurements import Selector, of_frames
+from voxdepth.tools.evaluation.methods import find_methods
+from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 from voxdepth.tools.figure import panels, plotted
-from voxdepth.tools.table import Column, Table, Value
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold
-from .occlusion import squared_error_m2
+from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, pivot
 
-SIZES = (2, 4, 6, 8, 10, 12)
-"""Frames in a window."""
+METHODS = {size: f"{PAPER}[window_frames={size}]" for size in (2, 4, 6, 8, 10, 12)}
+"""By the number of frames in a window. After `SETTLED_FRAMES` every window has made its first template."""
 CHOSEN, LARGEST = 10, 12
 """The paper's choice, and the size that it compares it with."""
 SIMILAR_DB = 0.1
 """Difference below which two qualities are similar; the paper says no number."""
-FIRST = LARGEST + 4
-"""Number of the first scored frame: by then every window has made its first template."""
-COLUMNS = (
-    "sequence", Column("window", "frames"), Column("PSNR", "dB", ".3f"), Column("time per frame", "ms"),
-    Column("p50", "ms"), Column("p95", "ms"), Column("fusing per frame", "ms"), "n frames judged", "n frames timed",
-)  # fmt: skip
+QUALITY = Selector("psnr16_mm_settled", range=ALL)
+TIMES = {"p50 [ms]": "latency_p50", "p95 [ms]": "latency_p95", "fusing per frame [ms]": "latency_background"}
+WINDOW_FRAMES, PSNR, TIME = "window [frames]", "PSNR [dB]", "time per frame [ms]"
 
 
 def compare_windows(context: ExperimentContext) -> Findings:
     """Correct the same frames with every window size."""
-    rows = [(name, n, *measure(context, name, n)) for name in context.sequences for n in SIZES]
-    table = Table.of("Corrected depth by the size of the fusion window", COLUMNS, rows)
-    psnrs_db, times_ms = (table.pivot("window", "sequence", name) for name in ("PSNR", "time per frame"))
+    measured = context.evaluate(find_methods(list(METHODS.values()))).measurements
+    rows = []
+    for name in context.sequences:
+        for size, method in METHODS.items():
+            times = {what: measured.value(name, method, of_frames(metric)) or 0.0 for what, metric in TIMES.items()}
+            row = {"sequence": name, WINDOW_FRAMES: size, PSNR: measured.value(name, method, QUALITY)}
+            time_ms = times["p50 [ms]"] + times["fusing per frame [ms]"]
+            rows.append(row | {TIME: time_ms} | times | {"n pixels": measured.count(name, method, QUALITY)})
+    table = pd.DataFrame(rows)
+    psnrs_db, times_ms = (pivot(table, WINDOW_FRAMES, "sequence", values) for values in (PSNR, TIME))
+    change_db = psnrs_db.loc[CHOSEN] - psnrs_db.loc[LARGEST]
+    saved = 100 * (1 - times_ms.loc[CHOSEN] / times_ms.loc[LARGEST])
+    found = "; ".join(f"{name} {change_db[name]:+.3f} dB and {saved[name]:.1f} % less time" for name in change_db.index)
+    claim = Claim(
+        "10 frames give similar quality to 12, and reduce latency by 3.61 %",
+        f"10 frames against 12: {found}",
+        all_hold((change_db.abs() < SIMILAR_DB) & (saved > 0)),
+    )
     return Findings(
-        tables=(table,),
-        claims=(_claim(psnrs_db, times_ms),),
+        tables={"table": table},
+        claims=(claim,),
         notes=(
-            f"PSNR after completion, peak 65535 mm, over the frames from number {FIRST} on, when every "
-            "window has made its template; every frame has the same weight.",
-            "Time per frame is the median latency and the mean time of fusing in the background, spread "
-            "over all frames. It depends on how often epochs end.",
+            f"PSNR after completion, peak 65535 mm, without the first {SETTLED_FRAMES} frames. Time per frame is the "
+            "median latency and the mean processor time of fusing beside, which depends on how often epochs end.",
         ),
         figure=panels(
-            f"Fusion window, n = {context.frames - FIRST} frames judged of each sequence",
+            f"Fusion window, n = {context.frames - SETTLED_FRAMES} frames judged of each sequence",
             [
-                plotted(psnrs_db, "corrected depth", "window [frames]", "PSNR, peak 65535 mm [dB]"),
-                plotted(times_ms, "latency and fusing", "window [frames]", "time per frame [ms]"),
+                plotted(psnrs_db, "corrected depth", WINDOW_FRAMES, "PSNR, peak 65535 mm [dB]"),
+                plotted(times_ms, "latency and fusing", WINDOW_FRAMES, TIME),
             ],
         ),
     )
 
 
-def measure(context: ExperimentContext, name: str, window_frames: int) -> tuple[Value, ...]:
-    """The numbers of a window size on a sequence, in the order of `COLUMNS`."""
-    corrector = VoxDepth(context.recording(name).intrinsics, VoxDepthConfig(window_frames=window_frames))
-    times_ms, errors_m2, template, fusing_ms = [], [], None, 0.0
-    for capture in context.captures(name):
-        frame, truth_m = frame_of(capture), capture.depth_true_m
-        start = time.perf_counter()
-        aligned = corrector.align(frame)
-        depth_m = corrector.combine(aligned).depth_m
-        times_ms.append(1000 * (time.perf_counter() - start))
-        if aligned.template is not template:
-            template = aligned.template
-            fusing_ms += 1000 * template.timings_s["fused"] / context.frames
-        if len(times_ms) > FIRST:
-            counted = truth_m <= np.float32(PEAK16_M)
-            errors_m2.append(squared_error_m2(fill_from_nearest(depth_m), truth_m, counted) / counted.sum())
-    corrector.close()
-    p50_ms, p95_ms = np.percentile(times_ms, (50, 95)).tolist()
-    psnr = psnr_db(float(np.mean(errors_m2)), PEAK16_M)
-    return psnr, p50_ms + fusing_ms, p50_ms, p95_ms, fusing_ms, len(errors_m2), len(times_ms)
-
-
-def _claim(psnrs_db: pd.DataFrame, times_ms: pd.DataFrame) -> Claim:
-    change_db = psnrs_db.loc[CHOSEN] - psnrs_db.loc[LARGEST]
-    saved = 100 * (1 - times_ms.loc[CHOSEN] / times_ms.loc[LARGEST])
-    found = "; ".join(f"{name} {change_db[name]:+.3f} dB and {saved[name]:.1f} % less time" for name in change_db.index)
-    return Claim(
-        paper="10 frames give similar quality to 12, and reduce latency by 3.61 %",
-        found=f"10 frames against 12: {found}",
-        holds=all_hold((change_db.abs() < SIMILAR_DB) & (saved > 0)),
-    )
-
-
 WINDOW = Experiment(
     "window", "How many frames should be fused into a template (Fig. winsize)?",
-    compare_windows, ("sim-LN", "sim-MB", "sim-KTC"), frames=45, width_px=640, min_frames=FIRST + 1,
+    compare_windows, ("sim-LN", "sim-MB", "sim-KTC"), frames=45, width_px=640, min_frames=SETTLED_FRAMES + 1,
 )  # fmt: skip

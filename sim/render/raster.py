@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import float64, int32, int64, types, uint32, void
 
-from voxdepth.compiled import compile_all, compiled, named_tuple
+from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
 from voxdepth.types import FloatArray, MaskImage
 
 from ..cpu import mapper, slices
@@ -91,7 +91,7 @@ BODIES = named_tuple(Bodies, TABLE, uint32[:, ::1], TABLE, INDICES, INDICES)
 BUFFERS = named_tuple(Buffers, TABLE, INDICES, TABLE, int32[:, ::1])
 
 
-@compiled(float64(VECTOR, VECTOR))
+@compiled_part(float64(VECTOR, VECTOR))
 def dot(a: Vector, b: Vector) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -128,7 +128,7 @@ def corner(corners: FloatArray, i: np.uint32) -> Corner:
     return corners[i, 0], corners[i, 1], corners[i, 2], corners[i, 3], corners[i, 4]
 
 
-@compiled(int64(TABLE, int64, int64, FLOATS, types.boolean, INDICES))
+@compiled_part(int64(TABLE, int64, int64, FLOATS, types.boolean, INDICES))
 def choose(
     faces: FloatArray,
     start: int,
@@ -147,7 +147,7 @@ def choose(
     return n
 
 
-@compiled(RANGE(float64, float64, int64))
+@compiled_part(RANGE(float64, float64, int64))
 def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
     """First and last pixel of an image between two places; the last is before the first if there is none."""
     low, high = max(low_px, 0.0), min(high_px, size - 1.0)
@@ -157,7 +157,7 @@ def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
     return first + (first < low), int(high)
 
 
-@compiled(BOX(CORNER, CORNER, CORNER, int64, int64))
+@compiled_part(BOX(CORNER, CORNER, CORNER, int64, int64))
 def box_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> Box:
     """The pixels that a triangle may cover."""
     if min(a[2], b[2], c[2]) <= NEAR_M:
@@ -169,7 +169,7 @@ def box_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> Box:
     return first_row, last_row, first_col, last_col
 
 
-@compiled(types.boolean(BOX, float64, int64, FLOATS))
+@compiled_part(types.boolean(BOX, float64, int64, FLOATS))
 def is_hidden(box: Box, least_depth_m: float, width: int, inverse_depth: FloatArray) -> bool:
     """Whether something nearer than a triangle has been drawn in all pixels of its box, if there are any."""
     inverse = (1 + DEPTH_TOLERANCE) / least_depth_m if least_depth_m > NEAR_M else np.inf
@@ -213,7 +213,7 @@ def set_up(
     return n
 
 
-@compiled(BOUNDS(float64, float64, float64, int64))
+@compiled_part(BOUNDS(float64, float64, float64, int64))
 def bounds_of(at_origin: float, by_col: float, by_row: float, width: int) -> Bounds:
     """The two lines `c + d row` that bound the columns where an edge function is not negative, as (c, d, c, d).
 
@@ -341,12 +341,12 @@ class Rasteriser:
         order = np.argsort(center_m[:, 2] - radius_m, kind="stable").astype(np.int32)
         is_outside = (center_m**2).sum(axis=1) > radius_m**2
         order, is_one_sided = order[may_see[order]], self._is_closed & is_outside
-        inverse_depth = np.zeros(view.height * view.width)
-        nearest = np.full(len(inverse_depth), len(self._bodies.triangles), np.int32)
-        rasterise(view, self._bodies, order, is_one_sided, buffers, inverse_depth, nearest)
+        inverse_depth, depth_m = np.zeros(view.height * view.width), np.empty(camera.pinhole.shape, np.float32)
+        nearest = np.full(camera.pinhole.shape, len(self._bodies.triangles), np.int32)
+        rasterise(view, self._bodies, order, is_one_sided, buffers, inverse_depth, nearest.reshape(-1))
         with np.errstate(divide="ignore"):
-            depth_m = (1 / inverse_depth).astype(np.float32)
-        return Hits(depth_m.reshape(camera.pinhole.shape), nearest.reshape(camera.pinhole.shape))
+            np.divide(1, inverse_depth.reshape(depth_m.shape), out=depth_m, casting="same_kind")
+        return Hits(depth_m, nearest)
 
 
 def buffers_for(vertices: int, triangles: int) -> Buffers:

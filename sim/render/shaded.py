@@ -75,7 +75,8 @@ class ShadedRenderer:
     def _sunlit(self, cameras: Sequence[Camera], hits: Sequence[Hits]) -> list[FloatImage]:
         """1 where the sun reaches a hit, 0 in the shadow of a fixed body, for each camera."""
         if self._casters is None:
-            return [np.ones(hit.depth_m.shape, np.float32) for hit in hits]
+            lit: FloatImage = np.ones(max(hit.depth_m.size for hit in hits), np.float32)
+            return [lit[: hit.depth_m.size].reshape(hit.depth_m.shape) for hit in hits]
         starts = list(self._map(self._shadow_rays, cameras, hits))
         blocked = self._casters.is_blocked(np.concatenate([towards_sun for _, towards_sun in starts]))
         ends = np.cumsum([len(pixels) for pixels, _ in starts])

@@ -8,9 +8,10 @@ import threading
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from numba import float32, int64, uint8, void
 
-from voxdepth.compiled import compile_all, compiled, named_tuple
+from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
 from voxdepth.types import FloatImage, GrayImage, MaskImage
 
 from ..seeds import Purpose, stream
@@ -117,7 +118,7 @@ def locate(
             points[3, at + np.uint64(k)] = fx / depth * np.sqrt(max(facing, LEAST_FACING))
 
 
-@compiled(float32(float32))
+@compiled_part(float32(float32))
 def transmittance(optical_depth: np.float32) -> np.float32:
     """`exp(-x)` of x >= 0, in a form that compilers vectorise: `exp(-x / 64)` by its series, and six squarings."""
     x = min(optical_depth, OPAQUE) / SIXTY_FOUR
@@ -192,6 +193,7 @@ class Shader:
         )
         self._atmosphere = Atmosphere(np.float32(weather.haze_m), np.float32(weather.sky), np.float32(weather.clouds))
         self._id_of_triangle = np.array([*meshes.body_ids, -1], np.int32)[self._materials.body_of_triangle]
+        self._body_of_triangle = self._materials.body_of_triangle.astype(np.min_scalar_type(n))
         self._illuminate(0)
         compile_all()
 
@@ -214,13 +216,14 @@ class Shader:
         depth_m, lit, size = hits.depth_m.reshape(-1), sunlit.reshape(-1), hits.depth_m.size
         points, detail = self._buffers(size)
         gray = np.empty(size, np.uint8)
-        spans, place_of_body = spans_of(hits.triangle, materials.body_of_triangle)
+        spans, place_of_body = spans_of(hits.triangle, self._body_of_triangle)
         locate(spans, depth_m, projection, materials, self._seen_from(camera), points)
         draw_windows(spans, points, materials, detail)
         add_textures(points, place_of_body, materials, detail)
         shade(spans, depth_m, detail, lit, projection, materials, self._atmosphere, gray)
-        segment_id = self._id_of_triangle.take(hits.triangle)
-        return Images(gray=gray.reshape(hits.depth_m.shape), depth_m=hits.depth_m, segment_id=segment_id)
+        segment_id = np.repeat(self._id_of_triangle[spans[:, 2]], spans[:, 1])
+        shape = hits.depth_m.shape
+        return Images(gray=gray.reshape(shape), depth_m=hits.depth_m, segment_id=segment_id.reshape(shape))
 
     def _buffers(self, size: int) -> tuple[FloatImage, FloatImage]:
         """Points and their details, which are 0, for images of a size; new pages of memory cost more than their use."""
@@ -250,23 +253,24 @@ class Shader:
         return T.astype(np.float32)
 
 
-def spans_of(triangle: IdImage, body_of_triangle: IdImage) -> tuple[Spans, IdImage]:
-    """Divide an image of triangle indices, shape (H, W), into spans.
+def spans_of(triangle: IdImage, body_of_triangle: npt.NDArray[np.integer]) -> tuple[Spans, IdImage]:
+    """Divide an image of triangle indices, shape (H, W), into spans. Small numbers of bodies are sorted fastest.
 
     The second result has the first place of each body in the buffers, and the number of all pixels: body b has the
     places from the entry b to the entry b + 1.
     """
-    begins = np.ones(triangle.shape, np.bool_)
-    np.not_equal(triangle[:, 1:], triangle[:, :-1], out=begins[:, 1:])
+    pixels, begins = triangle.reshape(-1), np.empty(triangle.size, np.bool_)
+    np.not_equal(pixels[1:], pixels[:-1], out=begins[1:])
+    begins[:: triangle.shape[1]] = True
     first = np.flatnonzero(begins)
-    size, seen = np.diff(first, append=triangle.size), triangle.reshape(-1)[first]
-    body = body_of_triangle[seen]
+    spans = np.empty((len(first), 4), np.int32)
+    spans[:, 0], spans[:, 1], spans[:, 2] = first, np.diff(first, append=triangle.size), pixels[first]
+    body = body_of_triangle[spans[:, 2]]
     order = np.argsort(body, kind="stable")
-    ends, place = np.cumsum(size[order]), np.empty_like(first)
-    place[order] = ends - size[order]
-    pixels_of_body = np.bincount(body, weights=size, minlength=body_of_triangle[-1] + 1)
-    spans = np.stack([first, size, seen, place], axis=1).astype(np.int32)
-    return spans, np.concatenate([[0], np.cumsum(pixels_of_body)]).astype(np.int32)
+    ends = np.cumsum(spans[order, 1])
+    spans[order, 3] = ends - spans[order, 1]
+    n_before = np.searchsorted(body[order], np.arange(int(body_of_triangle[-1]) + 2))
+    return spans, np.append(0, ends)[n_before].astype(np.int32)
 
 
 def projection_of(camera: Camera) -> Projection:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import float32, int32, int64, uint32, void
 
-from voxdepth.compiled import compiled, named_tuple
+from voxdepth.compiled import compiled, compiled_part, named_tuple
 from voxdepth.types import FloatImage
 
 from ..types import IdImage
@@ -79,7 +79,7 @@ SHIFT_1, SHIFT_2, SHIFT_3 = np.array([15, 13, 16], np.uint32)
 TO_UNIT = np.float32(1 / 65535)
 
 
-@compiled(float32(uint32))
+@compiled_part(float32(uint32))
 def hash_to_unit(key: np.uint32) -> np.float32:
     """A pseudo-random number in 0..1 from a key."""
     h = np.uint32((key ^ (key >> SHIFT_1)) * MIX_1)
@@ -87,13 +87,13 @@ def hash_to_unit(key: np.uint32) -> np.float32:
     return np.float32(np.int32(h >> SHIFT_3)) * TO_UNIT
 
 
-@compiled(float32(float32))
+@compiled_part(float32(float32))
 def smoothstep(t: np.float32) -> np.float32:
     """Cubic interpolation from 0..1 to 0..1 with zero slope at both ends."""
     return np.float32(t * t * (THREE - TWO * t))
 
 
-@compiled(float32(float32, float32, float32))
+@compiled_part(float32(float32, float32, float32))
 def lerp(a: np.float32, b: np.float32, t: np.float32) -> np.float32:
     """Linear interpolation from a to b."""
     return np.float32(a * (ONE - t) + b * t)
@@ -105,7 +105,7 @@ def clamp(x: np.float32, low: np.float32, high: np.float32) -> np.float32:
     return min(max(x, low), high)
 
 
-@compiled(uint32(float32, uint32))
+@compiled_part(uint32(float32, uint32))
 def lattice_key(floor: np.float32, step: np.uint32) -> np.uint32:
     """Contribution of one coordinate of a lattice point to its key."""
     return np.uint32(np.uint32(np.int32(floor)) * step)
@@ -141,7 +141,7 @@ def draw_windows(
             detail[at + np.uint64(k)] = shade if is_pane else ZERO
 
 
-@compiled(void(FLOATS, FLOATS, FLOATS, FLOATS, *[float32] * 4, uint32, FLOATS))
+@compiled_part(void(FLOATS, FLOATS, FLOATS, FLOATS, *[float32] * 4, uint32, FLOATS))
 def add_octave(
     x_m: FloatImage,
     y_m: FloatImage,
@@ -177,7 +177,7 @@ def add_octave(
         detail[i] += fade * weight * (noise - HALF)
 
 
-@compiled(void(TABLE, int64, int64, int32, uint32, FLOATS))
+@compiled_part(void(TABLE, int64, int64, int32, uint32, FLOATS))
 def add_pattern(
     points: FloatImage,
     first: int,
@@ -189,7 +189,9 @@ def add_pattern(
 ) -> None:
     """Add the noise of a pattern to successive points, down to octaves of the smallest footprint of a pixel."""
     x_m, y_m, z_m, sharpness = points[0, first:end], points[1, first:end], points[2, first:end], points[3, first:end]
-    sharpest = sharpness.max()
+    sharpest = ZERO
+    for i in range(len(sharpness)):
+        sharpest = max(sharpest, sharpness[i])
     for k in range(2):
         size_m, weight = OCTAVE_M, STRENGTH * NOISE[pattern, k, 5]
         for octave in range(int(NOISE[pattern, k, 3])):

@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +17,12 @@ from ..pilot import Situation
 from ..recorder import Recorder
 from ..task import MissionConfig
 from ..types import Outcome
-from .learner import ACTION_SIZE, Learner, Observation, ShieldedLearner, observe
+from ..vectors import length
+from .learner import ACTION_SIZE, Learner, Observation, observe
 from .task import LearningTask
 
 
-@dataclass(frozen=True, kw_only=True)
-class StepResult:
+class StepResult(NamedTuple):
     """Reward of one drone for a step, and whether its episode is over."""
 
     reward: float
@@ -43,7 +42,7 @@ class Episode:
         task: World, mission and reward.
         learners: Numbers of the followers that are steered from outside.
         seed: Seed of the scene and of all noise: the same seed and actions give the same observations, bit for bit.
-        recorder: Receives everything that happens, gray images included; None records nothing.
+        recorder: Receives everything that happens, and is closed with the episode; None records nothing.
 
     Raises:
         MissionError: A learner is no follower of the task, or the task cannot be flown.
@@ -56,21 +55,24 @@ class Episode:
         self.seed = seed
         config = task.mission.model_copy(update={"aftermath_s": 0.0, "after_contact": "end"})
         self._task = task.model_copy(update={"mission": config})
-        self._roles: dict[int, Role] = {}
+        self.roles: dict[int, Role] = {}
+        """Place of each drone in its swarm."""
         self._learners: dict[int, Learner] = {}
         self._learning = frozenset(learners)
         self._ticks_per_step = round(config.control_hz / task.rig.rate_hz)
         self._resources = ExitStack()
-        recorded, recorder = recorder is not None, recorder or Recorder()
+        recorder = recorder or Recorder()
+        self._resources.callback(recorder.close)
         everyone = {drone for team in config.teams() for drone in team.members}
-        exact = everyone - self._learning if task.others == "truth" else ()
+        guided = everyone - self._learning if task.others == "truth" else ()
         mission = composed_mission(
-            self._task, recorder, latency_s=task.latency_s, seed=seed, gray=recorded,
-            make_agent=self._create_agent, exact=exact,
+            self._task, recorder, latency_s=task.latency_s, seed=seed, gray=recorder.wants_all,
+            make_agent=self._create_agent, guided=guided, measured=recorder.wants_all,
         )  # fmt: skip
         try:
             self._mission = self._resources.enter_context(mission)
             self._await_first_image()
+            self._slot_m = {drone: self._distances_m(role)[1] for drone, role in self.roles.items()}
         except BaseException:
             self.close()
             raise
@@ -100,15 +102,12 @@ class Episode:
 
     def observe(self, drone: int) -> Observation:
         """Return the observation of a learner."""
-        return observe(self.situation(drone), self._roles[drone], self._task)
+        return observe(self.situation(drone), self.roles[drone], self._task)
 
     def step(self, actions: Mapping[int, npt.ArrayLike]) -> dict[int, StepResult]:
-        """Fly one camera period, or to the end of the mission if that comes first.
+        """Fly one camera period, or to the end of the mission, by an action of shape (4,) for each learner.
 
-        There is one action for each learner, of shape (4,); values beyond -1..1 are clipped.
-
-        Raises:
-            MissionError: The episode is over, or an action is unusable.
+        Values beyond -1..1 are clipped. If the episode is over, or an action is unusable, this is a `MissionError`.
         """
         if self.outcome is not None:
             raise MissionError(f"the episode has ended with {self.outcome.value!r}; call reset() to begin another one")
@@ -119,41 +118,44 @@ class Episode:
             self._mission.tick()
             ticks += 1
         dt_s = ticks / self._task.mission.control_hz
-        return {drone: self._result(self._roles[drone], dt_s) for drone in self._learners}
+        return {drone: self._result(self.roles[drone], dt_s) for drone in self._learners}
 
     def _result(self, role: Role, dt_s: float) -> StepResult:
         """Evaluate the last step of one drone, which took the simulated time `dt_s`, by the true positions."""
-        c, states, outcome = self._task.reward, self.world.states, self.outcome
-        from_leader_m = states[role.drone].position_m - states[role.team.leader].position_m
-        slot_error_m = float(np.linalg.norm(from_leader_m - role.offset_m))
-        reward = -c.slot_per_s * min(slot_error_m / c.slot_scale_m, 1.0) * dt_s
+        c, outcome = self._task.reward, self.outcome
+        leader_m, slot_m = self._distances_m(role)
+        approach_m, self._slot_m[role.drone] = self._slot_m[role.drone] - slot_m, slot_m
+        reward = c.approach_per_m * approach_m - c.slot_per_s * min(slot_m / c.slot_scale_m, 1.0) * dt_s
         if outcome is None:
-            return StepResult(reward=reward, terminated=False, truncated=False)
+            return StepResult(reward, terminated=False, truncated=False)
         collided = outcome is Outcome.COLLISION and any(role.drone in hit.drones for hit in self.world.contacts)
-        stray_m = min(float(np.linalg.norm(from_leader_m)), slot_error_m)
-        lost = outcome is Outcome.LOST and stray_m > self._task.mission.lost_m
+        lost = outcome is Outcome.LOST and min(leader_m, slot_m) > self._task.mission.lost_m
         arrived = outcome is Outcome.SUCCESS
         reward += c.arrival * arrived - c.collision * collided - c.lost * lost
         terminated = collided or lost or arrived
-        return StepResult(reward=reward, terminated=terminated, truncated=not terminated)
+        return StepResult(reward, terminated, truncated=not terminated)
+
+    def _distances_m(self, role: Role) -> tuple[float, float]:
+        """True distances of a drone from its leader and from its slot."""
+        states = self.world.states
+        from_leader_m = states[role.drone].position_m - states[role.team.leader].position_m
+        return length(from_leader_m), length(from_leader_m - role.offset_m)
 
     def _create_agent(self, role: Role, config: MissionConfig) -> Agent:
         """Create a learner for a learning drone, and the agent of the mission's controller for any other."""
-        self._roles[role.drone] = role
+        self.roles[role.drone] = role
         if role.drone not in self._learning:
             return load_controller(config.controller)(role, config)
-        create = ShieldedLearner if self._task.steering == "shielded" else Learner
-        self._learners[role.drone] = create(role, config)
+        self._learners[role.drone] = Learner(role, config)
         return self._learners[role.drone]
 
     def _await_first_image(self) -> None:
         while any(self.situation(drone).percept is None for drone in self._learners):
             self._mission.tick()
             if self.outcome is not None:
-                raise MissionError(
-                    f"the mission ended with {self.outcome.value!r} before the first image was known: shorten "
-                    "mission.latency_s or corrector_latency_s, or move the starts apart"
-                )
+                remedy = "shorten mission.latency_s or corrector_latency_s, or move the starts apart"
+                ended = f"the mission ended with {self.outcome.value!r} before the first image was known"
+                raise MissionError(f"{ended}: {remedy}")
 
 
 def require_followers(task: LearningTask, drones: Sequence[int]) -> None:
@@ -167,8 +169,6 @@ def clipped_action(action: npt.ArrayLike) -> FloatArray:
     """Return an action, clipped to -1..1; a shape other than (4,) or a value that is not finite is a `MissionError`."""
     given = np.asarray(action, np.float64)
     if given.shape != (ACTION_SIZE,) or not np.isfinite(given).all():
-        raise MissionError(
-            "an action must be four finite numbers within -1..1 (forward, left, up, turn to the left), got "
-            f"{given.tolist()}"
-        )
+        expected = "four finite numbers within -1..1 (forward, left, up, turn to the left)"
+        raise MissionError(f"an action must be {expected}, got {given.tolist()}")
     return np.clip(given, -1, 1)

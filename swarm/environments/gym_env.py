@@ -1,15 +1,15 @@
 """A Gymnasium environment: one follower learns, the mission's controller flies all others."""
 
+from functools import partial
 from typing import Any, SupportsFloat
 
+import cv2
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.vector import AsyncVectorEnv
 
-from voxdepth.model import explained
-
-from ..errors import MissionError
 from .episode import require_followers
 from .learner import ACTION_SIZE, Observation
 from .task import LearningTask
@@ -21,20 +21,19 @@ Action = npt.NDArray[np.float32]
 
 def observation_space(task: LearningTask) -> spaces.Space[Any]:
     """Return the space of `learner.Observation`."""
-    max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
+    max_speed_m_s, lost_m, shape = task.airframe.max_speed_m_s, task.mission.lost_m, task.rig.intrinsics.shape
+    nearness = spaces.Box(0, 255, (1, *shape), np.uint8)
+    if task.observation == "image":
+        return nearness
+    depth_m = spaces.Box(0.0, task.rig.max_depth_m, shape, np.float32)
     return spaces.Dict(
         {
-            "depth_m": spaces.Box(0.0, task.rig.max_depth_m, task.rig.intrinsics.shape, np.float32),
+            **({"depth_m": depth_m} if task.observation == "metres" else {"nearness": nearness}),
             "velocity_m_s": spaces.Box(-max_speed_m_s, max_speed_m_s, (3,), np.float32),
             "leader_m": spaces.Box(-lost_m, lost_m, (3,), np.float32),
             "slot_m": spaces.Box(-lost_m, lost_m, (3,), np.float32),
         }
     )
-
-
-def action_space() -> spaces.Space[Any]:
-    """Return the space of actions; see `learner.Learner`."""
-    return spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 
 class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
@@ -47,25 +46,23 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     Args:
         learner: Number of the learning drone; None takes the first follower.
         render_mode: `rgb_array`, or None for no pictures.
-        task: Fields of `LearningTask`, by name.
+        task: As for `LearningTask.of`.
 
     Raises:
-        MissionError: There is no such render mode, the learner is no follower, or a field of the task is unknown or
-            impossible.
+        MissionError: An option is unknown or impossible.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
 
     def __init__(self, *, learner: int | None = None, render_mode: str | None = None, **task: Any) -> None:
-        with explained(LearningTask, MissionError):
-            self._task = LearningTask(**task)
+        self._task = LearningTask.of(**task)
         self._learner = self._task.followers[0] if learner is None else learner
         require_followers(self._task, [self._learner])
         self._view = EpisodeView(self._task, render_mode)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}
         self.observation_space = observation_space(self._task)
-        self.action_space = action_space()
+        self.action_space = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -84,9 +81,19 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         return observation, result.reward, result.terminated, result.truncated, episode.info()
 
     def render(self) -> Image | None:
-        """Return the image of the learner over a map, shape (H, W, 3), RGB; None without a render mode."""
+        """Return the picture of the learner, shape (H, W, 3), RGB; None without a render mode."""
         return self._view.render()
 
     def close(self) -> None:
         """Free the world; a second call does nothing."""
         self._view.close()
+
+
+def vector_env(num_envs: int, **options: Any) -> AsyncVectorEnv:
+    """Make environments with the options of `LeaderFollowerEnv`, each in a process of its own, on one thread."""
+    return AsyncVectorEnv([partial(_on_one_thread, **options)] * num_envs, context="spawn")
+
+
+def _on_one_thread(**options: Any) -> LeaderFollowerEnv:
+    cv2.setNumThreads(1)
+    return LeaderFollowerEnv(**options)

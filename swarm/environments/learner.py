@@ -5,14 +5,15 @@ forward, left and up, and the turn to the left. The turn is needed because the c
 not turn would never see its direction of flight.
 """
 
+from typing import Any
+
 import numpy as np
 
 from sim.frames import rotation_from_yaw, yaw_from_quaternion
 from sim.types import VelocityCommand
-from voxdepth.types import FloatArray, FloatImage
+from voxdepth.types import FloatArray, GrayImage
 
 from .. import rules
-from ..agents import create_pilot
 from ..controllers import Role
 from ..errors import MissionError
 from ..pilot import Decision, Situation
@@ -21,10 +22,15 @@ from .task import LearningTask
 
 ACTION_SIZE = 4
 
-Observation = dict[str, FloatImage]
-"""Arrays of float32 by name; all vectors are in the drone's heading frame (x forward, y left, z up, never tilted).
+NEAR_M = 1.0
+"""Depth of the largest nearness, 255. Nearness falls with 1 / depth, as disparity does; 0 = unknown."""
+
+Observation = dict[str, Any] | GrayImage
+"""With `observation="image"` the nearness image alone. Otherwise arrays by name, vectors and depth as float32; all
+vectors are in the drone's heading frame (x forward, y left, z up, never tilted).
 
 - `depth_m`: corrected depth along the optical axis [m], shape (H, W); 0 = unknown, `max_depth_m` = that far or farther.
+- `nearness`: in its place with `observation="nearness"`, shape (1, H, W), uint8.
 - `velocity_m_s`: own velocity, shape (3,).
 - `leader_m`: from the drone to its leader, as heard by radio, shape (3,).
 - `slot_m`: from the drone to its slot, which moves with the leader as it is heard, shape (3,).
@@ -32,23 +38,24 @@ Observation = dict[str, FloatImage]
 
 
 def observe(situation: Situation, role: Role, task: LearningTask) -> Observation:
-    """Return the observation of a follower, clipped to the largest depth, speed and distance of the task.
-
-    Raises:
-        MissionError: The situation has no percept yet.
-    """
+    """Return what a follower observes, clipped to the limits of the task; without a percept it is a `MissionError`."""
     if situation.percept is None:
         raise MissionError("there is nothing to observe before the first image is known: fly on until then")
+    depth_m = situation.percept.corrected.depth_m
+    nearness = np.where(depth_m > 0, 255 * NEAR_M / np.maximum(depth_m, NEAR_M), 0).astype(np.uint8)[None]
+    if task.observation == "image":
+        return nearness
     own, to_own = situation.own, heading_frame(situation).T
     max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
     leader_m = to_own @ (situation.leader.position_m - own.position_m)
-    clipped: dict[str, FloatArray] = {
-        "depth_m": np.clip(situation.percept.corrected.depth_m, 0.0, task.rig.max_depth_m),
+    vectors = {
         "velocity_m_s": np.clip(to_own @ own.velocity_m_s, -max_speed_m_s, max_speed_m_s),
         "leader_m": np.clip(leader_m, -lost_m, lost_m),
         "slot_m": np.clip(leader_m + to_own @ role.offset_m, -lost_m, lost_m),
     }
-    return {name: values.astype(np.float32) for name, values in clipped.items()}
+    in_metres = task.observation == "metres"
+    image = {"depth_m": np.clip(depth_m, 0.0, task.rig.max_depth_m)} if in_metres else {"nearness": nearness}
+    return {**image, **{name: vector.astype(np.float32) for name, vector in vectors.items()}}
 
 
 class Learner:
@@ -67,26 +74,11 @@ class Learner:
 
     def decide(self, situation: Situation) -> Decision:
         """Return the velocity of the action in the world frame, with the heading turned by the action."""
-        velocity_m_s = self._velocity_m_s(situation)
+        velocity_m_s = heading_frame(situation) @ (self._max_speed_m_s * self.action[:3])
+        velocity_m_s = rules.limit(velocity_m_s, self._max_speed_m_s)
         self._yaw_rad += float(self.action[3]) * self._max_turn_rad
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=self._yaw_rad)
         return Decision(command=command, wanted_velocity_m_s=velocity_m_s, state="blind")
-
-    def _velocity_m_s(self, situation: Situation) -> FloatArray:
-        velocity_m_s = heading_frame(situation) @ (self._max_speed_m_s * self.action[:3])
-        return rules.limit(velocity_m_s, self._max_speed_m_s)
-
-
-class ShieldedLearner(Learner):
-    """Passes the action through obstacle avoidance, which also turns the camera: `action[3]` has no effect."""
-
-    def __init__(self, role: Role, config: MissionConfig) -> None:
-        super().__init__(role, config)
-        self._pilot = create_pilot(role, config)
-
-    def decide(self, situation: Situation) -> Decision:
-        """Return the safe velocity that is nearest to that of the action."""
-        return self._pilot.fly(self._velocity_m_s(situation), situation)
 
 
 def heading_frame(situation: Situation) -> FloatArray:

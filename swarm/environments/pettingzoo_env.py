@@ -1,6 +1,7 @@
 """A PettingZoo environment: all followers learn at once, behind leaders that the mission's controller flies."""
 
 from collections.abc import Mapping
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -8,33 +9,18 @@ from gymnasium import spaces
 from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
-from voxdepth.model import explained
-
 from ..errors import MissionError
-from .episode import Episode
-from .gym_env import Action, action_space, observation_space
-from .learner import Observation
+from .gym_env import Action, observation_space
+from .learner import ACTION_SIZE, Observation
 from .task import LearningTask
 from .view import RENDER_MODES, EpisodeView, Image
-
-
-def parallel_env(**options: Any) -> "FollowersEnv":
-    """Create the environment, under the name that PettingZoo's tools expect; see `FollowersEnv` for the options."""
-    return FollowersEnv(**options)
 
 
 class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no types
     """Learn to follow a leader, all followers of all swarms together.
 
-    Agents are called `drone_1`, `drone_2` and so on, by the number of the drone. Observations, actions, rewards and
-    infos of each are those of `LeaderFollowerEnv`. An episode ends for all of them at once, with the mission.
-
-    Args:
-        render_mode: `rgb_array`, or None for no pictures.
-        task: Fields of `LearningTask`, by name.
-
-    Raises:
-        MissionError: There is no such render mode, or a field of the task is unknown or impossible.
+    Agents are called `drone_1`, `drone_2` and so on, by the number of the drone. Options, observations, actions,
+    rewards and infos of each are those of `LeaderFollowerEnv`. An episode ends for all of them at once.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -45,25 +31,24 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
     }
 
     def __init__(self, *, render_mode: str | None = None, **task: Any) -> None:
-        with explained(LearningTask, MissionError):
-            self._task = LearningTask(**task)
+        self._task = LearningTask.of(**task)
         self._view = EpisodeView(self._task, render_mode)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}
         self._drone_of = {f"drone_{drone}": drone for drone in self._task.followers}
         self.possible_agents = list(self._drone_of)
         self.agents: list[str] = []
-        self._observation_spaces = {agent: observation_space(self._task) for agent in self._drone_of}
-        self._action_spaces = {agent: action_space() for agent in self._drone_of}
+        actions = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+        self._spaces = {agent: (observation_space(self._task), deepcopy(actions)) for agent in self._drone_of}
         self._np_random: np.random.Generator | None = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the observation space of one agent, always the same object."""
-        return self._observation_spaces[agent]
+        return self._spaces[agent][0]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
         """Return the action space of one agent, always the same object."""
-        return self._action_spaces[agent]
+        return self._spaces[agent][1]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -71,35 +56,29 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         """Begin an episode with a seed; None draws the next one, so that episodes differ. `options` have no effect."""
         if seed is not None or self._np_random is None:
             self._np_random, _ = seeding.np_random(seed)
-        episode_seed = int(self._np_random.integers(2**32)) if seed is None else seed
-        episode = self._view.begin(self._task.followers, episode_seed)
+        episode = self._view.begin(self._task.followers, int(self._np_random.integers(2**32)) if seed is None else seed)
         self.agents = list(self.possible_agents)
-        return self._observations(episode), {agent: episode.info() for agent in self.agents}
+        return self._observations(), {agent: episode.info() for agent in self.agents}
 
     def step(
         self, actions: Mapping[str, Action]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Fly for one camera period; return observations, rewards, terminated, truncated and infos by agent.
-
-        Raises:
-            MissionError: There is no episode, it is over, or an action is missing or unusable.
-        """
-        episode = self._view.episode
-        if set(actions) != set(self._drone_of):
+        """Fly for one camera period; without an episode, or an action of each agent, this is a `MissionError`."""
+        episode, drone_of = self._view.episode, self._drone_of
+        if set(actions) != set(drone_of):
             raise MissionError(f"expected an action for each of {self.possible_agents}, got them for {sorted(actions)}")
-        by_drone = episode.step({self._drone_of[agent]: action for agent, action in actions.items()})
-        results = {agent: by_drone[drone] for agent, drone in self._drone_of.items()}
+        results = episode.step({drone_of[agent]: action for agent, action in actions.items()})
         self.agents = [] if episode.outcome is not None else self.agents
         return (
-            self._observations(episode),
-            {agent: result.reward for agent, result in results.items()},
-            {agent: result.terminated for agent, result in results.items()},
-            {agent: result.truncated for agent, result in results.items()},
-            {agent: episode.info() for agent in results},
+            self._observations(),
+            {agent: results[drone].reward for agent, drone in drone_of.items()},
+            {agent: results[drone].terminated for agent, drone in drone_of.items()},
+            {agent: results[drone].truncated for agent, drone in drone_of.items()},
+            {agent: episode.info() for agent in drone_of},
         )
 
     def render(self) -> Image | None:
-        """Return the image of the first agent over a map, shape (H, W, 3), RGB; None without a render mode."""
+        """Return the picture of the first agent, shape (H, W, 3), RGB; None without a render mode."""
         return self._view.render()
 
     def close(self) -> None:
@@ -107,5 +86,9 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         self._view.close()
         self.agents = []
 
-    def _observations(self, episode: Episode) -> dict[str, Observation]:
-        return {agent: episode.observe(drone) for agent, drone in self._drone_of.items()}
+    def _observations(self) -> dict[str, Observation]:
+        return {agent: self._view.episode.observe(drone) for agent, drone in self._drone_of.items()}
+
+
+parallel_env = FollowersEnv
+"""The name that PettingZoo's tools expect."""

@@ -1,41 +1,51 @@
-"""The task of learning: the world, the mission and the reward."""
+"""The task of learning: the world, the mission, what is observed, and the reward."""
 
-from typing import Literal
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Literal
 
 import pydantic
 from pydantic import Field
 
+from sim.bodies import Weather
 from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
-from voxdepth.model import Model
+from voxdepth.model import Model, explained
 
 from ..compose import MissionSetup
+from ..errors import MissionError
 from ..task import MissionConfig
 from ..team import Route
 
-SteeringName = Literal["direct", "shielded"]
-
-SMALL_CITY = CitySpec(columns=2, rows=4, poles=4)
-SHORT_MISSION = MissionConfig(drones=4, routes=(Route(goal_m=(30.0, 0.0, 6.0)),), duration_s=40.0)
-SMALL_RIG = RigConfig(width_px=80, height_px=60)
+TESTBED = "voxdepth.missions"
+"""Group of the entry points `scenario` and `recorder`, by which the testbed reads scenarios and writes recordings."""
+CALM = Weather(shadows=False)
+"""Light without shadows, which takes two thirds of the time."""
+SMALL_CITY = CitySpec(columns=2, rows=4, poles=4, weather=CALM)
+SHORT_MISSION = MissionConfig(
+    drones=4, routes=(Route(goal_m=(30.0, 0.0, 6.0)),), duration_s=40.0, control_hz=10, latency_s=0.0
+)
+SMALL_BLOCKS = RigConfig().stereo.model_copy(update={"block_px": 3})
+SMALL_RIG = RigConfig(width_px=240, height_px=180, decimate=3, stereo=SMALL_BLOCKS)
 
 
 class RewardConfig(Model):
     """Costs and bonuses, the sum of which is the reward of a step of `dt_s`.
 
         - slot_per_s * min(distance_to_slot_m / slot_scale_m, 1) * dt_s
+        + approach_per_m * approach to the slot in this step
         - collision    when the drone is part of a collision
         - lost         when it is farther than `mission.lost_m` from its leader and its slot
         + arrival      when the mission is a success
 
-    Flying costs at most `slot_per_s` a second, so that crashing never pays while `collision` and `lost` are at least
-    `slot_per_s` times the mission's `duration_s`.
+    The approach (Ng, Harada and Russell 1999, without the discount) cannot be earned by going to and fro.
     """
 
     slot_per_s: float = Field(default=1.0, ge=0)
     """Cost of a second far from the slot; more of it makes formation matter more than the bonus."""
     slot_scale_m: float = Field(default=8.0, gt=0)
     """Distance from the slot at which the cost saturates; less of it rewards precision and guides less from afar."""
+    approach_per_m: float = Field(default=1.0, ge=0)
     collision: float = Field(default=50.0, ge=0)
     lost: float = Field(default=50.0, ge=0)
     arrival: float = Field(default=10.0, ge=0)
@@ -51,11 +61,28 @@ class LearningTask(MissionSetup):
     """The cameras; a step lasts one period of theirs."""
     corrector_latency_s: float = Field(default=0.0, ge=0)
     """Simulated time that the corrector takes for a frame, on top of `mission.latency_s`."""
-    others: Literal["same", "truth"] = "same"
-    """Depth of the drones that do not learn: that of the learners, or the true depth, which takes less time."""
-    steering: SteeringName = "direct"
-    """Steering between an action and the drone: `direct`, or `shielded` by obstacle avoidance."""
+    others: Literal["truth", "same"] = "truth"
+    """Drones that do not learn: with `truth` they fly by the true bodies of the world and have no camera, and with
+    `same` they have the eyes of the learners and the controller of the mission."""
+    observation: Literal["metres", "nearness", "image"] = "metres"
+    """The depth in metres, or its nearness as an image for convolutions, each with vectors; or that image alone."""
+    record: Path | None = Field(default=None, strict=False)
+    """Folder that receives a Rerun recording of each episode; None records nothing."""
     reward: RewardConfig = RewardConfig()
+
+    @classmethod
+    def of(cls, scenario: str | None = None, depth: str | None = None, **fields: Any) -> "LearningTask":
+        """Create a task from fields by name, in place of those of a scenario; `depth` is short for that of the rig.
+
+        A field that is unknown or impossible, and a scenario without the testbed, are `MissionError`s.
+        """
+        if scenario is not None:
+            setup, latency_s = from_testbed("scenario")(scenario)
+            known = {name: getattr(setup, name) for name in MissionSetup.model_fields}
+            fields = {**known, "corrector_latency_s": latency_s, **fields}
+        with explained(cls, MissionError):
+            task = cls(**fields)
+            return task if depth is None else cls(**fields | {"rig": {**task.rig.model_dump(), "depth": depth}})
 
     @pydantic.field_validator("mission")
     @classmethod
@@ -73,3 +100,10 @@ class LearningTask(MissionSetup):
     def followers(self) -> tuple[int, ...]:
         """Numbers of the drones that may learn: all except the leaders."""
         return tuple(drone for team in self.mission.teams() for drone in team.members[1:])
+
+
+def from_testbed(name: str) -> Any:
+    """Return what the testbed offers under a name; a `MissionError` says that it is not installed."""
+    for entry in entry_points(group=TESTBED, name=name):
+        return entry.load()
+    raise MissionError(f"a {name} needs the testbed: install it with `pip install -e '.[all]'` in its repository")

@@ -27,9 +27,12 @@ from swarm.mapping_pilot import MappingPilot
 from swarm.mission import Mission
 from swarm.task import MissionConfig
 from tests.helpers import camera_at
+from tests.realsense_files import SoftwareCamera
 from voxdepth import TemporalCorrector
+from voxdepth.tools.benchmark.frames import load_frames
+from voxdepth.tools.benchmark.timings import FRAME, measure, tables
 from voxdepth.tools.table import Column, Table
-from voxdepth.types import Intrinsics
+from voxdepth.types import Frame, Intrinsics
 
 pytestmark = pytest.mark.bench
 
@@ -219,3 +222,19 @@ def test_recording(name: str, tmp_path: Path) -> None:
         f"record {name}, {size.width_px}x{size.height_px}, 25 frames, start included",
         f"{25 / (time.perf_counter() - start):6.1f} frames a second",
     )
+
+
+@pytest.mark.parametrize("size", [(640, 360), (1024, 1024)])
+def test_correctors_beside_librealsense(size: tuple[int, int]) -> None:
+    loop = load_frames(None).resized(*size)
+    sdk = SoftwareCamera(loop.intrinsics)
+    filters = sdk.recommended_filters()
+
+    def filtered(frame: Frame) -> dict[str, float]:
+        shown = sdk.frame(np.clip(1000 * frame.depth_m, 0, 65_535).astype(np.uint16))
+        start = time.perf_counter()
+        sdk.filtered(shown, filters)
+        return {FRAME: time.perf_counter() - start}
+
+    table, *_ = tables(loop.size, measure(loop, 100, {"librealsense": filtered}))
+    print("\n" + table.markdown())

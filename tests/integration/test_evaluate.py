@@ -51,7 +51,7 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
                   "plain-patches, true-pose failed: it needs the true pose", "0 of them finished before"):  # fmt: skip
         assert words in done.output, words
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "results", "sequences", "results.csv", "results.parquet", "report.html", "write.lock"
+        "results", "results.csv", "results.parquet", "report.html", "write.lock"
     }  # fmt: skip
     result = json.loads((tmp_path / "out" / "results" / "post" / "raw.json").read_text())
     assert result["key"]["frames"] == 5

@@ -1,11 +1,11 @@
 """`voxdepth regress`: it passes as it stands, and fails when something is changed on purpose."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from scenarios.errors import ScenarioError
@@ -36,7 +36,7 @@ def smoother(intrinsics: Intrinsics) -> DepthCorrector:
     return VoxDepth(intrinsics, VoxDepthConfig(median_size_px=3))
 
 
-def table_of(name: str, frames: int = testing.FRAMES) -> dict:
+def table_of(name: str, frames: int = testing.FRAMES) -> pd.DataFrame:
     return measure(CorrectorSpec.of(name).create, lambda case: None, frames=frames)
 
 
@@ -52,9 +52,10 @@ def test_the_shipped_correctors_do_what_they_did(corrector: str, tmp_path: Path)
 
 def test_exact_depth_has_absolute_limits() -> None:
     cases = read_golden(golden_path(GOLDEN, "temporal"))
-    assert not beyond_limits(cases)
-    cases["blank/low"]["mae_m"] = 0.2
-    assert [difference.case for difference in beyond_limits(cases)] == ["blank/low"]
+    assert beyond_limits(cases).empty
+    cases.loc["blank/low", "mae_m"] = 0.2
+    cases.loc["flicker/low", "mae_m"] = np.nan
+    assert list(beyond_limits(cases).index) == ["flicker/low", "blank/low"]
 
 
 @pytest.mark.slow
@@ -93,28 +94,34 @@ def test_a_changed_noise_level_is_found_in_its_term_alone(
     before = table_of("raw", frames=3)
     monkeypatch.setattr(testing, name, levels)
     differences = compare(before, table_of("raw", frames=3))
-    assert differences
-    assert {difference.case.split("/")[0] for difference in differences} == {term}
-    assert [d.excess for d in differences] == sorted((d.excess for d in differences), reverse=True)
+    assert {case.split("/")[0] for case in differences["noise"]} == {term}
+    assert differences["excess"].is_monotonic_decreasing
+
+
+FIGURES = {"mae_m": 0.5, "too_far_share": 0.1, "hole_share": 0.2, "flicker_m": 0.3}
+
+
+def cases_of(**changes: float | None) -> pd.DataFrame:
+    return pd.DataFrame(FIGURES | changes, ["scale/low"], dtype=float)
 
 
 def test_differences_within_the_tolerance_are_none_and_missing_figures_are_large() -> None:
-    figures = {"mae_m": 0.5, "too_far_share": 0.1, "hole_share": 0.2, "flicker_m": 0.3}
-    assert compare({"scale/low": figures}, {"scale/low": {**figures, "mae_m": 0.51}}) == []
-    (worse,) = compare({"scale/low": figures}, {"scale/low": {**figures, "mae_m": 0.53}})
-    assert worse.worse
-    assert worse.excess == pytest.approx(0.03 / 0.012)
-    (better,) = compare({"scale/low": figures}, {"scale/low": {**figures, "hole_share": 0.1}})
-    assert not better.worse
-    (gone,) = compare({"scale/low": figures}, {"scale/low": {**figures, "flicker_m": None}})
-    assert gone.worse
-    assert gone.excess == np.inf
+    assert compare(cases_of(), cases_of(mae_m=0.51)).empty
+    for changes, change, excess in (
+        ({"mae_m": 0.53}, "worse", 0.03 / 0.012),
+        ({"hole_share": 0.1}, "better", 0.1 / 0.006),
+        ({"flicker_m": None}, "worse", np.inf),
+    ):
+        (row,) = compare(cases_of(), cases_of(**changes)).itertuples()
+        assert (row.change, row.excess) == (change, pytest.approx(excess))
+    assert compare(cases_of(mae_m=None), cases_of(mae_m=None)).empty
+    assert list(compare(cases_of(mae_m=None), cases_of())["change"]) == ["better"]
 
 
 def test_golden_figures_come_back_as_they_were_written(tmp_path: Path) -> None:
-    table = {"scale/low": {"mae_m": 1 / 3, "too_far_share": None, "hole_share": 0.0, "flicker_m": 2e-9}}
+    table = cases_of(mae_m=1 / 3, too_far_share=None, hole_share=0.0, flicker_m=2e-9)
     write_golden(tmp_path / "a" / "g.json", table)
-    assert read_golden(tmp_path / "a" / "g.json") == table
+    pd.testing.assert_frame_equal(read_golden(tmp_path / "a" / "g.json"), table, check_exact=True)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", "{}", '{"cases": {"a": 3}}', '{"cases": {"a": {"mae_m": "x"}}}'])
@@ -128,7 +135,7 @@ def test_missing_and_foreign_golden_figures_say_what_to_do(tmp_path: Path) -> No
     with pytest.raises(ScenarioError, match="write them with --update"):
         read_golden(tmp_path / "g.json")
     with pytest.raises(ScenarioError, match="--update"):
-        compare({"fog/low": {"mae_m": 1.0}}, json.loads(golden_path(GOLDEN, "raw").read_text())["cases"])
+        compare(cases_of(), read_golden(golden_path(GOLDEN, "raw")))
 
 
 @pytest.mark.parametrize("name", ["no.such:thing", "tests.helpers:nothing"])

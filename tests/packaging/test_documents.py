@@ -106,7 +106,7 @@ def test_commands_accept_their_options(document: Path) -> None:
 
 
 def test_the_readme_is_short() -> None:
-    assert len((ROOT / "README.md").read_text().splitlines()) <= 200
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 120
 
 
 def test_there_are_no_gaps() -> None:

@@ -237,11 +237,6 @@ def test_shadows_are_there_for_the_artefacts_that_need_them_with_any_sensor_mode
     assert not capture(artefacts=Artefacts(rims=Rims(fatten_px=(2, 2))).model_dump(), depth="truth").occluded.any()
 
 
-def test_a_camera_that_is_exact_may_be_near() -> None:
-    near = RigConfig(max_depth_m=0.5, stereo=StereoConfig(min_depth_m=0.2))
-    assert near.exact().max_depth_m == 0.5
-
-
 def test_motion_blurs_the_images_by_the_motion_and_leaves_the_truth_of_the_middle() -> None:
     poses = [
         BodyPose(stamp_s=k / 30, position_m=np.array([0, y_m, 0]), q_world_body_xyzw=LEVEL)

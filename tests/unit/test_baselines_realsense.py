@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.realsense_files import SoftwareCamera
 from voxdepth.baselines.realsense import (
     EDGE,
     FILLS,
@@ -17,7 +18,6 @@ from voxdepth.baselines.realsense import (
 )
 from voxdepth.baselines.single_frame import AuthorsMax
 from voxdepth.errors import ConfigError
-from voxdepth.tools.benchmark.librealsense import Librealsense
 from voxdepth.types import Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=86, baseline_m=0.095)
@@ -184,24 +184,9 @@ def test_the_authors_maximum_is_that_of_five_neighbours_of_the_median_without_th
 # librealsense
 
 
-class Sdk(Librealsense):
-    """librealsense, which makes an image of an image. A test without its wheel, or its libusb, is skipped."""
-
-    def __init__(self, camera: Intrinsics) -> None:
-        try:
-            super().__init__(camera)
-        except (ImportError, OSError) as error:
-            pytest.skip(f"librealsense: {error}")
-
-    def through(self, units: np.ndarray, filters: Iterable[Any]) -> np.ndarray:
-        """What filters make of an image of uint16: depth, uint16, or disparity, float32."""
-        image = np.array(self.filtered(self.frame(units), filters).get_data())
-        return image.view(np.float32) if image.itemsize == 4 else image
-
-
 @pytest.mark.parametrize("mode", range(3))
 def test_hole_filling_equals_that_of_librealsense(mode: int) -> None:
-    sdk = Sdk(CAMERA)
+    sdk = SoftwareCamera(CAMERA)
     block = sdk.rs.hole_filling_filter(mode)
     baseline = RealSenseHoles(fill=list(FILLS)[mode])  # type: ignore[arg-type]
     for units in moving_scene(5):
@@ -211,7 +196,7 @@ def test_hole_filling_equals_that_of_librealsense(mode: int) -> None:
 
 
 def test_the_chain_equals_that_of_librealsense() -> None:
-    sdk, chain = Sdk(CAMERA), RealSenseChain(CAMERA)
+    sdk, chain = SoftwareCamera(CAMERA), RealSenseChain(CAMERA)
     blocks = sdk.recommended_filters()
     for units in moving_scene(14):
         result_m = chain.process(frame_of(units / 1000)).depth_m

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.experiments.confidence import Bins, Pixels, compare_confidence, fit
+from scenarios.experiments.confidence import BINS, compare_confidence, fit, shares
 from tests.experiment_context import small_context
 from voxdepth.calibration import FILE, Fills, read
 from voxdepth.errors import ConfigError
@@ -81,16 +81,16 @@ def test_a_bad_file_is_refused_with_what_to_do(text: str | None, reason: str, tm
 
 
 def test_the_fit_is_the_share_of_correct_pixels() -> None:
-    pixels = Pixels()
-    pixels.n[Source.INPAINTED], pixels.correct[Source.INPAINTED] = 10_000, 2_504
-    assert fit(pixels) == Fills(memory=0.0, inpainted=0.25)
+    counts = np.zeros((3, len(Source), BINS))
+    counts[:, Source.INPAINTED, 4:6] = [[6_000, 4_000], [0, 0], [1_504, 1_000]]
+    assert fit(counts) == Fills(memory=0.0, inpainted=0.25)
 
 
 def test_the_calibration_error_is_the_distance_to_the_share_of_correct_pixels() -> None:
-    bins = Bins()
-    bins.add(np.float32([0.95, 0.55, 0.05]), np.array([60.0, 20, 20]), np.array([57.0, 5, 0]))
-    expected = {"calibration error": 0.07, "trusted": 0.8, "correct of trusted": 62 / 80, "shown": 0.8}
-    assert bins.shares() == pytest.approx(expected)
+    bins = np.zeros((3, BINS))
+    bins[:, [9, 5, 0]] = [[60, 20, 20], [57, 11, 1], [57, 5, 0]]
+    expected = {"calibration error": 7, "trusted": 80, "correct of trusted": 100 * 62 / 80, "shown": 80}
+    assert shares(bins) == pytest.approx(expected)
 
 
 def test_it_is_not_measured_with_the_sequences_of_the_fit(tmp_path: Path) -> None:

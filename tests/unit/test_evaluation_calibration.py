@@ -6,20 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.evaluation_clips import CAMERA, evaluation_frames, info_of, key_of
-from voxdepth.baselines.single_frame import Raw
+from tests.evaluation_clips import info_of, key_of
 from voxdepth.tools import figure
 from voxdepth.tools.evaluation import figures
-from voxdepth.tools.evaluation.groups import TRUE_GROUPS
 from voxdepth.tools.evaluation.measurements import Measurement
-from voxdepth.tools.evaluation.methods import Method
 from voxdepth.tools.evaluation.quantities import QUANTITIES
-from voxdepth.tools.evaluation.report import calibration_table, method_table
+from voxdepth.tools.evaluation.report import method_table
 from voxdepth.tools.evaluation.result_cache import Result
-from voxdepth.tools.evaluation.running import MethodError, run
 from voxdepth.tools.evaluation.scoring import CONFIDENCES, CalibrationScore
 from voxdepth.tools.evaluation.suite import Evaluation
-from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
+from voxdepth.types import CorrectedDepth, Intrinsics
 
 TELE = Intrinsics(fx_px=1000, fy_px=1000, cx_px=320, cy_px=180, width_px=640, height_px=360, baseline_m=0.1)
 """A disparity of 10 px at 10 m: there 5 % decide."""
@@ -95,47 +91,13 @@ def test_the_share_of_right_pixels_in_a_bin_is_also_that_of_each_source_and_of_h
     }
 
 
-def scored(**given: Any) -> set[str]:
-    """Masks of the figures of a method that gives this with its depth."""
-
-    class Gives(Raw):
-        def process(self, frame: Frame) -> CorrectedDepth:
-            return replace(super().process(frame), **given)
-
-    done = run(Method(name="x", make=lambda intrinsics: Gives()), evaluation_frames(2), TRUE_GROUPS, CAMERA)
-    return {f.mask for f in done.measurements}
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (
-            {"confidence": np.ones((3, 4), np.float32)},
-            r"frame 0: expected confidence as floats of shape \(48, 64\), got",
-        ),
-        ({"confidence": np.full(CAMERA.shape, 1.5, np.float32)}, r"expected confidence in 0\.\.1, got 1\.5 to 1\.5"),
-        ({"confidence": np.full(CAMERA.shape, np.nan, np.float32)}, "expected confidence in 0..1, got nan"),
-        ({"confidence": 0.5}, "of shape .*, got float"),
-        ({"source": np.ones(CAMERA.shape)}, "expected source as uint8 of shape .* got float64"),
-        ({"source": np.full(CAMERA.shape, 9, np.uint8)}, "expected sources in 0..3, got 9"),
-        ({"source": Source.SENSOR}, "expected source as uint8 of shape .* got Source"),
-    ],
-)
-def test_what_is_neither_confidence_nor_source_is_refused_with_what_came(given: dict[str, Any], message: str) -> None:
-    with pytest.raises(MethodError, match=message):
-        scored(**given)
-
-
 def result(method: str, shares: dict[str, float]) -> Result:
     correct = [
-        Measurement(
-            metric="correct", mask=mask, range="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1)
-        )
+        Measurement("correct", mask, "0-40 m", "filled", share, "share", 100 * (k + 1))
         for k, (mask, share) in enumerate(shares.items())
     ]
     sources = [
-        Measurement(metric="mae", mask=mask, range="0-40 m", on="filled", value=0.25, unit="m", n=7)
-        for mask in ("source sensor", "source inpainted")
+        Measurement("mae", mask, "0-40 m", "filled", 0.25, "m", 7) for mask in ("source sensor", "source inpainted")
     ]
     return Result(key=key_of("s", method), measurements=(*correct, *sources))
 
@@ -165,19 +127,6 @@ def test_only_a_calibrated_confidence_is_drawn_with_its_counts(
     assert figures.calibrated_methods(replace(done, results=done.results[:1])) == []
 
 
-def test_a_table_has_the_share_of_right_pixels_by_source_and_in_holes() -> None:
-    bins = {"source memory, confidence 0.4-0.5": 0.25, "holes, confidence 0": 0.5, "holes, confidence 0.9-1": 0.75}
-    evaluation = Evaluation(results=(result("calibrated", bins),), sequences={"s": INFO}, reused=0)
-    table = calibration_table(evaluation, "calibrated")
-    assert table.column("pixels") == ["source memory", "holes"]
-    assert table.column("confidence 0.4-0.5") == ["25 (100)", "-"]
-    assert table.column("confidence 0.9-1") == ["-", "75 (300)"]
-
-
 def test_sources_stand_side_by_side_and_a_missing_one_stays_open(done: Evaluation) -> None:
     (quantity,) = (q for q in QUANTITIES if "sensor / memory / inpainted" in q.title)
-    assert method_table(done, quantity).column("s") == [
-        "0.25 / - / 0.25",
-        "0.25 / - / 0.25",
-        "7",
-    ]
+    assert method_table(done, quantity).column("s") == ["0.25 / - / 0.25", "0.25 / - / 0.25", "7"]

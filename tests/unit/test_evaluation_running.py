@@ -1,5 +1,6 @@
 """Running a method: what it may give, what it may see, and what is scored."""
 
+import re
 import threading
 import time
 from dataclasses import replace
@@ -15,6 +16,7 @@ from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import ConfigError
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.registry import ENTRY_POINTS
+from voxdepth.soundness import fault_of
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.evaluation.groups import TRUE_GROUPS
 from voxdepth.tools.evaluation.measurements import Measurement
@@ -30,7 +32,7 @@ from voxdepth.tools.evaluation.methods import (
 from voxdepth.tools.evaluation.result_cache import Scores, decoded_thumbnail, encoded_thumbnail
 from voxdepth.tools.evaluation.running import MethodError, run
 from voxdepth.tools.evaluation.scoring import METRICS, Score
-from voxdepth.types import CorrectedDepth, Frame
+from voxdepth.types import CorrectedDepth, Frame, Source
 
 
 def scored(change: Any, frames: int = 4) -> Scores:
@@ -123,22 +125,36 @@ def test_sequences_scored_by_measured_depth_count_the_change_of_depth() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            lambda d: d[:-1],
-            r"frame 0: expected depth_m as float32 of shape \(48, 64\), got float32 of shape \(47",
-        ),
-        (lambda d: d.astype(np.float64), "frame 0: expected depth_m as float32 of shape .* got float64"),
-        (lambda d: np.full_like(d, np.nan), "frame 0: expected finite depths .* got 3072 others"),
-        (lambda d: -d, r"frame 0: expected depths of at least 0 m .* got -6"),
-        (lambda d: None, "frame 0: expected depth_m .* got NoneType"),
-        (lambda d: 1 / 0, "frame 0: ZeroDivisionError: division by zero"),
-        (lambda d: exit(3), "frame 0: SystemExit: 3"),
-        (lambda d: d.__setitem__(0, 1), "frame 0: ValueError: assignment destination is read-only"),
+        (lambda d: d[:-1], r"expected depth_m as float32 of shape \(48, 64\), got float32 of shape \(47"),
+        (lambda d: d.astype(np.float64), "expected depth_m as float32 of shape .* got float64"),
+        (lambda d: np.full_like(d, np.nan), "expected finite depths .* got 3072 others"),
+        (lambda d: -d, r"expected depths of at least 0 m .* got -6"),
+        (lambda d: None, "expected depth_m .* got NoneType"),
+        (lambda d: 1 / 0, "ZeroDivisionError: division by zero"),
+        (lambda d: exit(3), "SystemExit: 3"),
+        (lambda d: d.__setitem__(0, 1), "ValueError: assignment destination is read-only"),
     ],
 )
 def test_a_method_that_gives_no_depth_is_named_with_what_came(change: Any, message: str) -> None:
-    with pytest.raises(MethodError, match=message):
+    with pytest.raises(MethodError, match=f"frame 0: {message}"):
         scored(change)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"confidence": np.ones((3, 4), np.float32)}, r"expected confidence as floats of shape \(48, 64\), got"),
+        ({"confidence": np.full(CAMERA.shape, 1.5, np.float32)}, r"expected confidence in 0\.\.1, got 1\.5 to 1\.5"),
+        ({"confidence": np.full(CAMERA.shape, np.nan, np.float32)}, "expected confidence in 0..1, got nan"),
+        ({"confidence": 0.5}, "of shape .*, got float"),
+        ({"source": np.ones(CAMERA.shape)}, "expected source as uint8 of shape .* got float64"),
+        ({"source": np.full(CAMERA.shape, 9, np.uint8)}, "expected sources in 0..3, got 9"),
+        ({"source": Source.SENSOR}, "expected source as uint8 of shape .* got Source"),
+    ],
+)
+def test_what_is_neither_confidence_nor_source_is_refused_with_what_came(given: dict[str, Any], message: str) -> None:
+    result = replace(Raw().process(evaluation_frames(1)[0].frame), **given)
+    assert re.search(message, fault_of(result, CAMERA.shape) or "")
 
 
 @pytest.mark.parametrize("error", [ConfigError("needs a baseline"), SystemExit("needs a baseline")])

@@ -4,7 +4,7 @@ import json
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 from shutil import rmtree
@@ -16,7 +16,7 @@ import pytest
 
 from scenarios.evaluation import SimulatedSource, shipped
 from scenarios.sequences import load_sequence
-from sim.recording import Recording
+from sim.recording import Recording, RecordingWriter
 from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of, truth_of, write_recording
 from voxdepth.datasets import open_dataset
 from voxdepth.tools.errors import ToolError
@@ -25,9 +25,10 @@ from voxdepth.tools.evaluation import suite
 from voxdepth.tools.evaluation.kinds import HELD_OUT
 from voxdepth.tools.evaluation.measurements import Selector
 from voxdepth.tools.evaluation.methods import Method, find_methods
-from voxdepth.tools.evaluation.result_cache import Result, ResultCache
+from voxdepth.tools.evaluation.result_cache import Result, path_of, store
 from voxdepth.tools.evaluation.sources import DatasetSource, FrameCache
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
+from voxdepth.tools.files import to_toml
 from voxdepth.tools.locks import locked
 
 GOOD = method("good")
@@ -118,11 +119,10 @@ def test_finished_results_are_taken_and_failed_ones_tried_again(
 )  # fmt: skip
 def test_a_result_of_anything_else_is_computed_again(recording: Path, tmp_path: Path, change: dict[str, Any]) -> None:
     (result,) = run(tmp_path, recording, methods=(GOOD,)).results
-    cache = ResultCache(tmp_path, "post")
-    cache.store(result.model_copy(update={"key": result.key.model_copy(update=change), "measurements": ()}))
+    store(tmp_path, result.model_copy(update={"key": result.key.model_copy(update=change), "measurements": ()}))
     again = run(tmp_path, recording, methods=(GOOD,))
     assert (again.reused, quality(again.results[0])) == (0, quality(result))
-    assert Result.model_validate_json(cache.path("good").read_bytes()) == again.results[0]
+    assert Result.model_validate_json(path_of(tmp_path, result.key).read_bytes()) == again.results[0]
 
 
 def test_another_number_of_frames_is_another_result(recording: Path, tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ def test_a_damaged_result_and_one_of_another_layout_are_computed_again(
     recording: Path, tmp_path: Path, change: Callable[[bytes], bytes]
 ) -> None:
     (result,) = run(tmp_path, recording, methods=(GOOD,)).results
-    path = ResultCache(tmp_path, "post").path("good")
+    path = path_of(tmp_path, result.key)
     path.write_bytes(change(path.read_bytes()))
     (again,) = run(tmp_path, recording, methods=(GOOD,)).results
     assert quality(again) == quality(result)
@@ -345,40 +345,31 @@ def test_another_true_depth_is_another_sequence(tmp_path: Path) -> None:
     assert [one == other for one, other in zip(*digests, strict=True)] == [True, True, True, False]
 
 
-@dataclass(frozen=True)
-class Counted:
-    """A shipped sequence that is recorded by hand."""
+def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
 
-    made: list[int]
-
-    def __call__(self, planned: Any, folder: Path, frames: int, progress: Callable[[int], None]) -> None:
-        self.made.append(frames)
-        from sim.recording import RecordingWriter
-        from voxdepth.tools.files import to_toml
-
+    def record(planned: Any, folder: Path, frames: int, progress: Callable[[int], None]) -> None:
+        made.append(frames)
         with RecordingWriter(folder, intrinsics=CAMERA, config_text=to_toml(planned)) as writer:
             for index in range(frames):
                 writer.append(capture_of(index))
                 progress(index + 1)
 
-
-def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recorded = Counted([])
-    monkeypatch.setattr("scenarios.sequences.record", recorded)
+    monkeypatch.setattr("scenarios.sequences.record", record)
     requested = shipped(load_sequence("sim-LN", 3, {}))
     told: list[str] = []
     source = requested.open(tmp_path, 4, told.append)
     assert isinstance(source, SimulatedSource)
     assert (source.seed, len(source), told[-1]) == (3, 4, "recording sim-LN, frame 4 of 4")
     requested.open(tmp_path, 3, told.append)
-    assert recorded.made == [4]
+    assert made == [4]
     other = shipped(load_sequence("sim-LN", 4, {}))
     done = evaluate(Plan(sequences=[other], methods=[GOOD], frames=3, out=tmp_path), lambda what, n: None)
     assert (done.results[0].error, done.results[0].key.seed) == (None, 4)
     assert requested.open(tmp_path, 4, told.append).seed == 3
-    assert recorded.made == [4, 3], "each seed has a recording of its own"
+    assert made == [4, 3], "each seed has a recording of its own"
     names = [folder.name for folder in (tmp_path / "recordings").iterdir()]
     assert len(names) == 2
     assert all(re.fullmatch("sim-LN-[0-9a-f]{12}", name) for name in names)

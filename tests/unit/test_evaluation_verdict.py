@@ -19,9 +19,7 @@ def evaluation_of(frames: int = 20, hidden: str = "holes", **shares: dict[str, f
         for method, share in of_methods.items():
             close = tuple((round(1000 * share + 10 * (-1) ** k), 1000) for k in range(frames))
             mean = sum(n for n, _ in close) / 1000 / frames
-            own = Measurement(
-                metric="close", mask=hidden, range="0-20 m", on="as given", value=mean, unit="share", n=1000 * frames
-            )
+            own = Measurement("close", hidden, "0-20 m", "as given", mean, "share", 1000 * frames)
             results.append(Result(key=key_of(sequence, method), measurements=(own,), frame_close=close))
     pixels = {mask: {"0-20 m": 1000} for mask in ("all", hidden)}
     infos = {name: info_of(name, hidden=hidden, pixels=pixels) for name in shares}
@@ -71,7 +69,7 @@ def test_many_sequences_have_one_sentence() -> None:
 
 @pytest.mark.parametrize(("mae_m", "unit", "text"), [(0.0042, "mm", "4.2"), (0.42, "m", "0.420"), (3.0, "m", "3.000")])
 def test_lengths_have_the_unit_that_fits_the_scene(mae_m: float, unit: str, text: str) -> None:
-    own = Measurement(metric="mae", mask="all", range="0-20 m", on="completed", value=mae_m, unit="m", n=9)
+    own = Measurement("mae", "all", "0-20 m", "completed", mae_m, "m", 9)
     results = (Result(key=key_of("walk", "raw"), measurements=(own,)),)
     evaluation = Evaluation(results=results, sequences={"walk": info_of("walk")}, reused=0)
     quantity = Quantity("MAE", "m", [Selector("mae")])

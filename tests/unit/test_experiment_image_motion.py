@@ -45,9 +45,9 @@ def test_a_flow_is_asked_from_the_later_image_to_the_earlier_one() -> None:
 def test_registration_finds_a_shift_and_what_it_cannot_find_moves_nothing() -> None:
     estimators = motion.BASELINE | {"found": motion.by_registration(RegistrationConfig(), SHAPE)}
     unmoved, found = motion.judged(estimators, wall_from(0), wall_from(0, TO_RIGHT(BLOBS)))
-    assert not found[2] and found[3] < unmoved[3] / 4 and found[4] == unmoved[4] > 0
+    assert not found["failed"] and found["gray"] < unmoved["gray"] / 4 and found["n"] == unmoved["n"] > 0
     _, lost = motion.judged(estimators, wall_from(0), wall_from(0, np.zeros_like(BLOBS)))
-    assert lost[2] and lost[3] == np.square(BLOBS.astype(float)).sum() and lost[5].mae_m == 0
+    assert lost["failed"] and lost["gray"] == np.square(BLOBS.astype(float)).sum() and lost["depth"].mae_m == 0
 
 
 @pytest.mark.parametrize(("frames", "most", "expected"), [(30, 4, [0, 6, 13, 19]), (11, 4, [0]), (12, 4, [0, 1])])

@@ -10,19 +10,14 @@ from scenarios.experiments.default import (
     CRITERIA,
     HOLES,
     NOT_MEASURED,
-    QUANTITIES,
     Comparison,
     Criterion,
-    confidence_table,
-    criteria_table,
     gap_closed_percent,
-    quantity_tables,
 )
 from tests.evaluation_clips import info_of, key_of
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.result_cache import Result
 from voxdepth.tools.evaluation.suite import Evaluation
-from voxdepth.tools.table import Table
 
 NEAR, ALL = "0-20 m", "all"
 
@@ -51,10 +46,11 @@ def comparison_of(cells: dict[str, dict[str, dict[str, Any]]], size: tuple[int, 
     return Comparison(evaluation_of(cells, size))
 
 
-def judged(criteria: Table, what: str, requirement: str = "") -> tuple[Any, str]:
+def judged(comparison: Comparison, what: str, requirement: str = "") -> tuple[Any, str]:
     """Value and outcome of the criterion that begins with these words."""
-    (row,) = (row for row in criteria.rows if str(row[0]).startswith(what) and str(row[2]).startswith(requirement))
-    return row[3], str(row[4])
+    rows = [criterion.row(comparison) for criterion in CRITERIA if criterion.what.startswith(what)]
+    (row,) = (row for row in rows if str(row["requirement"]).startswith(requirement))
+    return row["measured"], str(row["outcome"])
 
 
 NOTHING = comparison_of({})
@@ -73,7 +69,7 @@ def test_a_criterion_is_of_the_mean_or_of_the_worst(values: list[float], mean: s
     for of_each, outcome in ((False, mean), (True, each)):
         at_most = Criterion("error", -20, "%", lambda c: pd.Series(values), each=of_each)
         at_least = Criterion("gain", 20, "%", lambda c: -pd.Series(values), at_least=True, each=of_each)
-        assert at_most.row(NOTHING)[-1] == at_least.row(NOTHING)[-1] == outcome
+        assert at_most.row(NOTHING)["outcome"] == at_least.row(NOTHING)["outcome"] == outcome
 
 
 HOLE = "mae__holes__near__completed"
@@ -105,17 +101,15 @@ def test_errors_after_completion_are_those_of_the_method_that_completes_itself()
 def test_errors_in_holes_are_compared_with_baselines_alone() -> None:
     """VoxDepth and the oracle have less error, and are no baselines."""
     comparison = comparison_of(HOLES_OF)
-    table = next(iter(quantity_tables(comparison)))
-    assert table.rows[0] == ["sim-LN", "global-smoother", 1.2, 1.6, 1.6, 0.2, 0.1, 4.0, 2000]
-    assert table.column("best baseline") == ["global-smoother", "raw"]
-    criteria = criteria_table(comparison)
+    assert list(comparison.best(HOLES)["name"]) == ["global-smoother", "raw"]
+    assert list(comparison.counts(HOLES)) == [2000, 2000]
     # -40 % and +10 % over the best but the smoother; -25 % and -45 % over the smoother.
     what = "MAE in holes against the"
-    assert judged(criteria, f"{what} best baseline but") == (pytest.approx(-15), "missed by 20")
-    assert judged(criteria, f"{what} global smoother") == (pytest.approx(-35), "held")
+    assert judged(comparison, f"{what} best baseline but") == (pytest.approx(-15), "missed by 20")
+    assert judged(comparison, f"{what} global smoother") == (pytest.approx(-35), "held")
     # Of all baselines the smoother is the best in sim-LN, and raw where the camera hovers.
-    assert judged(criteria, f"{what} best baseline, moving") == (pytest.approx(-25), "held")
-    assert judged(criteria, f"{what} best baseline, hover") == (pytest.approx(10), "missed by 5")
+    assert judged(comparison, f"{what} best baseline, moving") == (pytest.approx(-25), "held")
+    assert judged(comparison, f"{what} best baseline, hover") == (pytest.approx(10), "missed by 5")
 
 
 def test_the_best_baseline_may_have_to_fill() -> None:
@@ -173,7 +167,6 @@ def test_every_criterion_reads_the_quantity_that_it_names() -> None:
     fills = {"off__holes__near__completed": 0.4, "coverage__all__near__filled": 1.0}
     methods = {"raw": raw, "temporal": own, "voxdepth": paper, "flow": fills}
     comparison = comparison_of({"sim-LN": methods, "sim-hover": {"temporal": {"phantoms__all__all__as_given": 1.0}}})
-    criteria = criteria_table(comparison)
     for what, requirement, value, outcome in (
         ("Holes more than 10 % off", "", -25, "missed by 5"),
         ("RMSE of measured", "each", 5, "missed by 5"),
@@ -189,10 +182,9 @@ def test_every_criterion_reads_the_quantity_that_it_names() -> None:
         ("Median time of a frame of 640x360", "", 7.5, "missed by 2"),
         ("Median time of a frame of 1024x1024", "", None, NOT_MEASURED),
     ):
-        found, said = judged(criteria, what, requirement)
+        found, said = judged(comparison, what, requirement)
         assert (found, said) == (None if value is None else pytest.approx(value), outcome), what
     assert len(CRITERIA) == 26
-    assert len(list(quantity_tables(comparison))) == len(QUANTITIES)
 
 
 def test_confidence_is_pooled_by_pixels_and_falls_where_less_are_correct() -> None:
@@ -204,12 +196,10 @@ def test_confidence_is_pooled_by_pixels_and_falls_where_less_are_correct() -> No
         "sim-MB": {"temporal": share(0.1, 0.2) | share(0.6, 0.9)},
     }
     comparison = comparison_of(cells)
-    table = confidence_table(comparison)
-    rows = dict(zip(table.column("confidence"), table.rows, strict=True))
-    assert rows["0.1-0.2"][1:5] == [pytest.approx(30), 4000, None, 0]
-    assert rows["0.6-0.7"][1:5] == [pytest.approx(90), 2000, pytest.approx(30), 2000]
-    criteria = criteria_table(comparison)
+    assert comparison.pooled(None, "confidence 0.1-0.2") == (pytest.approx(0.3), 4000)
+    assert comparison.pooled("holes", "confidence 0.1-0.2") == (None, 0)
+    assert comparison.pooled("holes", "confidence 0.6-0.7") == (pytest.approx(0.3), 2000)
     what = "Largest fall of the share of correct pixels where confidence rises,"
-    assert judged(criteria, f"{what} all") == (pytest.approx(-60), "held")
-    assert judged(criteria, f"{what} holes") == (pytest.approx(50), "missed by 50")
-    assert judged(criteria, f"{what} memory") == (None, NOT_MEASURED)
+    assert judged(comparison, f"{what} all") == (pytest.approx(-60), "held")
+    assert judged(comparison, f"{what} holes") == (pytest.approx(50), "missed by 50")
+    assert judged(comparison, f"{what} memory") == (None, NOT_MEASURED)

@@ -6,7 +6,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from scenarios.experiments.occlusion import curvature, grow, loss_percent, measure, squared_error_m2
+from scenarios.experiments.occlusion import (
+    COMPLETED,
+    OCCLUDED,
+    PSNR,
+    curvature,
+    grow,
+    loss_percent,
+    measure,
+    squared_error_m2,
+)
 from tests.evaluation_clips import capture_of
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.types import FloatImage, MaskImage
@@ -32,16 +41,16 @@ def grown_of(percent: int) -> pd.DataFrame:
 
 def psnr_db(percent: int) -> float:
     """PSNR with that many holes."""
-    return float(grown_of(percent)["PSNR"].iloc[0])
+    return float(grown_of(percent)[PSNR].iloc[0])
 
 
 def test_a_hole_is_0_m_and_completion_fills_it() -> None:
     grown = grown_of(10)
-    assert grown["occluded"].to_list() == pytest.approx([10, 12, 14, 18, 26, 42]), "the patch grows to one side"
-    expected_db = [10 * np.log10(PEAK16_M**2 / (share / 100 * 8.0**2)) for share in grown["occluded"]]
-    np.testing.assert_allclose(grown["PSNR"], expected_db)
-    assert (grown["PSNR completed"] == np.inf).all()
-    assert (grown["n"] == TRUTH_M.size).all()
+    assert grown[OCCLUDED].to_list() == pytest.approx([10, 12, 14, 18, 26, 42]), "the patch grows to one side"
+    expected_db = [10 * np.log10(PEAK16_M**2 / (share / 100 * 8.0**2)) for share in grown[OCCLUDED]]
+    np.testing.assert_allclose(grown[PSNR], expected_db)
+    assert (grown[COMPLETED] == np.inf).all()
+    assert (grown["n pixels"] == TRUTH_M.size).all()
 
 
 def test_doubling_the_holes_costs_three_decibels_wherever_it_starts() -> None:
@@ -49,9 +58,9 @@ def test_doubling_the_holes_costs_three_decibels_wherever_it_starts() -> None:
         assert psnr_db(percent) - psnr_db(2 * percent) == pytest.approx(10 * np.log10(2))
 
 
-def curve_of(*percents: int) -> tuple[list[float], list[float]]:
+def curve_of(*percents: int) -> tuple[pd.Series, pd.Series]:
     """Shares of occluded pixels [%], and the PSNR of perfect depth with that many holes [dB]."""
-    return [float(percent) for percent in percents], [psnr_db(percent) for percent in percents]
+    return pd.Series(percents, dtype=float), pd.Series([psnr_db(percent) for percent in percents])
 
 
 def test_the_curve_of_pure_holes_flattens() -> None:

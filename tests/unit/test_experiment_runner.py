@@ -11,13 +11,11 @@ import pytest
 
 from scenarios.errors import ScenarioError
 from scenarios.experiments.collisions import small_study
-from scenarios.experiments.experiment import Claim, Experiment, ExperimentContext, Findings, verdict
+from scenarios.experiments.experiment import Claim, Experiment, ExperimentContext, Findings, pivot, verdict
 from scenarios.experiments.runner import (
     EXPERIMENTS,
     PAPER_EXPERIMENTS,
     ExperimentReport,
-    RunOptions,
-    create_context,
     find_experiments,
     run,
     write_index,
@@ -26,20 +24,19 @@ from scenarios.experiments.switches import _switches_claim
 from scenarios.study.design import expand, load_study
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.figure import label_axes, panels
-from voxdepth.tools.table import Column, Table
 
-COLUMNS = (Column("method"), Column("time", "ms"), Column("n"))
-ROWS = [("one", 1.23456, 3), ("two", None, 0)]
+TABLE = pd.DataFrame({"method": ["one", "two"], "time [ms]": [1.23456, None], "n": [3, 0]})
 PNG = b"\x89PNG"
 
 
 def answer(context: ExperimentContext) -> Findings:
     """The same table for every question."""
     return Findings(
-        tables=(Table.of("Times", COLUMNS, ROWS),),
-        claims=(Claim(paper="fast", found="slow", holds=False),),
+        tables={"table": TABLE},
+        claims=(Claim("fast", "slow", False),),
         notes=(f"{context.frames} frames",),
         figure=panels("title", [lambda axes: label_axes(axes, "panel", "x [m]", "y [s]")]),
+        files={"more.txt": b"more"},
     )
 
 
@@ -52,33 +49,32 @@ STUB = Experiment(
 )
 
 
-def reports(options: RunOptions, *experiments: Experiment) -> list[ExperimentReport]:
-    return list(run(experiments, options, lambda what: None))
+def report(out: Path, experiment: Experiment = STUB, **given: Any) -> ExperimentReport:
+    return run(experiment, experiment.context(out, lambda what: None, **given), "voxdepth experiment stub")
 
 
 def test_table_figure_and_report_are_written(tmp_path: Path) -> None:
-    options = RunOptions(out=tmp_path / "out", frames=4, seed=7, command="voxdepth experiment stub")
-    (report,) = reports(options, STUB)
+    report(tmp_path / "out", frames=4, seed=7)
     folder = tmp_path / "out" / "stub"
     with (folder / "table.csv").open(newline="") as file:
         assert list(csv.reader(file)) == [["method", "time [ms]", "n"], ["one", "1.23456", "3"], ["two", "", "0"]]
     assert (folder / "figure.png").read_bytes().startswith(PNG)
+    assert (folder / "more.txt").read_text() == "more"
     assert (folder / "table.md").read_text() == (
-        "Of 1 claim of the paper, 1 differs.\n\n`voxdepth experiment stub`\n\n**Times**\n\n"
+        "Of 1 claim of the paper, 1 differs.\n\n`voxdepth experiment stub`\n\n**stub: table**\n\n"
         "| method | time [ms] | n |\n| --- | ---: | ---: |\n| one | 1.23 | 3 |\n| two | - | 0 |\n"
         "\n4 frames\n"
     )
     stored = json.loads((folder / "result.json").read_text())
-    assert stored["tables"][0]["rows"] == [list(row) for row in ROWS]
+    assert stored["tables"][0]["rows"] == [["one", 1.23456, 3], ["two", None, 0]]
     assert (stored["seed"], stored["frames"], stored["width_px"]) == (7, 4, 160)
     assert stored["command"] == "voxdepth experiment stub"
     assert stored["provenance"]["processor"] and "numpy" in stored["provenance"]["versions"]
-    assert stored["tables"] == [table.as_json() for table in report.findings.tables]
     assert stored["claims"] == [{"paper": "fast", "found": "slow", "holds": False}]
 
 
 def test_what_the_user_does_not_say_the_experiment_does(tmp_path: Path) -> None:
-    context = create_context(STUB, RunOptions(out=tmp_path), lambda what: None)
+    context = STUB.context(tmp_path, print, frames=None)
     assert (context.sequences, context.frames, context.width_px) == (("sim-LN",), 5, 160)
     rig = context.sequence("sim-LN").sequence.rig
     assert (rig.width_px, rig.height_px) == (160, 90), "the shape of the sequence stays"
@@ -86,7 +82,7 @@ def test_what_the_user_does_not_say_the_experiment_does(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("given", "message"),
     [
         ({"frames": 2}, "stub needs at least 3 frames of each sequence, got --frames 2"),
         ({"sequences": ("sim-XX",)}, "there is no sequence 'sim-XX'"),
@@ -94,35 +90,39 @@ def test_what_the_user_does_not_say_the_experiment_does(tmp_path: Path) -> None:
         ({"width_px": 20}, "--width must be 64 to 2048 pixels, got 20"),
     ],
 )
-def test_what_cannot_be_is_said_before_anything_is_run(options: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_what_cannot_be_is_said(given: dict[str, Any], message: str, tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=message):
-        reports(
-            RunOptions(out=tmp_path / "out", **options), replace(STUB, name="first", sequences=(), min_frames=1), STUB
-        )
-    assert not (tmp_path / "out").exists()
+        STUB.context(tmp_path / "out", print, **given)
 
 
-def test_a_failure_leaves_what_was_done_before(tmp_path: Path) -> None:
+def test_a_failure_writes_nothing(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="it failed"):
-        reports(RunOptions(out=tmp_path), replace(STUB, name="first"), replace(STUB, name="second", answer=fail))
-    assert (tmp_path / "first" / "result.json").is_file()
-    assert not (tmp_path / "second").exists()
+        report(tmp_path, replace(STUB, answer=fail))
+    assert not (tmp_path / "stub").exists()
 
 
 def test_a_file_in_the_way_is_told(tmp_path: Path) -> None:
     (tmp_path / "stub").write_text("not a folder")
     with pytest.raises(ToolError, match="cannot write"):
-        reports(RunOptions(out=tmp_path), STUB)
+        report(tmp_path)
 
 
 def test_the_index_has_every_claim_of_the_experiments_that_have_results(tmp_path: Path) -> None:
-    reports(RunOptions(out=tmp_path), replace(STUB, name="fps"))
-    reports(RunOptions(out=tmp_path), replace(STUB, name="rq1"))
+    for name in ("fps", "rq1"):
+        report(tmp_path, replace(STUB, name=name))
     table = write_index(tmp_path)
     assert [tuple(row) for row in table.rows] == [(name, "fast", "slow", "differs") for name in ("rq1", "fps")]
     page = (tmp_path / "index.md").read_text()
     assert "| rq1 | fast | slow | differs |" in page
     assert "- [fps](fps/table.md), [figure](fps/figure.png): What is it?" in page
+
+
+def test_numbers_are_found_by_the_entries_of_other_columns_in_their_order() -> None:
+    rows = [("b", 2, 1.5, "x"), ("b", 1, None, "x"), ("a", 2, 3, "x")]
+    times_ms = pivot(pd.DataFrame(rows, columns=["sequence", "size", "time", "text"]), "sequence", "size", "time")
+    assert (list(times_ms.index), list(times_ms)) == (["b", "a"], [2, 1])
+    assert times_ms.loc["b", 2] == 1.5 and times_ms.loc["a", 2] == 3.0
+    assert times_ms[1].isna().all(), "one number is undefined, and one row is not in the table"
 
 
 def test_the_small_study_of_collisions_flies_few_runs_of_the_whole_one() -> None:
@@ -146,12 +146,12 @@ def test_names() -> None:
 
 
 def test_the_agreement_with_a_claim_is_one_word() -> None:
-    words = [Claim(paper="", found="", holds=holds).verdict for holds in (True, False, None)]
+    words = [Claim("", "", holds).verdict for holds in (True, False, None)]
     assert words == ["agrees", "differs", "open"]
 
 
 def test_the_verdict_counts_the_claims_that_agree() -> None:
-    claims = [Claim(paper="", found="", holds=holds) for holds in (True, True, False, None)]
+    claims = [Claim("", "", holds) for holds in (True, True, False, None)]
     assert verdict(claims) == "Of 4 claims of the paper, 2 agree, 1 differs, 1 is open."
     assert verdict(claims[2:3]) == "Of 1 claim of the paper, 1 differs."
     assert "no claim" in verdict([])

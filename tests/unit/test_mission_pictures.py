@@ -14,7 +14,7 @@ from scenarios.errors import ScenarioError
 from scenarios.flight import fly
 from scenarios.mission_pictures import draw_flight, flight_figure, take_picture
 from scenarios.runner import LONGEST_CORRECTOR, _create_first, _new_folder, fly_and_write, folder_name
-from scenarios.sensor_pictures import difficulty_along
+from scenarios.sensor_pictures import traversability_along
 from sim.bodies import Body, Box, Scene
 from sim.world import World
 
@@ -33,7 +33,7 @@ def test_a_place_is_as_hard_along_x_as_along_y() -> None:
                   for k, p in enumerate(at_m)]  # fmt: skip
         path_m = np.array([[-20.0, 0, 3], [20.0, 0, 3]])[:, turn]
         with World(Scene(seed=0, bodies=tuple(bodies)), np.empty((0, 3))) as world:
-            found.append(difficulty_along(world, path_m).traversability)
+            found.append(traversability_along(world, path_m))
     assert found[0] == pytest.approx(found[1], rel=0.02)
     assert found[0] < 39
 

@@ -81,7 +81,7 @@ def record_mine(path: str) -> Any:
                 "unknown key 'scenario' (did you mean scenarios",
                 "the key 'scenarios' is missing",
                 "seeds.count: expected at least 1, got 0",
-                "arms.0.depth: expected 'truth', 'noisy' or 'stereo', got 'sonar'",
+                "arms.0.depth: expected 'truth', 'noisy', 'fitted' or 'stereo', got 'sonar'",
                 "there is no corrector 'temproal' (did you mean temporal?)",
             ],
         ),

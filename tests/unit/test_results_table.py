@@ -96,13 +96,10 @@ def test_a_spreadsheet_runs_no_name(text: str, tmp_path: Path) -> None:
     assert list(csv.reader(io.StringIO(small.csv().decode(), newline="")))[1] == [f"'{text}", "-1.5"]
 
 
-def test_numbers_are_found_by_the_entries_of_other_columns_in_their_order() -> None:
-    rows = [("b", 2, 1.5, "x"), ("b", 1, None, "x"), ("a", 2, 3, "x")]
-    table = Table.of("title", ("sequence", "size", Column("time", "ms"), "text"), rows)
-    times_ms = table.pivot("sequence", "size", "time")
-    assert (list(times_ms.index), list(times_ms)) == (["b", "a"], [2, 1])
-    assert times_ms.loc["b", 2] == 1.5 and times_ms.loc["a", 2] == 3.0
-    assert times_ms[1].isna().all(), "one number is undefined, and one row is not in the table"
-    series = Table.of("title", ("sequence", Column("time", "ms")), [("b", 1.5), ("a", None)]).series("time")
-    assert list(series.index) == ["b", "a"]
-    assert series["b"] == 1.5 and series.isna()["a"]
+def test_the_headings_of_a_frame_say_how_its_numbers_are_written() -> None:
+    frame = pd.DataFrame({"name": ["a", "b"], "error [m]": [0.12345, math.nan], "n": [1, 2], "time [ms]": [1.5, 2.0]})
+    table = Table.of_frame("errors", frame)
+    assert table.texts == [["a", "0.123", "1", "1.50"], ["b", "-", "2", "2.00"]]
+    assert table.rows[1] == ["b", None, 2, 2.0] and type(table.rows[1][2]) is int
+    assert table.columns[1] == Column("error", "m", ".3f")
+    pd.testing.assert_frame_equal(table.frame().astype(frame.dtypes), frame)

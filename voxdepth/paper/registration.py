@@ -6,17 +6,18 @@ from enum import StrEnum
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import int64, types, uint64
-from numba.types import UniTuple
+from numba import int64, types, uint64, void
 from pydantic import Field
 
-from ..compiled import compiled
+from ..compiled import compiled, compiled_part
 from ..model import Model
 from ..types import FloatArray, FloatImage, GrayImage, resized
 
 Indices = npt.NDArray[np.intp]
 Descriptors = npt.NDArray[np.uint64]
 DESCRIPTORS_TYPE = types.Array(uint64, 2, "C", readonly=True)
+UNMATCHED = np.iinfo(np.int64).max
+"""Distance that is larger than any, and the index of no descriptor."""
 
 PYRAMID_LEVELS = 6
 """Sizes at which features are looked for, each 1.2 times smaller than the one before."""
@@ -169,13 +170,15 @@ def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, 
     """Indices into `a` and `b` of mutual nearest neighbours at a Hamming distance of at most `max_distance`."""
     if not (len(a.descriptors) and len(b.descriptors)):
         return np.empty(0, np.intp), np.empty(0, np.intp)
-    a_of_b, b_of_a, distance = _nearest(a.descriptors, b.descriptors)
+    a_of_b, distance_of_b = np.full((2, len(b.descriptors)), UNMATCHED)
+    b_of_a, distance = np.full((2, len(a.descriptors)), UNMATCHED)
+    _find_nearest(a.descriptors, b.descriptors, a_of_b, distance_of_b, b_of_a, distance)
     in_a = np.arange(len(b_of_a))
     good = (a_of_b[b_of_a] == in_a) & (distance <= max_distance)
     return in_a[good], b_of_a[good]
 
 
-@compiled(uint64(uint64))
+@compiled_part(uint64(uint64))
 def _count_bits(word: int) -> int:
     """The number of set bits of a word, summed in parallel: of pairs of bits, of their pairs, and so on."""
     word = word - ((word >> uint64(1)) & uint64(0x5555555555555555))
@@ -185,11 +188,20 @@ def _count_bits(word: int) -> int:
     return count
 
 
-@compiled(UniTuple(int64[::1], 3)(DESCRIPTORS_TYPE, DESCRIPTORS_TYPE))
-def _nearest(a: Descriptors, b: Descriptors) -> tuple[Indices, Indices, Indices]:
-    """Index of the nearest descriptor in a for each in b; that in b for each in a, and its Hamming distance."""
-    a_of_b, distance_of_b = np.zeros(len(b), np.int64), np.full(len(b), np.iinfo(np.int64).max)
-    b_of_a, distance_of_a = np.zeros(len(a), np.int64), np.full(len(a), np.iinfo(np.int64).max)
+@compiled(void(DESCRIPTORS_TYPE, DESCRIPTORS_TYPE, *[int64[::1]] * 4))
+def _find_nearest(
+    a: Descriptors,
+    b: Descriptors,
+    # output
+    a_of_b: Indices,
+    distance_of_b: Indices,
+    b_of_a: Indices,
+    distance_of_a: Indices,
+) -> None:
+    """Index of the nearest descriptor in a for each in b, that in b for each in a, and both Hamming distances.
+
+    The distances begin as numbers that are larger than any.
+    """
     for i in range(len(a)):
         for j in range(len(b)):
             distance = int64(0)
@@ -199,7 +211,6 @@ def _nearest(a: Descriptors, b: Descriptors) -> tuple[Indices, Indices, Indices]
                 distance_of_a[i], b_of_a[i] = distance, j
             if distance < distance_of_b[j]:
                 distance_of_b[j], a_of_b[j] = distance, i
-    return a_of_b, b_of_a, distance_of_a
 
 
 def resize_map(scale_x: float, scale_y: float) -> FloatArray:

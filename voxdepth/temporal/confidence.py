@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numba import boolean, float32, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part
 from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, GrayImage
 from .fusion import PixelClass
 from .memory import WEIGHT_UNIT
@@ -60,7 +60,7 @@ INPAINTED_ERROR_PX = 0.2
 """Mean absolute error of inpainted disparity where it is of the right surface."""
 
 
-@compiled(float32(float32, boolean))
+@compiled_part(float32(float32, boolean))
 def fill_probability(share: float, is_remembered: bool) -> float:
     """Probability in 0..1 that a hole is filled with the right surface, by the share of votes and doubt that is for it.
 

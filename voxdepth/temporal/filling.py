@@ -23,10 +23,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import boolean, float32, int32, int64, uint8, void
-from numba.types import Tuple, UniTuple
+from numba.types import UniTuple
 from pydantic import Field
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
 from ..model import Model
 from ..types import FloatImage, GrayImage
 from .confidence import DOUBT_SHARE, fill_probability
@@ -177,18 +177,20 @@ class Ballot(NamedTuple):
     """Disparity of each vote, shape (6, CHUNK)."""
     weight: FloatImage
     """Weight of each vote, shape (6, CHUNK); 0 = there is none."""
+    support: FloatImage
+    """Sum of the weights of the votes for the same surface, shape (6, CHUNK)."""
     result: FloatImage
-    """Disparity of the winner, its support, and the sum of all weights, shape (3, CHUNK)."""
+    """Disparity of the winner, its support, and the sum of all weights, shape (4, CHUNK); the last row is a buffer."""
 
 
 KNOWN = named_tuple(Known, *[FLOAT_IMAGE] * 4)
 RULES = named_tuple(Rules, *[float32] * 11)
-BALLOT = named_tuple(Ballot, FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
+BALLOT = named_tuple(Ballot, *[FLOAT_IMAGE] * 4)
 FILLED = named_tuple(Filled, PLACES, *[NUMBERS] * 3, uint8[::1])
 INPAINTED = named_tuple(Inpainted, FLOAT_IMAGE, FLOAT_IMAGE, BYTE_IMAGE)
 UNANIMOUS = float32(0.999)
 """Share of the votes from which on no vote is against."""
-WINNER, SUPPORT, TOTAL = range(3)
+WINNER, SUPPORT, TOTAL, SUMS = range(4)
 """Rows of `Ballot.result`."""
 
 
@@ -205,6 +207,7 @@ class HoleFiller:
         width_px = decimation * resolution.width_px
         self._rules = Rules.of(config, resolution.matched_px, decimation, width_px)
         self._border_rules = Rules.of(config, resolution.matched_px / decimation, 1, width_px)
+        self._ballot = Ballot(*(np.empty((n, CHUNK), np.float32) for n in (N_VOTES, N_VOTES, N_VOTES, 4)))
 
     def fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
         """Fill the holes of a frame with a measured depth [m] of shape (H, W).
@@ -222,8 +225,10 @@ class HoleFiller:
         np.copyto(inpainted.disparity_px, smooth_px, where=inpainted.disparity_px > 0)
         if self._resolution.decimation == 1:
             return inpainted, Filled.empty(place[:0])
-        border, number = find_border(known.disparity_px, filled, rays, depth_m, self._rules)
-        border_rays = Rays.empty(len(border))
+        border, number = np.empty((4 * len(place), 2), np.int32), np.empty(4 * len(place), np.int32)
+        n = find_border(known.disparity_px, filled, rays, depth_m, self._rules, border, number)
+        border, number = border[:n].copy(), number[:n].copy()
+        border_rays = Rays.empty(2 * AXES, n)
         focal_baseline_px_m = self._resolution.focal_baseline_px_m
         march(known.disparity_px, depth_m, focal_baseline_px_m, border, number, rays.steps, border_rays)
         return inpainted, self._vote(known, border, border_rays, self._border_rules, self._resolution.decimation)
@@ -232,7 +237,7 @@ class HoleFiller:
         """What holes are filled with, whose places are pixels of 1 / scale of a working pixel."""
         filled = Filled.empty(place)
         continue_lone_ends(known.disparity_px, place, scale, rules, rays)
-        fill_places(known, place, scale, rays, rules, filled)
+        fill_places(known, place, scale, rays, rules, self._ballot, filled)
         return filled
 
 
@@ -242,7 +247,7 @@ def find_blocks(unknown: GrayImage) -> GrayImage:
     return deep & np.uint8(1) | np.asarray(cv2.erode(deep, DEEPER_KERNEL), np.uint8) & np.uint8(3)
 
 
-@compiled(boolean(float32, float32, RULES))
+@compiled_part(boolean(float32, float32, RULES))
 def is_one_surface(one_px: float, other_px: float, rules: Rules) -> bool:
     """Whether two disparities are of one surface."""
     return abs(one_px - other_px) <= rules.agreement_px + rules.agreement_share * max(one_px, other_px)
@@ -270,7 +275,7 @@ def continue_lone_ends(
     The disparity becomes at least half of that at the end, and at most twice. A lone end with nothing known behind it
     is taken away: a speckle would paint a star.
     """
-    for ray in range(2 * AXES):
+    for ray in range(len(rays.steps)):
         sign, opposite = (1, ray + AXES) if ray < AXES else (-1, ray - AXES)
         down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
         ends_px, opposites_px = rays.end_px[ray], rays.end_px[opposite]
@@ -289,7 +294,7 @@ def continue_lone_ends(
                 rays.end_px[ray, k] = min(max(continued_px, end_px / float32(2)), end_px * float32(2))
 
 
-@compiled(UniTuple(float32, 2)(*[float32] * 4, int64, RULES))
+@compiled_part(UniTuple(float32, 2)(*[float32] * 4, int64, RULES))
 def vote_of(
     before_px: float, behind_px: float, to_before: float, to_behind: float, axis: int, rules: Rules
 ) -> tuple[float, float]:
@@ -310,7 +315,7 @@ def vote_of(
     return before_px, before_weight * (rules.shadow_factor if is_shadow else float32(1))
 
 
-@compiled(void(RAYS, int64, int64, int64, RULES, BALLOT))
+@compiled_part(void(RAYS, int64, int64, int64, RULES, BALLOT))
 def vote_along_axis(
     rays: Rays,
     first: int,
@@ -330,7 +335,7 @@ def vote_along_axis(
         weight[k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[1]
 
 
-@compiled(void(*[NUMBERS] * 3, int64, RULES, NUMBERS))
+@compiled_part(void(*[NUMBERS] * 3, int64, RULES, NUMBERS))
 def add_where_agreeing(
     one_px: Numbers,
     other_px: Numbers,
@@ -345,25 +350,34 @@ def add_where_agreeing(
         support[i] += weight[i] if is_one_surface(one_px[i], other_px[i], rules) else float32(0)
 
 
-@compiled(void(BALLOT, int64, RULES))
+@compiled_part(void(BALLOT, int64, RULES))
+def find_support(ballot: Ballot, n: int, rules: Rules) -> None:
+    """Add up the weights of the votes for one surface of each of n holes."""
+    for k in range(len(ballot.weight)):
+        for i in range(n):
+            ballot.support[k, i] = ballot.weight[k, i]
+    for one in range(len(ballot.weight)):
+        for other in range(one):
+            one_px, other_px = ballot.vote_px[one], ballot.vote_px[other]
+            add_where_agreeing(one_px, other_px, ballot.weight[other], n, rules, ballot.support[one])
+            add_where_agreeing(one_px, other_px, ballot.weight[one], n, rules, ballot.support[other])
+
+
+@compiled_part(void(BALLOT, int64, RULES))
 def count_votes(ballot: Ballot, n: int, rules: Rules) -> None:
     """Find the vote with the largest support of each of n holes, and the mean of its supporters."""
     winner_px, most, total = ballot.result[WINNER], ballot.result[SUPPORT], ballot.result[TOTAL]
-    support, sums = ballot.weight.copy(), np.zeros(n, np.float32)
-    for one in range(N_VOTES):
-        for other in range(one):
-            one_px, other_px = ballot.vote_px[one], ballot.vote_px[other]
-            add_where_agreeing(one_px, other_px, ballot.weight[other], n, rules, support[one])
-            add_where_agreeing(one_px, other_px, ballot.weight[one], n, rules, support[other])
-    winner_px[:n], most[:n], total[:n] = 0, 0, 0
-    for k in range(N_VOTES):
-        vote_px, weight, of_vote = ballot.vote_px[k], ballot.weight[k], support[k]
+    sums = ballot.result[SUMS]
+    for i in range(n):
+        winner_px[i], most[i], total[i], sums[i] = 0, 0, 0, 0
+    for k in range(len(ballot.weight)):
+        vote_px, weight, of_vote = ballot.vote_px[k], ballot.weight[k], ballot.support[k]
         for i in range(n):
             is_best = (of_vote[i] > most[i]) & (weight[i] > 0)
             winner_px[i] = vote_px[i] if is_best else winner_px[i]
             most[i] = of_vote[i] if is_best else most[i]
             total[i] += weight[i]
-    for k in range(N_VOTES):
+    for k in range(len(ballot.weight)):
         one_px, weight = ballot.vote_px[k], ballot.weight[k]
         for i in range(n):
             is_supporter = is_one_surface(one_px[i], winner_px[i], rules)
@@ -372,7 +386,7 @@ def count_votes(ballot: Ballot, n: int, rules: Rules) -> None:
         winner_px[i] += sums[i] / most[i] if most[i] > 0 else float32(0)
 
 
-@compiled(void(KNOWN, int64, int64, RULES, BALLOT, int64))
+@compiled_part(void(KNOWN, int64, int64, RULES, BALLOT, int64))
 def take_others(
     known: Known,
     row: int,
@@ -390,25 +404,26 @@ def take_others(
     ballot.weight[PREVIOUS, n] = rules.previous_weight if previous_px > 0 else float32(0)
 
 
-@compiled(void(KNOWN, PLACES, int64, RAYS, RULES, FILLED))
+@compiled(void(KNOWN, PLACES, int64, RAYS, RULES, BALLOT, FILLED))
 def fill_places(
     known: Known,
     place: Places,
     scale: int,
     rays: Rays,
     rules: Rules,
+    # in place
+    ballot: Ballot,
     # output
     filled: Filled,
 ) -> None:
     """Let holes vote, whose places are pixels of 1 / scale of a working pixel."""
-    votes, weights = np.empty((N_VOTES, CHUNK), np.float32), np.empty((N_VOTES, CHUNK), np.float32)
-    ballot = Ballot(votes, weights, np.empty((3, CHUNK), np.float32))
     for first in range(0, len(place), CHUNK):
         n = min(CHUNK, len(place) - first)
         for k in range(n):
             take_others(known, place[first + k, 0] // scale, place[first + k, 1] // scale, rules, ballot, k)
-        for axis in range(AXES):
+        for axis in range(len(rays.steps) // 2):
             vote_along_axis(rays, first, n, axis, rules, ballot)
+        find_support(ballot, n, rules)
         count_votes(ballot, n, rules)
         for k in range(n):
             winner_px, memory_px = ballot.result[WINNER, k], ballot.vote_px[MEMORY, k]
@@ -444,15 +459,22 @@ def paste(
                 inpainted.remembered[row, col] = inpainted.remembered[first_row, first_col]
 
 
-@compiled(Tuple((PLACES, int32[::1]))(FLOAT_IMAGE, FILLED, RAYS, READABLE_IMAGE, RULES))
+@compiled(int64(FLOAT_IMAGE, FILLED, RAYS, READABLE_IMAGE, RULES, PLACES, int32[::1]))
 def find_border(
-    known_px: FloatImage, filled: Filled, rays: Rays, depth_m: FloatImage, rules: Rules
-) -> tuple[Places, npt.NDArray[np.int32]]:
-    """The hole pixels of the frame in and beside measured working pixels, and the number of the hole of each.
+    known_px: FloatImage,
+    filled: Filled,
+    rays: Rays,
+    depth_m: FloatImage,
+    rules: Rules,
+    # output
+    border: Places,
+    hole: npt.NDArray[np.int32],
+) -> int:
+    """List the hole pixels of the frame in and beside measured working pixels, and the number of the hole of each.
 
-    Where all votes are for one surface, and it is the measured one, the working pixel is enough.
+    Where all votes are for one surface, and it is the measured one, the working pixel is enough. Returns how many there
+    are.
     """
-    border, hole = np.empty((4 * len(filled.place), 2), np.int32), np.empty(4 * len(filled.place), np.int32)
     n = 0
     for k in range(len(filled.place)):
         row, col = filled.place[k]
@@ -460,7 +482,7 @@ def find_border(
         if is_unanimous and (own_px == 0 or is_one_surface(own_px, filled.disparity_px[k], rules)):
             continue
         is_beside = own_px > 0
-        for ray in range(2 * AXES):
+        for ray in range(len(rays.steps)):
             is_beside |= rays.steps[ray, k] == 1
         if not is_beside:
             continue
@@ -468,4 +490,4 @@ def find_border(
             for u in range(2 * col, 2 * col + 2):
                 border[n, 0], border[n, 1], hole[n] = v, u, k
                 n += own_px == 0 or depth_m[v, u] <= 0
-    return border[:n].copy(), hole[:n].copy()
+    return n

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import float32, int32, int64, types, uint8, uint32, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part, named_tuple
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
 from .masks import above
@@ -86,6 +86,7 @@ class ForwardWarp:
         # A border of one pixel catches the points that fall outside of the image.
         self._keys = np.empty((height + 2, width + 2), np.uint32)
         self._marked_px = np.empty((height, width), np.float32)
+        self._target, self._key = np.empty((2, width), np.int32), np.empty(width, np.uint32)
         self._row, self._col = np.indices((height, width), np.float32)
 
     def warp(self, disparity_px: FloatImage, weight: GrayImage, T_target_source: FloatArray) -> Warped:
@@ -97,7 +98,7 @@ class ForwardWarp:
         backward = self._reprojection.of(inverse_rigid(T_target_source))
         warped = Warped.buffer(disparity_px.shape)
         self._keys.fill(0)
-        _splat(disparity_px, weight, forward, self._keys, self._marked_px)
+        _splat(disparity_px, weight, forward, self._target, self._key, self._keys, self._marked_px)
         _read_keys(self._keys, warped.disparity_px, warped.weight)
         closed_px = np.asarray(cv2.morphologyEx(warped.disparity_px, cv2.MORPH_CLOSE, CRACK_KERNEL), np.float32)
         closed_weight = np.asarray(cv2.morphologyEx(warped.weight, cv2.MORPH_CLOSE, CRACK_KERNEL), np.uint8)
@@ -123,7 +124,7 @@ def _row(matrix: FloatImage, axis: int) -> Row:
     return matrix[axis, 0], matrix[axis, 1], matrix[axis, 2], matrix[axis, 3]
 
 
-@compiled(float32(ROW_TYPE, int64, int64, float32))
+@compiled_part(float32(ROW_TYPE, int64, int64, float32))
 def _numerator(map_row: Row, row: int, col: int, disparity_px: float) -> float:
     """One row of `H (u, v, 1) + e D`."""
     of_col: float = map_row[0] * float32(col) + map_row[2]
@@ -131,7 +132,7 @@ def _numerator(map_row: Row, row: int, col: int, disparity_px: float) -> float:
     return map_row[3] * disparity_px + of_col + of_row
 
 
-@compiled(float32(ROW_TYPE, int64, int64, float32))
+@compiled_part(float32(ROW_TYPE, int64, int64, float32))
 def _inverse_depth_ratio(map_row: Row, row: int, col: int, disparity_px: float) -> float:
     """The inverse of the last row of the map; 0 for points behind the camera."""
     ratio = _numerator(map_row, row, col, disparity_px)
@@ -139,22 +140,26 @@ def _inverse_depth_ratio(map_row: Row, row: int, col: int, disparity_px: float) 
     return inverse
 
 
-@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, uint32[:, ::1], FLOAT_IMAGE))
+@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, int32[:, ::1], uint32[::1], uint32[:, ::1], FLOAT_IMAGE))
 def _splat(
     disparity_px: FloatImage,
     weight: GrayImage,
     forward: FloatImage,
+    # in place
+    target: npt.NDArray[np.int32],
+    key: npt.NDArray[np.uint32],
     # output
     keys: npt.NDArray[np.uint32],
     marked_px: FloatImage,
 ) -> None:
     """Write each pixel to the z-buffer, whose keys are disparity first and weight second, and start at 0.
 
-    The second output is the disparity with `HOLE_PX` in holes.
+    The second output is the disparity with `HOLE_PX` in holes. The places and keys of a row are known before any of
+    them is written.
     """
     height, width = disparity_px.shape
     forward_x, forward_y, forward_z = _row(forward, 0), _row(forward, 1), _row(forward, 2)
-    target_row, target_col, key = np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width, np.uint32)
+    target_row, target_col = target[0], target[1]
     for row in range(height):
         for col in range(width):
             pixel_px = disparity_px[row, col]

@@ -10,7 +10,7 @@ from numba import boolean, float32, int64, uint8, void
 from numba.types import Tuple
 from pydantic import Field
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part, named_tuple
 from ..model import Model
 from ..types import FloatImage, GrayImage
 from .masks import box_mean
@@ -230,7 +230,7 @@ def _compare(memory: Memory, measurement: Measurement, rules: Rules, drift_px: F
     return Comparison(agreeing, nearer, farther, memory_factor)
 
 
-@compiled(float32(float32, float32, RULES_TYPE))
+@compiled_part(float32(float32, float32, RULES_TYPE))
 def _tolerance(measured_px: float, remembered_px: float, rules: Rules) -> float:
     """Difference up to which both disparities may be of one surface."""
     return rules.tolerance_px + rules.relative_tolerance * max(measured_px, remembered_px)
@@ -318,7 +318,7 @@ def _update_drift(
             factor[row, col] = max(np.float32(1) - approach * approach, np.float32(0))
 
 
-@compiled(Tuple((int64, float32, float32, int64))(PIXEL_TYPE, RULES_TYPE))
+@compiled_part(Tuple((int64, float32, float32, int64))(PIXEL_TYPE, RULES_TYPE))
 def _fuse_pixel(pixel: Pixel, rules: Rules) -> tuple[int, float, float, int]:
     """Class of a pixel, its fused disparity, and the disparity and weight of its memory after this frame.
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import float64, int64, void
 from numba.types import Tuple, UniTuple
 
-from ..compiled import compiled
+from ..compiled import compiled, compiled_part
 from ..geometry import compose, exp_se3, inverse_rigid, log_se3, solve_symmetric
 from ..types import FloatArray, Intrinsics
 
@@ -93,7 +93,7 @@ def lens_of(camera: Intrinsics) -> Lens:
     return camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
 
 
-@compiled(UniTuple(float64, 5)(MATRIX, MATRIX, MATRIX, LENS_TYPE, int64))
+@compiled_part(UniTuple(float64, 5)(MATRIX, MATRIX, MATRIX, LENS_TYPE, int64))
 def _project_point(
     points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens, k: int
 ) -> tuple[float, float, float, float, float]:
@@ -107,7 +107,7 @@ def _project_point(
     return fx * x + cx - observed_px[k, 0], fy * y + cy - observed_px[k, 1], x, y, z
 
 
-@compiled(float64[::1](MATRIX, MATRIX, MATRIX, LENS_TYPE))
+@compiled_part(float64[::1](MATRIX, MATRIX, MATRIX, LENS_TYPE))
 def _residual_lengths(points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens) -> FloatArray:
     """Reprojection error of each point [px], shape (N,)."""
     length_px = np.empty(len(points_m))
@@ -117,7 +117,7 @@ def _residual_lengths(points_m: FloatArray, observed_px: FloatArray, T: FloatArr
     return length_px
 
 
-@compiled(Tuple((MATRIX, float64[::1]))(MATRIX, MATRIX, MATRIX, LENS_TYPE, float64))
+@compiled_part(Tuple((MATRIX, float64[::1]))(MATRIX, MATRIX, MATRIX, LENS_TYPE, float64))
 def _normal_equations(
     points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens, scale_px: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -146,7 +146,7 @@ def _normal_equations(
     return H, gradient
 
 
-@compiled("UniTuple(i8, 2)(f8[::1], i8, i8)")
+@compiled_part("UniTuple(i8, 2)(f8[::1], i8, i8)")
 def _partition(values: FloatArray, first: int, last: int) -> tuple[int, int]:
     """Move the smaller values of a range before the larger ones: i and j with [first..j] <= [i..last], and j < i."""
     pivot, i, j = values[(first + last) // 2], first, last
@@ -178,7 +178,7 @@ def _median(values: FloatArray) -> float:
     return (lower + upper) / 2
 
 
-@compiled(void(MATRIX, MATRIX, float64[::1], float64, MATRIX, float64[::1]))
+@compiled_part(void(MATRIX, MATRIX, float64[::1], float64, MATRIX, float64[::1]))
 def _add_known(
     T: FloatArray,
     T_source_target: FloatArray,

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import boolean, float32, int32, int64, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
 from ..types import FloatImage, GrayImage
 from .working_resolution import disparity_of
 
@@ -30,9 +30,9 @@ class Rays(NamedTuple):
     """Number of steps to the end, float32; infinite if it leaves the image."""
 
     @classmethod
-    def empty(cls, n: int) -> "Rays":
-        """The rays of n holes, without values yet."""
-        return cls(np.empty((2 * AXES, n), np.float32), np.empty((2 * AXES, n), np.float32))
+    def empty(cls, n_rays: int, n: int) -> "Rays":
+        """Some rays of n holes, without values yet."""
+        return cls(np.empty((n_rays, n), np.float32), np.empty((n_rays, n), np.float32))
 
 
 PLACES, NUMBERS = int32[:, ::1], float32[::1]
@@ -41,58 +41,77 @@ RAYS = named_tuple(Rays, FLOAT_IMAGE, FLOAT_IMAGE)
 
 def trace_rays(known_px: FloatImage, place: Places) -> Rays:
     """The rays from places, which are in the order of rows, to the pixels with a disparity, shape (h, w)."""
-    rays, start = Rays.empty(len(place)), np.searchsorted(place[:, 0], np.arange(len(known_px) + 1))
+    rays, start = Rays.empty(2 * AXES, len(place)), np.searchsorted(place[:, 0], np.arange(len(known_px) + 1))
+    told, following = (Rays.empty(AXES, known_px.shape[1] + 2) for _ in range(2))
     for is_backward in (False, True):
-        trace(known_px, place, start, is_backward, rays)
+        told.end_px.fill(0)
+        told.steps.fill(INFINITE)
+        following.end_px.fill(0)
+        following.steps.fill(INFINITE)
+        trace(known_px, place, start, is_backward, told, following, rays)
     return rays
 
 
-@compiled(PLACES(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE, int64))
 def find_holes(hole: GrayImage, block: GrayImage, depth_m: FloatImage, decimation: int) -> Places:
     """The working pixels that are holes or contain one, row by row, shape (N, 2).
 
     Of each block of pixels that vote as one, that is the first; see `find_blocks`. The images have shape (h, w).
     """
-    height, width = hole.shape
-    place = np.empty((height * width, 2), np.int32)
+    place = np.empty((hole.size, 2), np.int32)
+    return place[: _list_holes(hole, block, depth_m, decimation, place)].copy()
+
+
+@compiled(int64(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE, int64, PLACES))
+def _list_holes(
+    hole: GrayImage,
+    block: GrayImage,
+    depth_m: FloatImage,
+    decimation: int,
+    # output
+    place: Places,
+) -> int:
+    """List the holes of an image, and return their number."""
     n = 0
-    for row in range(height):
-        for col in range(width):
+    for row in range(hole.shape[0]):
+        for col in range(hole.shape[1]):
             is_hole = hole[row, col] > 0
             if decimation == 2 and not is_hole:
                 upper_m, lower_m = depth_m[2 * row], depth_m[2 * row + 1]
                 is_hole = min(upper_m[2 * col], upper_m[2 * col + 1], lower_m[2 * col], lower_m[2 * col + 1]) <= 0
             place[n, 0], place[n, 1] = row, col
             n += is_hole and ((row | col) & block[row, col] == 0)
-    return place[:n].copy()
+    return n
 
 
-@compiled(void(FLOAT_IMAGE, PLACES, int64[::1], boolean, RAYS))
+@compiled(void(FLOAT_IMAGE, PLACES, int64[::1], boolean, RAYS, RAYS, RAYS))
 def trace(
     known_px: FloatImage,
     place: Places,
     start: npt.NDArray[np.int64],
     is_backward: bool,
+    # in place
+    told: Rays,
+    following: Rays,
     # output
     rays: Rays,
 ) -> None:
     """Find the ends of the rays of all holes before them or, from the last row to the first, behind them.
 
-    Each pixel tells the next ones, of its row and of the next row, what it knows, or else what it was told itself. The
-    holes of a row start at a number, and the last number is that of all holes.
+    Each pixel tells the next ones, of its row and of the next row, what it knows, or else what it was told itself: both
+    have shape (4, w + 2), and begin without ends. The holes of a row start at a number, and the last number is that of
+    all holes.
     """
     height, width = known_px.shape
     first_ray, direction = (AXES, -1) if is_backward else (0, 1)
-    told_px, next_px = np.zeros((AXES, width + 2), np.float32), np.zeros((AXES, width + 2), np.float32)
-    told_steps, next_steps = np.full((AXES, width + 2), INFINITE), np.full((AXES, width + 2), INFINITE)
+    told_px, told_steps, next_px, next_steps = told.end_px, told.steps, following.end_px, following.steps
     for k in range(height):
         row = height - 1 - k if is_backward else k
         tell_along_row(known_px[row], is_backward, told_px[0, 1:-1], told_steps[0, 1:-1])
         first, last = start[row], start[row + 1]
-        for axis in range(AXES):
+        for axis in range(len(told_px)):
             take(told_px[axis, 1:-1], place[first:last], rays.end_px[first_ray + axis, first:last])
             take(told_steps[axis, 1:-1], place[first:last], rays.steps[first_ray + axis, first:last])
-        for axis in range(1, AXES):
+        for axis in range(1, len(told_px)):
             col = 1 - direction * COLS[axis]
             tell(
                 known_px[row], told_px[axis, 1:-1], told_steps[axis, 1:-1], next_px[axis, col:], next_steps[axis, col:]
@@ -102,7 +121,7 @@ def trace(
         told_px, next_px, told_steps, next_steps = next_px, told_px, next_steps, told_steps
 
 
-@compiled(void(NUMBERS, boolean, NUMBERS, NUMBERS))
+@compiled_part(void(NUMBERS, boolean, NUMBERS, NUMBERS))
 def tell_along_row(
     own_px: Numbers,
     is_backward: bool,
@@ -160,7 +179,7 @@ def march(
 ) -> None:
     """Follow the rays of single pixels through the frame, from shortly before the ends of those of their hole."""
     height, width = 2 * known_px.shape[0], 2 * known_px.shape[1]
-    for ray in range(2 * AXES):
+    for ray in range(len(rays.steps)):
         sign = 1 if ray < AXES else -1
         down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
         for k in range(len(border)):

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numba import boolean, float32, int64, uint8, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
 from ..geometry import fill_from_nearest
 from ..image_pool import ImagePool
 from ..types import FloatImage, GrayImage, Source
@@ -92,7 +92,7 @@ def completed(shown: Shown) -> Shown:
     return Shown(depth_m, source, np.where(is_guessed, NO_VOTE, shown.confidence))
 
 
-@compiled(void(SHOWN_TYPE, int64, int64, float32, boolean, uint8, float32, float32))
+@compiled_part(void(SHOWN_TYPE, int64, int64, float32, boolean, uint8, float32, float32))
 def _show_pixel(
     shown: Shown,
     row: int,

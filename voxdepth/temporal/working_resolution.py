@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import float32
 
-from ..compiled import compiled
+from ..compiled import compiled, compiled_part
 from ..types import FloatArray, FloatImage, Intrinsics, resized
 
 MAX_DISPARITY_PX = float32(1000)
@@ -18,7 +18,7 @@ MAX_FULL_RESOLUTION_PX = 200_000
 """Images of more pixels are halved by default, so that the method keeps up with a camera."""
 
 
-@compiled("f4(f4, f4)")
+@compiled_part("f4(f4, f4)")
 def disparity_of(depth_m: float, focal_baseline_px_m: float) -> float:
     """Disparity [px] of a depth [m]; 0 = invalid in both."""
     disparity_px = focal_baseline_px_m / depth_m

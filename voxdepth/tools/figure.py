@@ -136,6 +136,17 @@ def plotted(frame: "pd.DataFrame", title: str, x: str, y: str, **style: Any) -> 
     return draw
 
 
+def image_shown(title: str, image: Any, **style: Any) -> Draw:
+    """Return a panel with an image without axes; `style` is that of `Axes.imshow`."""
+
+    def draw(axes: "Axes") -> None:
+        axes.imshow(image, **style)
+        axes.set_title(title, fontsize=8, parse_math=False)
+        axes.set_axis_off()
+
+    return draw
+
+
 def add_shared_legend(figure: "Figure") -> None:
     """Put one legend of all panels below them in the place of their own; the figure grows for it.
 

@@ -21,6 +21,8 @@ MISSING = "-"
 """Text of an entry that is None or NaN."""
 FORMULA = ("=", "+", "-", "@", "\t")
 """How a text begins that a spreadsheet takes for a formula."""
+NUMBERS = {"": ".3f", "m": ".3f", "%": ".1f", "dB/%^2": ".4f"}
+"""How numbers of a frame are written, by their unit; others have two decimal places."""
 TERMINAL_WIDTH = 400
 """Characters in a line of a printed table that are never reached: squeezing it would cut its numbers."""
 
@@ -45,6 +47,12 @@ class Column:
     """Empty for a name, a count or a ratio."""
     number: str | Callable[[float], str] = ".2f"
     """Format specification of floating-point numbers, or a function that writes one; files keep all digits."""
+
+    @classmethod
+    def of(cls, heading: str) -> Self:
+        """Return the column of a heading of a frame, as in `time [ms]`."""
+        name, _, unit = heading.removesuffix("]").partition(" [")
+        return cls(name, unit, NUMBERS.get(unit, ".2f"))
 
     @property
     def heading(self) -> str:
@@ -97,6 +105,12 @@ class Table:
         marks = None if classes is None else tuple(map(tuple, classes))
         return cls(title=title, columns=named, rows=[list(row) for row in rows], note=note, name=name, classes=marks)
 
+    @classmethod
+    def of_frame(cls, title: str, frame: "pd.DataFrame", *, note: str = "", name: str = "table") -> Self:
+        """Build a table from a frame whose columns are headings with their units, without its index."""
+        rows = frame.astype(object).where(frame.notna(), None).to_numpy().tolist()
+        return cls.of(title, [Column.of(heading) for heading in frame], rows, note=note, name=name)
+
     def __len__(self) -> int:
         return len(self.rows)
 
@@ -126,23 +140,6 @@ class Table:
         import pandas as pd
 
         return pd.DataFrame(list(self.rows), columns=self.headings, dtype=object)
-
-    def series(self, name: str) -> "pd.Series":
-        """The numbers of a column by the entries of the first one; NaN where undefined."""
-        import pandas as pd
-
-        return pd.Series(self.column(name), self.column(self.columns[0].name), dtype=float)
-
-    def pivot(self, rows: str, columns: str, values: str) -> "pd.DataFrame":
-        """The numbers of one column by the entries of two others, in the order of the table; NaN where undefined.
-
-        All three are names without units, and no pair of entries of `rows` and `columns` may occur twice.
-        """
-        import pandas as pd
-
-        by = pd.DataFrame({name: self.column(name) for name in (rows, columns, values)})
-        found = by.pivot(index=rows, columns=columns, values=values).astype(float)
-        return found.reindex(index=by[rows].unique(), columns=by[columns].unique())
 
     def is_numeric(self, place: int) -> bool:
         """Return whether a column has a unit or holds a number."""

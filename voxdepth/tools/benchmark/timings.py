@@ -1,87 +1,48 @@
-"""Latency of librealsense's filters and of the correctors, each frame with all of them in turn on one core."""
+"""Latency of the correctors, each frame with all of them in turn on one core."""
 
 import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from types import MappingProxyType
 
 import cv2
 import numpy as np
 
 from ... import TemporalCorrector, VoxDepth
 from ...baselines.learned import Learned
+from ...baselines.realsense import RealSenseChain
 from ...corrector import StreamCorrector
 from ...devices import cuda_devices
-from ...model import Model
 from ...networks import has_runtime
 from ...paper.config import VoxDepthConfig
-from ...types import Frame, Intrinsics
-from ..provenance import Provenance
+from ...types import DepthCorrector, Frame, Intrinsics
 from ..table import Column, Table, Value
 from .frames import FrameLoop
-from .librealsense import Librealsense
 
-LIBREALSENSE, FRAME = "librealsense", "whole frame"
+FRAME = "whole frame"
 WARM_UP_FRAMES = 20
 """Frames before the clock starts: caches and clock rates need them."""
-PERCENTILES = tuple(Column(name, "ms") for name in ("p50", "p95", "p99", "max"))
+PERCENTILES = {"p50_ms": 50, "p95_ms": 95, "p99_ms": 99, "max_ms": 100}
+Method = Callable[[Frame], Mapping[str, float]]
+"""Processes a frame and returns the times [s] of its steps, and of the whole as `FRAME`."""
+Latencies = dict[str, dict[str, dict[str, float]]]
+"""Percentiles and `n` by method and step, whose last one is `FRAME`."""
 
 
-class Latency(Model):
-    """Percentiles of a series of times, in milliseconds, linear between the samples."""
-
-    n: int
-    """Sample size."""
-    p50_ms: float
-    p95_ms: float
-    p99_ms: float
-    max_ms: float
-
-    @classmethod
-    def of(cls, times_s: Sequence[float]) -> "Latency":
-        """Percentiles of at least one time in seconds."""
-        p50, p95, p99, largest = (float(ms) for ms in 1e3 * np.percentile(times_s, (50, 95, 99, 100)))
-        return cls(n=len(times_s), p50_ms=p50, p95_ms=p95, p99_ms=p99, max_ms=largest)
-
-    @property
-    def row(self) -> tuple[float, ...]:
-        """The percentiles in the order of `PERCENTILES`."""
-        return self.p50_ms, self.p95_ms, self.p99_ms, self.max_ms
+def percentiles(times_s: Sequence[float]) -> dict[str, float]:
+    """Percentiles of at least one time in seconds, linear between the samples, and the sample size `n`."""
+    values_ms = 1e3 * np.percentile(times_s, list(PERCENTILES.values()))
+    return {"n": len(times_s), **dict(zip(PERCENTILES, values_ms.tolist(), strict=True))}
 
 
-class Timings(Model):
-    """Latency of every method on the same frames of one size."""
-
-    size: str
-    methods: dict[str, dict[str, Latency]]
-    """By method and step, where the last step is `FRAME`. librealsense comes first, where it is installed."""
-
-    def tables(self) -> Iterator[Table]:
-        """A table of the methods, and one of the steps of each corrector."""
-        frames = {name: steps[FRAME] for name, steps in self.methods.items()}
-        first = next(iter(frames.values()))
-        rows: list[Sequence[Value]] = [(name, *one.row, one.p50_ms / first.p50_ms) for name, one in frames.items()]
-        yield Table.of(f"methods, {self.size}, one core, each frame in turn", ("method", *PERCENTILES, "ratio"), rows)
-        for name, steps in self.methods.items():
-            if len(steps) > 1:
-                rows = [(step, *one.row, one.n) for step, one in steps.items()]
-                yield Table.of(f"{name}, {self.size}", ("step", *PERCENTILES, "frames"), rows)
-
-
-class BenchmarkResults(Model):
-    """What `voxdepth bench` measures."""
-
-    provenance: Provenance
-    timings: list[Timings]
-    """By image size."""
-
-
-def measure(loop: FrameLoop, frames: int) -> Timings:
-    """Correct each frame of a loop with each method in turn, after `WARM_UP_FRAMES` others."""
+def measure(loop: FrameLoop, frames: int, others: Mapping[str, Method] = MappingProxyType({})) -> Latencies:
+    """Correct each frame of a loop with each method in turn, after `WARM_UP_FRAMES` frames: with others, then ours."""
     with one_core():
         correctors = _correctors(loop.intrinsics)
-        methods = _librealsense(loop.intrinsics) | {name: _timed(each) for name, each in correctors.items()}
+        methods = {**others, "realsense": _timed(RealSenseChain(loop.intrinsics))}
+        methods |= {name: _timed(each) for name, each in correctors.items()}
         times_s: dict[str, dict[str, list[float]]] = {name: defaultdict(list) for name in methods}
         for k, frame in enumerate(loop.play(WARM_UP_FRAMES + frames)):
             for name, method in methods.items():
@@ -90,8 +51,23 @@ def measure(loop: FrameLoop, frames: int) -> Timings:
                         times_s[name][step].append(time_s)
         for corrector in correctors.values():
             corrector.close()
-    latencies = {name: {step: Latency.of(s) for step, s in steps.items()} for name, steps in times_s.items()}
-    return Timings(size=loop.size, methods=latencies)
+    return {name: {step: percentiles(series) for step, series in steps.items()} for name, steps in times_s.items()}
+
+
+def tables(size: str, methods: Latencies) -> Iterator[Table]:
+    """A table of the methods, and one of the steps of each corrector."""
+    columns = [Column(name.removesuffix("_ms"), "ms") for name in PERCENTILES]
+    first_ms = next(iter(methods.values()))[FRAME]["p50_ms"]
+
+    def row(name: str, latency: Mapping[str, float], last: float) -> list[Value]:
+        return [name, *(latency[percentile] for percentile in PERCENTILES), last]
+
+    rows = [row(name, steps[FRAME], steps[FRAME]["p50_ms"] / first_ms) for name, steps in methods.items()]
+    yield Table.of(f"methods, {size}, one core, each frame in turn", ("method", *columns, "ratio"), rows)
+    for name, steps in methods.items():
+        if len(steps) > 1:
+            rows = [row(step, latency, latency["n"]) for step, latency in steps.items()]
+            yield Table.of(f"{name}, {size}", ("step", *columns, "frames"), rows)
 
 
 def _correctors(intrinsics: Intrinsics) -> dict[str, StreamCorrector]:
@@ -103,30 +79,10 @@ def _correctors(intrinsics: Intrinsics) -> dict[str, StreamCorrector]:
     }
     if cuda_devices():
         found["voxdepth, cuda"] = VoxDepth(intrinsics, paper.model_copy(update={"device": "cuda"}))
-    if has_runtime():
-        found["learned"] = Learned(intrinsics)
-    return found
+    return found | ({"learned": Learned(intrinsics)} if has_runtime() else {})
 
 
-def _librealsense(intrinsics: Intrinsics) -> dict[str, Callable[[Frame], Mapping[str, float]]]:
-    """The recommended filters of librealsense, if it is installed; to make its frame takes no time."""
-    with suppress(ImportError, OSError):
-        sdk = Librealsense(intrinsics)
-        filters = sdk.recommended_filters()
-
-        def process(frame: Frame) -> Mapping[str, float]:
-            shown = sdk.frame(sdk.units(frame.depth_m))
-            start = time.perf_counter()
-            sdk.filtered(shown, filters)
-            return {FRAME: time.perf_counter() - start}
-
-        return {LIBREALSENSE: process}
-    return {}
-
-
-def _timed(corrector: StreamCorrector) -> Callable[[Frame], Mapping[str, float]]:
-    """A function that corrects a frame and returns the times [s] of its steps and of the whole."""
-
+def _timed(corrector: DepthCorrector) -> Method:
     def process(frame: Frame) -> Mapping[str, float]:
         start = time.perf_counter()
         corrected = corrector.process(frame)

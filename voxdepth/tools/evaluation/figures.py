@@ -1,6 +1,6 @@
 """The figures of the report: every axis has its unit, every panel its sample size."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import pandas as pd
 from ... import registry
 from ...colors import colored, far_end_m
 from ...types import FloatImage
-from ..figure import MARKERS, Draw, Picture, label_axes, legend_label, line_color, log_scale, panels
+from ..figure import MARKERS, Picture, image_shown, label_axes, legend_label, line_color, log_scale, panels
 from .groups import BINS, NEAR
 from .measurements import FILLED, Selector, of_frames
 from .methods import ORACLE
@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 
 SHOWN = ("raw", "voxdepth", "temporal", "realsense", "lmeds", "flow", "ip-basic", "global-smoother", ORACLE, "learned")
 """Methods that lines and points are drawn of where more took part; if none of these did, the first ones that did."""
-PANEL_COLUMNS, PANEL_IN = 3, (4.3, 3.5)
-WIDEST_PANEL_IN = 7.0
-"""Width of the panel of a single sequence."""
+PANEL_COLUMNS, PANEL_IN, WIDEST_PANEL_IN = 3, (4.3, 3.5), 7.0
+"""Panels side by side, their width and height, and the width of the panel of a single sequence."""
 ERROR_MAP_COLUMNS, ERROR_MAP_WIDTH_IN = 4, 2.6
 ERROR_SHARE = 0.08
 """End of the scale of error maps, as a share of that of the depth beside them."""
@@ -46,25 +45,21 @@ def shown_methods(evaluation: Evaluation) -> list[str]:
     return [name for name in SHOWN if name in present] or present[: len(SHOWN)]
 
 
-def method_styles(evaluation: Evaluation) -> dict[str, dict[str, Any]]:
-    """Return colour, marker and label of each method: the same in all figures, for those of `SHOWN` in all reports."""
-    names = dict.fromkeys((*SHOWN, *evaluation.methods))
-    return {
-        name: {"color": line_color(k), "marker": MARKERS[k % len(MARKERS)], "label": legend_label(registry.title(name))}
-        for k, name in enumerate(names)
-    }
-
-
 def error_against_range(evaluation: Evaluation) -> list[Picture]:
     """Draw the mean absolute error by range, one panel per sequence."""
-    styles = method_styles(evaluation)
+    styles, methods = _styles(evaluation), shown_methods(evaluation)
+
+    def data_of(info: SequenceInfo) -> pd.DataFrame:
+        """The errors [m] of the methods (columns) by bin."""
+        selectors = [Selector("mae", info.independent, name) for name in BINS]
+        values = pd.DataFrame([_of_sequence(evaluation, info, one)["value"] for one in selectors], range(len(BINS)))
+        values = values[[name for name in methods if name in values]]
+        return values[values > 0].dropna(axis=0, how="all").dropna(axis=1, how="all")
 
     def draw(info: SequenceInfo, values: pd.DataFrame, axes: "Axes") -> None:
-        mask = info.independent
-        for name in values.index:
-            line = values.loc[name].dropna()
-            axes.plot(line.index, line, ms=4, **styles[name])
-        first, last = values.columns.min(), values.columns.max()
+        mask, first, last = info.independent, values.index.min(), values.index.max()
+        for name in values:
+            axes.plot(values[name].dropna(), ms=4, **styles[name])
         counts = [f"{name}\n{count_text(info.pixels[mask].get(name, 0))}" for name in BINS[first : last + 1]]
         axes.set_xticks(range(first, last + 1), counts, fontsize=7)
         axes.set_xlim(first - 0.3, last + 0.3)
@@ -72,80 +67,69 @@ def error_against_range(evaluation: Evaluation) -> list[Picture]:
         depth = f"depth by {info.reference_name}" if mask == "all" else f"depth of held-out {mask.replace('-', ' ')}"
         label_axes(axes, info.name, f"{depth}, and pixels n", "MAE [m]")
 
-    return _panels(
-        evaluation,
-        partial(_errors_by_range, evaluation),
-        draw,
-        "Error against range",
-        "The mean absolute error after completion by the nearest valid pixel is that of all pixels by their "
-        "true depth or, without the truth, that of held-out pixels by their measured depth; n is the number of pixels "
-        "of a bin over all frames.",
+    caption = (
+        "The mean absolute error after completion by the nearest valid pixel is that of all pixels by their true depth "
+        "or, without the truth, that of held-out pixels by their measured depth; n is the number of pixels of a bin "
+        "over all frames."
     )
+    return _panels(evaluation, data_of, draw, "Error against range", caption)
 
 
 def error_against_latency(evaluation: Evaluation) -> list[Picture]:
     """Draw error against time, one panel per sequence, with the Pareto front."""
-    styles = method_styles(evaluation)
+    styles = _styles(evaluation)
+
+    def data_of(info: SequenceInfo) -> pd.DataFrame:
+        """Time [ms] and error [m] of the methods that have both."""
+        selectors = of_frames("latency_p50"), of_frames("latency_background"), Selector("mae", info.hidden)
+        waiting_ms, background_ms, error_m = (_of_sequence(evaluation, info, one)["value"] for one in selectors)
+        points = pd.concat([waiting_ms.add(background_ms, fill_value=0), error_m], axis=1).dropna()
+        return points.reindex([name for name in evaluation.methods if name in points.index])
 
     def draw(info: SequenceInfo, points: pd.DataFrame, axes: "Axes") -> None:
-        for name in points.index:
-            x_ms, y_m = points.loc[name]
+        for name, x_ms, y_m in points.itertuples(name=None):
             axes.scatter([x_ms], [y_m], s=22, **styles[name])
-        front = pareto_front(list(points.drop(ORACLE, errors="ignore").itertuples(index=False, name=None)))
-        if front:
+        if front := pareto_front(list(points.drop(ORACLE, errors="ignore").itertuples(index=False, name=None))):
             axes.plot(*zip(*front, strict=True), color="0.6", lw=1, zorder=0)
         log_scale(axes, "x")
         log_scale(axes, "y")
         n = count_text(info.pixels[info.hidden].get(NEAR, 0))
-        x, y = (
-            f"time per frame of {info.size} [ms], n = {info.frames}",
-            f"MAE in {info.hidden.replace('-', ' ')} [m],\nn = {n} pixels",
-        )
-        label_axes(axes, info.name, x, y)
+        x = f"time per frame of {info.size} [ms], n = {info.frames}"
+        label_axes(axes, info.name, x, f"MAE in {info.hidden.replace('-', ' ')} [m],\nn = {n} pixels")
 
-    return _panels(
-        evaluation,
-        partial(_errors_by_time, evaluation),
-        draw,
-        "Error against latency",
-        "The error is the mean absolute error after completion of surfaces within 20 m where the sensor has no "
-        "depth, or where its depth was held out. The time is the median time per frame with OpenCV on one thread plus "
-        "the mean CPU time of the method's own threads. The grey line is the Pareto front: no method beats these in "
-        f"both. {ORACLE} is an oracle and does not compete.",
+    caption = (
+        "The error is the mean absolute error after completion of surfaces within 20 m where the sensor has no depth, "
+        "or where its depth was held out. The time is the median time per frame with OpenCV on one thread plus the "
+        "mean CPU time of the method's own threads. The grey line is the Pareto front: no method beats these in both. "
+        f"{ORACLE} is an oracle and does not compete."
     )
+    return _panels(evaluation, data_of, draw, "Error against latency", caption)
 
 
 def reliability(evaluation: Evaluation) -> list[Picture]:
     """Draw the share of correct pixels by confidence, one panel per sequence."""
-    shown, correct = shown_methods(evaluation), _correct_by_confidence(evaluation)
-    methods = [name for name in calibrated_methods(evaluation) if name in shown]
-    correct = correct[correct["method"].isin(methods)]
-    styles = method_styles(evaluation)
+    correct, shown, styles = _correct_by_confidence(evaluation), shown_methods(evaluation), _styles(evaluation)
+    correct = correct[correct["method"].isin(set(calibrated_methods(evaluation)) & set(shown))]
 
     def draw(info: SequenceInfo, bins_of_all: pd.DataFrame, axes: "Axes") -> None:
-        totals = bins_of_all.groupby("method")["n"].sum().astype(int)
-        for name in methods:
-            bins = bins_of_all[bins_of_all["method"] == name]
-            if bins.empty:
-                continue
+        totals = bins_of_all.groupby("method")["n"].sum()
+        for name, bins in bins_of_all.groupby("method", sort=False):
             x = np.maximum(0, (bins["bin"] - 0.5) / 10)
-            axes.plot(x, 100 * bins["value"], ms=4, **styles[name])
-            axes.plot(x, 100 * bins["n"] / totals[name], ":", color=styles[name]["color"], lw=0.8)
-        axes.set_xlim(-0.03, 1)
-        axes.set_ylim(0, 100)
-        n = range_text(totals.min(), totals.max())
+            axes.plot(x, 100 * bins["value"], ms=4, **styles[str(name)])
+            axes.plot(x, 100 * bins["n"] / totals[name], ":", color=styles[str(name)]["color"], lw=0.8)
+        axes.set(xlim=(-0.03, 1), ylim=(0, 100))
+        n = range_text(int(totals.min()), int(totals.max()))
         label_axes(axes, info.name, f"confidence, n = {n} pixels", "pixels that are correct [%]")
 
-    return _panels(
-        evaluation,
-        lambda info: correct[correct["sequence"] == info.name],
-        draw,
-        "Confidence against errors",
-        f"Pixels that a method gives a depth, {CALIBRATION_RANGE}, are sorted into bins of confidence of width "
-        "0.1, and a bin for 0. Lines show the share of a bin that is correct, within 5 % or a quarter of a pixel of "
+    caption = (
+        f"Pixels that a method gives a depth, {CALIBRATION_RANGE}, are sorted into bins of confidence of width 0.1, "
+        "and a bin for 0. Lines show the share of a bin that is correct, within 5 % or a quarter of a pixel of "
         "disparity; dotted lines show the share of the method's pixels that are in the bin. A rising line means that "
         "the confidence can be trusted. Methods whose pixels are in one or two bins are left out, and where more than "
-        f"{len(SHOWN)} took part, those that the other figures leave out; n is the number of pixels of a method.",
+        f"{len(SHOWN)} took part, those that the other figures leave out; n is the number of pixels of a method."
+    )
+    return _panels(
+        evaluation, lambda info: correct[correct["sequence"] == info.name], draw, "Confidence against errors", caption
     )
 
 
@@ -158,48 +142,49 @@ def calibrated_methods(evaluation: Evaluation) -> list[str]:
 
 def error_maps(evaluation: Evaluation) -> list[Picture]:
     """Draw the depth and the errors of the last frame of each sequence that has a reference there."""
-    return [
-        _error_maps(evaluation, info)
-        for info in evaluation.sequences.values()
-        if decoded_thumbnail(info.reference).any()
-    ]
+    infos = evaluation.sequences.values()
+    return [_error_maps(evaluation, info) for info in infos if decoded_thumbnail(info.reference).any()]
 
 
 def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
-    """Draw raw, reference and corrected depth of the last frame of a sequence, each with its error map."""
+    """Draw raw and corrected depth of the last frame of a sequence, each with its error map, and the reference."""
     reference_m = decoded_thumbnail(info.reference)
+    thumbnails = {method: evaluation.result(info.name, method).thumbnail for method in shown_methods(evaluation)}
     shown = {"raw, as given to the methods": info.raw}
-    for method in shown_methods(evaluation):
-        thumbnail = evaluation.result(info.name, method).thumbnail
-        if thumbnail and method != "raw":
-            shown[registry.title(method)] = thumbnail
+    shown |= {registry.title(method): png for method, png in thumbnails.items() if png and method != "raw"}
     far_m = far_end_m([reference_m, decoded_thumbnail(info.raw)])
     end_m = ERROR_SHARE * far_m
-    draws: list[Draw] = [partial(_draw_image, "reference", _in_colors(reference_m, far_m), {})]
-    draws.append(partial(_draw_scale, _error_scale(end_m)))
+    ramp_m = np.tile(np.linspace(-end_m, end_m, 240, dtype=np.float32), (24, 1))
+    images: dict[str, npt.NDArray[Any]] = {
+        "reference": colored(reference_m, far_m)[..., ::-1],
+        f"error from -{end_m:g} to {end_m:g} m": error_map(2 * end_m + ramp_m, np.full_like(ramp_m, 2 * end_m), end_m),
+    }
     for title, png in shown.items():
         depth_m = decoded_thumbnail(png)
-        draws.append(partial(_draw_image, title, _in_colors(depth_m, far_m), {}))
-        error_m = error_map(depth_m, reference_m, end_m)
-        draws.append(partial(_draw_image, f"error of {title}", error_m, _error_scale(end_m)))
+        images[title] = colored(depth_m, far_m)[..., ::-1]
+        images[f"error of {title}"] = error_map(depth_m, reference_m, end_m)
     height_in = ERROR_MAP_WIDTH_IN * reference_m.shape[0] / reference_m.shape[1] + 0.3
-    n = int(np.count_nonzero(reference_m))
+    draws = [image_shown(title, image) for title, image in images.items()]
     return Picture(
         title=f"{info.name}, frame {info.frames - 1}",
-        caption=f"Depth is red where near, blue at {far_m:g} m and beyond, and black where missing. Its error [m] is "
-        "that against the reference: red is too far, blue too near, white correct, black without depth, and grey "
-        f"without reference; n = {n} pixels of a narrowed image.",
+        caption=f"Depth is red where near, blue at {far_m:g} m and beyond, and black where missing. Its error is that "
+        f"against the reference: red is too far by up to {end_m:g} m and more, blue too near, white correct, black "
+        f"without depth, and grey without reference; n = {np.count_nonzero(reference_m)} pixels of a narrowed image.",
         png=panels("", draws, columns=ERROR_MAP_COLUMNS, panel_in=(ERROR_MAP_WIDTH_IN, height_in)),
     )
 
 
-def error_map(depth_m: FloatImage, reference_m: FloatImage, end_m: float) -> npt.NDArray[np.float32]:
-    """Return depth minus reference [m], shape (H, W), cut to the scale from `-end_m` to `end_m`.
+def error_map(depth_m: FloatImage, reference_m: FloatImage, end_m: float) -> npt.NDArray[np.float64]:
+    """Return depth minus reference [m] in colours, RGB, shape (H, W, 3), on a scale from `-end_m` to `end_m`.
 
-    Pixels without depth are below the scale, at `-2 * end_m`, those without a reference NaN.
+    Pixels without depth are black, those without a reference grey.
     """
-    error_m = np.where(depth_m > 0, np.clip(depth_m - reference_m, -end_m, end_m), np.float32(-2 * end_m))
-    return np.where(reference_m > 0, error_m, np.float32(np.nan)).astype(np.float32)
+    from matplotlib import colormaps
+
+    colors = colormaps["bwr"](0.5 + (depth_m - reference_m) / (2 * end_m))[..., :3]
+    colors[depth_m == 0] = 0.0
+    colors[reference_m == 0] = 0.7
+    return np.asarray(colors)
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -220,25 +205,15 @@ def count_text(count: int) -> str:
 
 def range_text(low: int, high: int) -> str:
     """Write the smallest and the largest of some numbers of pixels as people read them."""
-    ends = count_text(low), count_text(high)
-    return ends[0] if ends[0] == ends[1] else " to ".join(ends)
+    return " to ".join(dict.fromkeys((count_text(low), count_text(high))))
 
 
-def _errors_by_range(evaluation: Evaluation, info: SequenceInfo) -> pd.DataFrame:
-    """Return the errors [m] of the shown methods in a sequence, a column for each bin that has one."""
-    selectors = [Selector("mae", info.independent, name) for name in BINS]
-    bins = [_of_sequence(evaluation, info, selector)["value"] for selector in selectors]
-    values = pd.concat(bins, axis=1, keys=range(len(BINS)))
-    values = values.reindex([name for name in shown_methods(evaluation) if name in values.index])
-    return values[values > 0].dropna(axis=0, how="all").dropna(axis=1, how="all")
-
-
-def _errors_by_time(evaluation: Evaluation, info: SequenceInfo) -> pd.DataFrame:
-    """Return time [ms] and error [m] of the methods that have both in a sequence."""
-    selectors = of_frames("latency_p50"), of_frames("latency_background"), Selector("mae", info.hidden)
-    waiting_ms, background_ms, error_m = (_of_sequence(evaluation, info, one)["value"] for one in selectors)
-    points = pd.concat([waiting_ms.add(background_ms, fill_value=0), error_m], axis=1).dropna()
-    return points.reindex([name for name in evaluation.methods if name in points.index])
+def _styles(evaluation: Evaluation) -> dict[str, dict[str, Any]]:
+    """Return colour, marker and label of each method: the same in all figures, for those of `SHOWN` in all reports."""
+    return {
+        name: {"color": line_color(k), "marker": MARKERS[k % len(MARKERS)], "label": legend_label(registry.title(name))}
+        for k, name in enumerate(dict.fromkeys((*SHOWN, *evaluation.methods)))
+    }
 
 
 def _of_sequence(evaluation: Evaluation, info: SequenceInfo, selector: Selector) -> pd.DataFrame:
@@ -269,35 +244,3 @@ def _panels(
     width_in = min(WIDEST_PANEL_IN, PANEL_IN[0] * PANEL_COLUMNS / min(PANEL_COLUMNS, len(draws)))
     png = panels("", draws, columns=PANEL_COLUMNS, panel_in=(width_in, PANEL_IN[1]), shared_legend=True)
     return [Picture(title=title, caption=caption, png=png)]
-
-
-def _in_colors(depth_m: FloatImage, far_m: float) -> npt.NDArray[np.uint8]:
-    """Return depth in colours, shape (H, W, 3), RGB."""
-    return colored(depth_m, far_m)[..., ::-1]
-
-
-def _draw_image(title: str, image: npt.NDArray[Any], style: Mapping[str, Any], axes: "Axes") -> None:
-    axes.imshow(image, **style)
-    axes.set_title(title, fontsize=8, parse_math=False)
-    axes.set_axis_off()
-
-
-def _draw_scale(scale: Mapping[str, Any], axes: "Axes") -> None:
-    """Draw the colours of errors within the panel, so that they touch no other."""
-    from matplotlib.cm import ScalarMappable
-
-    axes.set_axis_off()
-    bar = axes.figure.colorbar(
-        ScalarMappable(**scale), cax=axes.inset_axes((0.05, 0.5, 0.9, 0.12)), orientation="horizontal"
-    )
-    bar.set_label("error: depth minus reference [m]", fontsize=7, labelpad=1)
-    bar.ax.tick_params(labelsize=7)
-
-
-def _error_scale(end_m: float) -> dict[str, Any]:
-    """Return the colours of error maps and the range up to `end_m` that they stand for."""
-    from matplotlib import colormaps
-    from matplotlib.colors import Normalize
-
-    colors = colormaps["bwr"].with_extremes(under="black", bad="0.7")
-    return {"cmap": colors, "norm": Normalize(-end_m, end_m)}

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .groups import NEAR
-from .measurements import AS_GIVEN, FILLED, Measurement, Selector, measured
+from .measurements import AS_GIVEN, FILLED, Measurement
 from .methods import is_baseline
 
 SEED, RESAMPLES = 0, 2000
@@ -84,4 +84,4 @@ def _measured(metrics: Sequence[str], draws: Draws, mask: str, on: str, n: int) 
     known = draws[1:][np.isfinite(draws[1:])]
     ends = np.percentile(known, PERCENTILES).tolist() if n > 1 and known.size else (None, None)
     for metric, value in zip(metrics, (float(draws[0]), *ends), strict=True):
-        yield measured(Selector(metric, mask, NEAR, on), value, "share", n)
+        yield Measurement(metric, mask, NEAR, on, value, "share", n)

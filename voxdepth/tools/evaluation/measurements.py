@@ -4,9 +4,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import pandas as pd
-from pydantic import ConfigDict
 
-from ...model import Model
 from .groups import NEAR
 
 FILLED, COMPLETED, AS_GIVEN = "filled", "completed", "as given"
@@ -32,10 +30,8 @@ def of_frames(metric: str) -> Selector:
     return Selector(metric, FRAMES, FRAMES, FRAMES)
 
 
-class Measurement(Model):
+class Measurement(NamedTuple):
     """One number with its unit and its sample size."""
-
-    model_config = ConfigDict(allow_inf_nan=True, ser_json_inf_nan="constants")
 
     metric: str
     mask: str
@@ -50,11 +46,6 @@ class Measurement(Model):
     unit: str
     n: int
     """Number of pixels or frames."""
-
-
-def measured(selector: Selector, value: float | None, unit: str, n: int) -> Measurement:
-    """Return a measurement of a selected quantity."""
-    return Measurement(**selector._asdict(), value=value, unit=unit, n=n)
 
 
 class Measurements:

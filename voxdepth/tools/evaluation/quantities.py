@@ -1,4 +1,4 @@
-"""What each table of the report and of the terminal shows: which measurements, in which unit, and how they rank."""
+"""What the report and the terminal show: which measurements, in which unit, and how they rank."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -53,6 +53,8 @@ class Quantity:
     layout: Literal["list", "against raw", "interval"] = "list"
     """How the numbers are shown: all of them; the second one, which is that of raw depth, and the difference of the
     first one; or the first one with an interval from the second to the third."""
+    short: str = ""
+    """Name of its column in the terminal; empty for none."""
 
     @property
     def heading(self) -> str:
@@ -102,52 +104,72 @@ def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
     return found
 
 
-COVERAGE = [Selector("coverage", on=FILLED)]
-MAE_FILLED = [Selector("mae", on=FILLED)]
-MAE_HIDDEN = [Selector("mae", HIDDEN)]
-TOO_FAR_OR_NEAR = [Selector("too_far", HIDDEN), Selector("too_near", HIDDEN)]
-CLOSE_HIDDEN = [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in CLOSE]
-MEASURED = [Selector(metric, "measured", on=FILLED) for metric in ("median", "mae")]
-MEASURED_CHANGE = [Selector(metric, "measured", on=FILLED) for metric in ERROR_CHANGE]
-LEAD_HIDDEN = [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in LEAD]
-FLICKER = [Selector("flicker", STATIC, on=FILLED)]
-
+WITHIN_5 = Quantity(
+    "Within 5 % in the sensor's holes (held-out pixels where there is no truth), 0-20 m, with a 95 % interval",
+    "%",
+    [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in CLOSE],
+    "A pixel that is left empty counts as wrong. The interval is a bootstrap over the frames.",
+    best="high",
+    layout="interval",
+    short="within 5 %",
+)
+OVER_BEST = Quantity(
+    "That share less that of the best other baseline, within 20 m, with a 95 % interval",
+    "%",
+    [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in LEAD],
+    "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth, temporal and "
+    "true-pose; the best is compared with the second best, so this ranks nobody.",
+    layout="interval",
+    short="less best other baseline",
+)
 # fmt: off
 QUANTITIES = (
-    Quantity("Coverage: pixels with depth, surfaces within 20 m", "%", COVERAGE,
-             "Errors of methods that fill less than 90 % say little beside those of others."),
-    Quantity("Fill rate: pixels with depth in the central 40 % of the width and of the height", "%", [FILL_RATE]),
-    Quantity("Z accuracy: signed median error there, of the true distance", "%", [Z_ACCURACY],
-             "Above 0 is too far. Only sequences with the truth have it.", digits=1),
-    Quantity("Plane-fit RMS error there, of the distance", "%", [PLANE_FIT_RMS],
-             "Only of frames in which the sensor sees a plane there, such as a wall; n is their number.", best="low",
-             digits=1),
-    Quantity("MAE of the pixels that a method fills, surfaces within 20 m", "m", MAE_FILLED,
-             "Not comparable where coverages differ: a method that leaves the hard pixels out errs less."),
+    Quantity("Coverage: pixels with depth, surfaces within 20 m", "%", [Selector("coverage", on=FILLED)],
+             "Errors of methods that fill less than 90 % say little beside those of others.", short="filled"),
+    Quantity("MAE of the pixels that a method fills, surfaces within 20 m", "m", [Selector("mae", on=FILLED)],
+             "Not comparable where coverages differ: a method that leaves the hard pixels out errs less.",
+             short="MAE filled"),
     Quantity("MAE of all pixels within 20 m, after completion by the nearest valid", "m", [Selector("mae")],
-             best="low"),
+             best="low", short="MAE all"),
     Quantity("RMSE of all pixels within 20 m, after completion", "m", [Selector("rmse")], best="low"),
     Quantity("Median error of all pixels within 20 m, after completion", "m", [Selector("median")], best="low"),
     Quantity("RMSE of inverse depth, all surfaces, after completion", "1/m", [Selector("inverse_rmse", range=ALL)],
              best="low"),
     Quantity("MAE in the sensor's holes (held-out pixels where there is no truth), within 20 m, after completion", "m",
-             MAE_HIDDEN, best="low"),
+             [Selector("mae", HIDDEN)], best="low", short="MAE holes"),
     Quantity("MAE in holes whose surface was measured correctly in the last 60 frames, within 20 m, completed", "m",
              [Selector("mae", "holes seen")], "A memory could know these.", best="low"),
     Quantity("MAE in holes never seen, within 20 m, after completion", "m", [Selector("mae", "holes never seen")],
              "These can only be guessed.", best="low"),
-    Quantity("Within 5 % in the sensor's holes (held-out pixels where there is no truth), 0-20 m, with a 95 % interval",
-             "%", CLOSE_HIDDEN, "A pixel that is left empty counts as wrong. The interval is a bootstrap over the "
-             "frames.", best="high", layout="interval"),
-    Quantity("That share less that of the best other baseline, within 20 m, with a 95 % interval", "%", LEAD_HIDDEN,
-             "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth, temporal "
-             "and true-pose; the best is compared with the second best, so this ranks nobody.", layout="interval"),
-    Quantity("Median / mean absolute error of measured pixels within 20 m", "m", MEASURED, best="low"),
-    Quantity("Change of the mean error of measured pixels from raw's, within 20 m, with a 95 % interval", "%",
-             MEASURED_CHANGE, "The interval is a bootstrap over the frames of both.", best="low", layout="interval"),
-    Quantity("RMSE of measured pixels within 20 m", "m", [Selector("rmse", "measured", on=FILLED)], best="low"),
     Quantity("More than 10 % too far / too near in those holes (held-out pixels), within 20 m, after completion", "%",
-             TOO_FAR_OR_NEAR, "Together, because a bias to one side wins either alone."),
+             [Selector("too_far", HIDDEN), Selector("too_near", HIDDEN)],
+             "Together, because a bias to one side wins either alone.", short="far/near"),
+    Quantity("Flicker: mean change of the error of static pixels within 20 m from frame to frame", "m",
+             [Selector("flicker", STATIC, on=FILLED)],
+             "Without the truth it is the change of the depth, where the gray image hardly changes.", short="flicker"),
+    Quantity("Time per frame, median / 95th percentile / in threads of its own beside that", "ms",
+             [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
+             "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a "
+             "method's own threads: voxdepth fuses its window in one.", short="p50/p95/beside"),
+    Quantity("Coverage of the sensor's holes (held-out pixels), within 20 m", "%",
+             [Selector("coverage", HIDDEN, on=FILLED)], short="coverage of holes"),
+    WITHIN_5,
+    OVER_BEST,
+    Quantity("Median / mean absolute error of measured pixels within 20 m", "m",
+             [Selector(metric, "measured", on=FILLED) for metric in ("median", "mae")], best="low",
+             short="median/mean error of measured"),
+    Quantity("Change of the mean error of measured pixels from raw's, within 20 m, with a 95 % interval", "%",
+             [Selector(metric, "measured", on=FILLED) for metric in ERROR_CHANGE],
+             "The interval is a bootstrap over the frames of both.", best="low", layout="interval",
+             short="mean against raw's"),
+    Quantity("RMSE of measured pixels within 20 m", "m", [Selector("rmse", "measured", on=FILLED)], best="low"),
+    Quantity("Fill rate: pixels with depth in the central 40 % of the width and of the height", "%", [FILL_RATE],
+             short="fill rate"),
+    Quantity("Z accuracy: signed median error there, of the true distance", "%", [Z_ACCURACY],
+             "Above 0 is too far. Only sequences with the truth have it.", digits=1, short="Z accuracy"),
+    Quantity("Plane-fit RMS error there, of the distance", "%", [PLANE_FIT_RMS],
+             "Only of frames in which the sensor sees a plane there, such as a wall; n is their number.", best="low",
+             digits=1, short="plane-fit RMS"),
     Quantity(f"Obstacle errors of believed fills: more than 10 % too far / too near, {CALIBRATION_RANGE}", "%",
              [Selector(metric, BELIEVED, CALIBRATION_RANGE, FILLED) for metric in ("too_far", "too_near")],
              "Holes (held-out pixels where there is no truth) that a method fills with a confidence of at least 0.5, "
@@ -155,8 +177,6 @@ QUANTITIES = (
     Quantity("Flying pixels: of those beside depth edges, those that hang in empty space", "%", [FLYING],
              "Between the nearest and the farthest reference of a window of a 32nd of the width, and not within 5 % of "
              "any in it.", best="low"),
-    Quantity("Flicker: mean change of the error of static pixels within 20 m from frame to frame", "m", FLICKER,
-             "Without the truth it is the change of the depth, where the gray image hardly changes."),
     Quantity("Flicker of static pixels within 20 m that the sensor measured in neither frame", "m",
              [Selector("flicker", STATIC_FILLED, on=FILLED)],
              "Fills in both frames: the silhouettes that move over measured pixels are left out."),
@@ -166,11 +186,11 @@ QUANTITIES = (
              [Selector("switched", STATIC, on=FILLED)]),
     Quantity("Survival: pixels of moving objects within 5 % of the truth, of raw depth, and the method's difference",
              "%", SURVIVAL, "A hole does not survive. Only sequences with known moving objects have it.", best="high",
-             layout="against raw"),
+             layout="against raw", short="survival raw, difference"),
     Quantity("Ghosts: filled pixels nearer to the object that left 5 frames ago than to the background, of raw depth, "
              "and the method's difference", "%", GHOSTS,
              "Nearer by the geometric mean. A method that leaves such pixels empty has no ghosts: see the sample "
-             "sizes.", best="low", layout="against raw"),
+             "sizes.", best="low", layout="against raw", short="ghosts raw, difference"),
     Quantity("Sky that a method shows within 20 m", "%", [SKY_NEAR],
              "Raw depth has some beside near objects. Only sequences with the truth have a known sky."),
     Quantity("Phantom obstacles", "count", [PHANTOMS],
@@ -179,42 +199,6 @@ QUANTITIES = (
     Quantity(f"MAE by the source that a method names for a pixel: sensor / memory / inpainted, {CALIBRATION_RANGE}",
              "m", [Selector("mae", mask, CALIBRATION_RANGE, FILLED) for mask in SOURCES.values()],
              "The number of pixels of each source is in results.csv.", digits=-1),
-    Quantity("Time per frame, median / 95th percentile / in threads of its own beside that", "ms",
-             [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
-             "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a "
-             "method's own threads: voxdepth fuses its window in one."),
 )
-"""Tables of the report: a quantity of all methods on all sequences, with the best marked and the sample sizes."""
+"""What the report shows, a table of all methods on all sequences each, and the terminal if it has a short name."""
 # fmt: on
-
-TERMINAL_COLUMNS = (
-    Quantity("filled", "%", COVERAGE),
-    Quantity("MAE filled", "m", MAE_FILLED, digits=-1),
-    Quantity("MAE all", "m", [Selector("mae")], digits=-1),
-    Quantity("MAE holes", "m", MAE_HIDDEN, digits=-1),
-    Quantity("far/near", "%", TOO_FAR_OR_NEAR, digits=-1),
-    Quantity("flicker", "m", FLICKER, digits=-1),
-    Quantity("p50/p95", "ms", [of_frames("latency_p50"), of_frames("latency_p95")], digits=-1),
-)
-"""Columns of the table that the terminal shows of a sequence."""
-WITHIN_5 = Quantity("within 5 %", "%", CLOSE_HIDDEN, layout="interval")
-OVER_BEST = Quantity("less best other baseline", "%", LEAD_HIDDEN, layout="interval")
-HOLE_COLUMNS = (
-    Quantity("coverage of holes", "%", [Selector("coverage", HIDDEN, on=FILLED)]),
-    WITHIN_5,
-    OVER_BEST,
-    Quantity("median/mean error of measured", "m", MEASURED),
-    Quantity("mean against raw's", "%", MEASURED_CHANGE, layout="interval"),
-)
-"""Columns about the pixels that methods are given no depth of, and about those that they are given."""
-MOVING_COLUMNS = (
-    Quantity("survival raw, difference", "%", SURVIVAL, layout="against raw"),
-    Quantity("ghosts raw, difference", "%", GHOSTS, layout="against raw"),
-)
-"""Columns of sequences with moving objects."""
-QUALITY_COLUMNS = (
-    Quantity("fill rate", "%", [FILL_RATE]),
-    Quantity("Z accuracy", "%", [Z_ACCURACY], digits=1),
-    Quantity("plane-fit RMS", "%", [PLANE_FIT_RMS], digits=1),
-)
-"""Columns that the Depth Quality Tool of librealsense shows, too."""

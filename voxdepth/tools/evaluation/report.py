@@ -1,9 +1,8 @@
 """The output of an evaluation: tables, a page without scripts or external parts, and the terminal output."""
 
-from collections.abc import Mapping, Sequence
-from itertools import chain
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import pandas as pd
 
@@ -11,24 +10,11 @@ from ... import registry
 from ..files import write
 from ..page import TEMPLATES, render_page
 from ..provenance import CORRECTION, Provenance
-from ..table import MISSING, Column, Table, Value, write_frame
-from .figures import all_figures, calibrated_methods, count_text, error_maps, range_text
+from ..table import MISSING, Column, Table, write_frame
+from .figures import all_figures, error_maps, range_text
 from .groups import ALL, NEAR
-from .measurements import FILLED, Selector
 from .methods import ORACLE
-from .quantities import (
-    HOLE_COLUMNS,
-    MOVING_COLUMNS,
-    QUALITY_COLUMNS,
-    QUANTITIES,
-    TERMINAL_COLUMNS,
-    Quantity,
-    fitted,
-    is_measured,
-    select,
-)
-from .result_cache import SequenceInfo
-from .scoring import CALIBRATION_RANGE, CONFIDENCES, SOURCES, in_bin
+from .quantities import QUANTITIES, Quantity, fitted, is_measured, select
 from .suite import Evaluation
 from .verdict import verdict
 
@@ -36,8 +22,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 FAILED = "failed"
-TERMINAL_TABLES = (TERMINAL_COLUMNS, HOLE_COLUMNS, QUALITY_COLUMNS, MOVING_COLUMNS)
-"""Columns of the tables that the terminal shows of a sequence; all but the first are left out if they are empty."""
+FOOTNOTE = (
+    "surfaces within 20 m; errors of all, and in holes, are after completion by the nearest valid, and far/near is the "
+    "share of holes that is more than 10 % off then; within 5 % counts empty pixels as wrong, with a 95 % bootstrap "
+    "interval over frames; survival and ghosts are those of moving objects; times are with OpenCV on one thread"
+)
 
 
 def write_report(out: Path, evaluation: Evaluation) -> None:
@@ -53,10 +42,9 @@ def rendered(evaluation: Evaluation) -> str:
         verdict=verdict(evaluation),
         failures=_failure_rows(evaluation),
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
-        calibration=[calibration_table(evaluation, method) for method in calibrated_methods(evaluation)],
         figures=all_figures(evaluation),
         error_maps=error_maps(evaluation),
-        sequences=_sequence_table(list(evaluation.sequences.values())),
+        sequences=_sequence_table(evaluation),
         machine=Provenance.here(CORRECTION),
     )
 
@@ -66,8 +54,7 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
 
     Methods that failed everywhere are left out, and sequences without a number if another has one.
     """
-    quantity = fitted(quantity, select(evaluation, quantity)[0])
-    texts, classes, counts = _texts(evaluation, quantity)
+    quantity, texts, classes, counts = _shown(evaluation, quantity)
     methods = [name for name in texts.index if not (texts.loc[name] == FAILED).all()]
     measured = [name for name in texts if not texts[name].isin([MISSING, FAILED]).all()] or list(texts)
     rows = [[registry.title(name), *texts.loc[name, measured]] for name in methods]
@@ -76,66 +63,39 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
     return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note, classes=marks)
 
 
-def calibration_table(evaluation: Evaluation, method: str) -> Table:
-    """Return the share of correct pixels of a method by confidence: of each source, and of holes or held-out pixels."""
-    long = evaluation.measurements
-    rows: list[list[Value]] = []
-    for info in evaluation.sequences.values():
-        for mask in (*SOURCES.values(), info.hidden):
-            selectors = [Selector("correct", in_bin(mask, name), CALIBRATION_RANGE, FILLED) for name in CONFIDENCES]
-            counts = [long.count(info.name, method, selector) for selector in selectors]
-            values = [long.value(info.name, method, selector) for selector in selectors]
-            if any(counts):
-                cells = zip(values, counts, strict=True)
-                texts = [MISSING if share is None else f"{100 * share:.0f} ({count_text(n)})" for share, n in cells]
-                rows.append([info.name, mask, *texts])
-    shown = registry.title(method)
-    title = f"Right pixels of {shown} by confidence, and their number in brackets, {CALIBRATION_RANGE} [%]"
-    note = "Where the share falls while the confidence rises, the confidence does not rank these pixels."
-    return Table.of(title, ["sequence", "pixels", *CONFIDENCES], rows, note=note)
-
-
 def print_results(console: "Console", evaluation: Evaluation) -> None:
-    """Print the verdict and tables for each sequence, and say which methods failed."""
+    """Print the verdict and a table for each sequence, and say which methods failed."""
     console.print(verdict(evaluation), "", sep="\n", soft_wrap=True, markup=False, highlight=False)
-    values = {q.title: select(evaluation, q)[0] for q in chain(*TERMINAL_TABLES)}
+    found = [_shown(evaluation, quantity) for quantity in QUANTITIES if quantity.short]
     for info in evaluation.sequences.values():
         pixels = info.pixels[ALL].get(NEAR, 0)
         title = f"{info.name}: {info.frames} frames of {info.size}, {pixels:,} pixels within 20 m"
         console.print(f"{title}, scored by {info.reference_name}", soft_wrap=True, markup=False)
-        for quantities in TERMINAL_TABLES:
-            fitting = [fitted(q, _of_sequence(values[q.title], info.name)) for q in quantities]
-            shown = pd.DataFrame({q.title: _texts(evaluation, q)[0][info.name] for q in fitting})
-            if quantities is TERMINAL_COLUMNS or not shown.isin([MISSING, FAILED]).all(axis=None):
-                columns = [Column("method"), *(Column(q.title, q.unit) for q in fitting)]
-                Table.of("", columns, list(shown.itertuples(name=None))).print(console)
-    console.print(
-        "surfaces within 20 m; errors of all, and in holes, are after completion by the nearest valid, and far/near "
-        "is the share of holes that is more than 10 % off then; within 5 % counts empty pixels as wrong, with a 95 % "
-        "bootstrap interval over frames; survival and ghosts are those of moving objects; times "
-        "are with OpenCV on one thread",
-        soft_wrap=True,
-    )
+        known = [one for one in found if not one.texts[info.name].isin([MISSING, FAILED]).all()]
+        columns = [Column("method"), *(Column(one.quantity.short, one.quantity.unit) for one in known)]
+        rows = zip(evaluation.methods, *(one.texts[info.name] for one in known), strict=True)
+        Table.of("", columns, list(rows)).print(console)
+    console.print(FOOTNOTE, soft_wrap=True)
     for result in evaluation.failures:
         failed = f"{result.key.sequence}, {result.key.method} failed: {result.error}"
         console.print(failed, soft_wrap=True, markup=False, style="red")
 
 
-def _of_sequence(values: pd.DataFrame, name: str) -> pd.DataFrame:
-    return values[values.index.get_level_values("sequence") == name]
+class Shown(NamedTuple):
+    """A quantity as people read it, in the unit that fits."""
+
+    quantity: Quantity
+    texts: pd.DataFrame
+    """Text of every result (rows: methods; columns: sequences)."""
+    classes: pd.DataFrame
+    """CSS class of every result."""
+    sizes: dict[str, str]
+    """Sample sizes by sequence."""
 
 
-def _failure_rows(evaluation: Evaluation) -> list[tuple[str, str, str]]:
-    """Return a method, the sequences that it failed on, and why; one row for the same reason."""
-    sequences: dict[tuple[str, str], list[str]] = {}
-    for result in evaluation.failures:
-        sequences.setdefault((result.key.method, str(result.error)), []).append(result.key.sequence)
-    return [(method, ", ".join(names), why) for (method, why), names in sequences.items()]
-
-
-def _texts(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, str]]:
-    """Return text and CSS class of every result (rows: methods; columns: sequences), and the sample sizes."""
+def _shown(evaluation: Evaluation, quantity: Quantity) -> Shown:
     values, counts = select(evaluation, quantity)
+    quantity = fitted(quantity, values)
     texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True))
     classes = dict.fromkeys(_best(quantity, values[0]), "best")
     for result in evaluation.failures:
@@ -149,7 +109,7 @@ def _texts(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd
     sizes = dict.fromkeys(sequences, MISSING)
     for name, low, high in counts.stack().groupby("sequence").agg(["min", "max"]).astype(int).itertuples(name=None):
         sizes[name] = range_text(low, high)
-    return grid(texts, MISSING), grid(classes, ""), sizes
+    return Shown(quantity, grid(texts, MISSING), grid(classes, ""), sizes)
 
 
 def _best(quantity: Quantity, values: pd.Series) -> list[tuple[str, str]]:
@@ -165,15 +125,23 @@ def _best(quantity: Quantity, values: pd.Series) -> list[tuple[str, str]]:
     return list(competing.index[(competing == best) & (low < high)])
 
 
-def _sequence_table(sequences: Sequence[SequenceInfo]) -> Table:
-    columns: list[Column | str] = [
-        "sequence", "scored by", "frames", Column("image", "px"), Column("focal length", "px", ".1f"),
-        Column("baseline", "m", "g"), "seed", "scored pixels", Column("not measured, or held out", "%", ".1f"),
-        "SHA-256",
-    ]  # fmt: skip
+def _failure_rows(evaluation: Evaluation) -> list[tuple[str, str, str]]:
+    """Return a method, the sequences that it failed on, and why; one row for the same reason."""
+    sequences: dict[tuple[str, str], list[str]] = {}
+    for result in evaluation.failures:
+        sequences.setdefault((result.key.method, str(result.error)), []).append(result.key.sequence)
+    return [(method, ", ".join(names), why) for (method, why), names in sequences.items()]
+
+
+def _sequence_table(evaluation: Evaluation) -> Table:
     rows = [
-        (info.name, info.reference_name, info.frames, info.size, info.focal_px, info.baseline_m, info.seed,
-         info.pixels[ALL][ALL], 100 * info.pixels[info.hidden][ALL] / max(1, info.pixels[ALL][ALL]), info.digest[:16])
-        for info in sequences
+        {
+            "sequence": info.name, "scored by": info.reference_name, "frames": info.frames, "image [px]": info.size,
+            "focal length [px]": info.focal_px, "baseline [m]": info.baseline_m, "seed": info.seed,
+            "scored pixels": info.pixels[ALL][ALL],
+            "not measured, or held out [%]": 100 * info.pixels[info.hidden][ALL] / max(1, info.pixels[ALL][ALL]),
+            "SHA-256": info.digest[:16],
+        }
+        for info in evaluation.sequences.values()
     ]  # fmt: skip
-    return Table.of("Sequences", columns, rows)
+    return Table.of_frame("Sequences", pd.DataFrame(rows, dtype=object))

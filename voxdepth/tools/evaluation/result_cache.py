@@ -1,6 +1,7 @@
-"""What is kept of finished work: the result of each method on each sequence, and a description of each sequence."""
+"""What is kept of finished work: the result of each method on each sequence."""
 
 import base64
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,14 +53,6 @@ class Scores(Model):
     """Depth of the last frame, as `encoded_thumbnail` gives it."""
 
 
-class Result(Scores):
-    """The result of one method on one sequence."""
-
-    key: Key
-    error: str | None = None
-    """Why there are no measurements; None if there are."""
-
-
 class SequenceInfo(Model):
     """The part of a sequence that methods were compared on."""
 
@@ -91,42 +84,37 @@ class SequenceInfo(Model):
         return f"{self.width_px}x{self.height_px}"
 
 
-class ResultCache:
-    """Files of the results on one sequence, below the folder of all results."""
+class Result(Scores):
+    """The result of one method on one sequence."""
 
-    def __init__(self, out: Path, sequence: str) -> None:
-        self._results = out / "results" / sequence
-        self._info = out / "sequences" / f"{sequence}.json"
+    key: Key
+    info: SequenceInfo | None = None
+    """Description of the sequence; None if it could not be opened."""
+    error: str | None = None
+    """Why there are no measurements; None if there are."""
 
-    def path(self, method: str) -> Path:
-        """Return the file of the result of a method."""
-        return self._results / f"{method.replace(':', '-').replace('/', '-')}.json"
 
-    def load(self, key: Key) -> Result | None:
-        """Load the finished result of a key; None if there is none. A file that cannot be read is a `ToolError`."""
-        path = self.path(key.method)
-        with as_tool_error(f"cannot read {path}"):
-            if not path.exists():
-                return None
-            data = path.read_bytes()
-        try:
-            result = Result.model_validate_json(data)
-        except pydantic.ValidationError:  # Damaged, or of another version.
+def path_of(out: Path, key: Key) -> Path:
+    """Return the file of a result below the folder of all results."""
+    return out / "results" / key.sequence / f"{key.method.replace(':', '-').replace('/', '-')}.json"
+
+
+def load(out: Path, key: Key) -> Result | None:
+    """Load the finished result of a key; None if there is none. A file that cannot be read is a `ToolError`."""
+    path = path_of(out, key)
+    with as_tool_error(f"cannot read {path}"):
+        if not path.exists():
             return None
+        data = path.read_bytes()
+    with suppress(pydantic.ValidationError):  # Damaged, or of another version.
+        result = Result.model_validate_json(data)
         return result if result.key == key and result.error is None else None
+    return None
 
-    def load_info(self, digest: str, frames: int) -> SequenceInfo | None:
-        """Return the description of the sequence, or None if there is none of these frames."""
-        try:
-            info = SequenceInfo.model_validate_json(self._info.read_bytes())
-        except (OSError, pydantic.ValidationError):
-            return None
-        return info if (info.digest, info.frames) == (digest, frames) else None
 
-    def store(self, stored: Result | SequenceInfo) -> None:
-        """Write the file of a result or of the description in one step; a failure is a `ToolError`."""
-        path = self._info if isinstance(stored, SequenceInfo) else self.path(stored.key.method)
-        write(path, f"{stored.model_dump_json(indent=1)}\n".encode())
+def store(out: Path, result: Result) -> None:
+    """Write the file of a result in one step; a failure is a `ToolError`."""
+    write(path_of(out, result.key), f"{result.model_dump_json(indent=1)}\n".encode())
 
 
 def encoded_thumbnail(depth_m: FloatImage) -> str:

@@ -12,7 +12,7 @@ from ...errors import PluginError
 from ...soundness import fault_of
 from ...types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
 from .groups import Groups
-from .measurements import Measurement, measured, of_frames
+from .measurements import Measurement, of_frames
 from .methods import Method
 from .result_cache import Scores, encoded_thumbnail
 from .scoring import Score
@@ -60,7 +60,7 @@ def _latencies(times_s: Sequence[float], background_s: float) -> Iterator[Measur
     # The two clocks are read one after the other, so their difference may be negative.
     values_ms = (*percentiles_ms, max(0.0, 1e3 * background_s / n))
     for name, value_ms in zip(("p50", "p95", "max", "background"), values_ms, strict=True):
-        yield measured(of_frames(f"latency_{name}"), value_ms, "ms", n)
+        yield Measurement(*of_frames(f"latency_{name}"), value_ms, "ms", n)
 
 
 def _other_threads_s() -> float:

@@ -27,7 +27,7 @@ from ...metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
 from ...types import CorrectedDepth, FloatImage, Intrinsics, MaskImage, Source
 from ..output import to_millimetres
 from .groups import ALL, BINS, NEAR, NONE, RANGES, Groups, split
-from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector, measured
+from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector
 from .sources import EvaluationFrame
 
 PEAK_M = 40.0
@@ -210,50 +210,51 @@ class Score:
             if not sums.pixels:
                 continue
             if on == FILLED:
-                yield measured(Selector("coverage", mask, range_name, on), sums.coverage, "share", sums.pixels)
-                close = Selector("close", mask, range_name, AS_GIVEN)
-                yield measured(close, sums.close / sums.pixels, "share", sums.pixels)
+                yield Measurement("coverage", mask, range_name, on, sums.coverage, "share", sums.pixels)
+                yield Measurement("close", mask, range_name, AS_GIVEN, sums.close / sums.pixels, "share", sums.pixels)
             for metric, (unit, value_of) in METRICS.items():
                 value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
-                yield measured(Selector(metric, mask, range_name, on), value, unit, sums.filled)
+                yield Measurement(metric, mask, range_name, on, value, unit, sums.filled)
 
     def _measured_flicker(self) -> Iterator[Measurement]:
         for mask, name in product(self._flicker, RANGES):
             changes = sum((self._flicker[mask].groups[index] for index in RANGES[name]), Changes())
             if changes.pixels:
                 mean_m, share = changes.mean_change_m, changes.switched_share
-                yield measured(Selector("flicker", mask, name, FILLED), mean_m, "m", changes.changes)
-                yield measured(Selector("switched", mask, name, FILLED), share, "share", changes.pixels)
+                yield Measurement("flicker", mask, name, FILLED, mean_m, "m", changes.changes)
+                yield Measurement("switched", mask, name, FILLED, share, "share", changes.pixels)
 
     def _measured_shares(self, selectors: Iterable[Selector]) -> Iterator[Measurement]:
         shares = ((selector, self._shares[selector]) for selector in selectors)
-        return (measured(selector, share.value, "share", share.of) for selector, share in shares if share.of)
+        return (Measurement(*selector, share.value, "share", share.of) for selector, share in shares if share.of)
 
     def _measured_quality(self) -> Iterator[Measurement]:
         for selector, values in self._quality.items():
             if known := [value for value in values if value is not None]:
-                yield measured(selector, float(np.median(known)), "share", len(known))
+                yield Measurement(*selector, float(np.median(known)), "share", len(known))
 
     def _measured_phantoms(self) -> Iterator[Measurement]:
         if self._groups.is_true:
-            yield measured(PHANTOMS, self._phantoms.count, "1", len(self.frame_close))
+            yield Measurement(*PHANTOMS, self._phantoms.count, "1", len(self.frame_close))
 
     def _measured_paper(self) -> Iterator[Measurement]:
         sums, settled, occluded = self._in_16_bits, self._settled_in_16_bits, self._settled_occluded
         psnr_db = sums.psnr_db(PEAK16_M) if _is_complete(sums) else None
-        yield measured(Selector("psnr16_mm", self._groups.independent, ALL), psnr_db, "dB", sums.filled)
+        yield Measurement(*Selector("psnr16_mm", self._groups.independent, ALL), psnr_db, "dB", sums.filled)
         if settled.pixels and _is_complete(settled):
             psnr_db = settled.psnr_db(PEAK16_M)
-            yield measured(Selector("psnr16_mm_settled", self._groups.independent, ALL), psnr_db, "dB", settled.filled)
+            yield Measurement(
+                *Selector("psnr16_mm_settled", self._groups.independent, ALL), psnr_db, "dB", settled.filled
+            )
         if occluded.pixels and _is_complete(occluded):
-            yield measured(Selector("rmse_settled", self._occluded), occluded.rmse_m, "m", occluded.filled)
+            yield Measurement(*Selector("rmse_settled", self._occluded), occluded.rmse_m, "m", occluded.filled)
         for metric, mask, scores, unit in (
             ("m_rmse_u16_wrap", self._occluded, self._wrapped, "1"),
             ("psnr_minmax8", "all", self._stretched_db, "dB"),
         ):
             known = [score for score in scores if score is not None]
             mean = float(np.mean(known)) if known else None
-            yield measured(Selector(metric, mask, ALL, AS_GIVEN), mean, unit, len(known))
+            yield Measurement(metric, mask, ALL, AS_GIVEN, mean, unit, len(known))
 
 
 class CalibrationScore:
@@ -294,15 +295,15 @@ class CalibrationScore:
         """Yield the errors of every bin and source that has a pixel, and the obstacle errors of believed fills."""
         if n := self._believed.filled:
             where = BELIEVED, CALIBRATION_RANGE, FILLED
-            yield measured(Selector("too_far", *where), self._believed.too_far_share, "share", n)
-            yield measured(Selector("too_near", *where), self._believed.too_near_share, "share", n)
+            yield Measurement("too_far", *where, self._believed.too_far_share, "share", n)
+            yield Measurement("too_near", *where, self._believed.too_near_share, "share", n)
         for mask, share in self._correct.items():
             where = mask, CALIBRATION_RANGE, FILLED
             if share.of and mask in self._sums:
-                yield measured(Selector("mae", *where), self._sums[mask].mae_m, "m", share.of)
-                yield measured(Selector("median", *where), self._sums[mask].median_abs_m, "m", share.of)
+                yield Measurement("mae", *where, self._sums[mask].mae_m, "m", share.of)
+                yield Measurement("median", *where, self._sums[mask].median_abs_m, "m", share.of)
             if share.of:
-                yield measured(Selector("correct", *where), share.value, "share", share.of)
+                yield Measurement("correct", *where, share.value, "share", share.of)
 
 
 def _sums(depth_m: FloatImage, reference_m: FloatImage, where: npt.NDArray[np.intp]) -> Sums:

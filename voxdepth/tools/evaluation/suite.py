@@ -21,7 +21,7 @@ from .intervals import close_intervals, error_intervals
 from .kinds import Kind, Opened
 from .measurements import Measurements
 from .methods import Method
-from .result_cache import Key, Result, ResultCache, SequenceInfo, encoded_thumbnail
+from .result_cache import Key, Result, SequenceInfo, encoded_thumbnail, load, store
 from .running import MethodError, run
 from .sources import Code, DatasetSource, FrameCache, Frames, FrameSource
 
@@ -89,14 +89,14 @@ class Evaluation:
             where = result.key.sequence, result.key.method
             if result.error is not None:
                 rows.append((*where, "error", "", "", "", None, "", 0, result.error))
-            rows += [(*where, *dict(m).values(), "") for m in result.measurements]
+            rows += [(*where, *m, "") for m in result.measurements]
         for info in self.sequences.values():
             ours = [result for result in self.results if result.key.sequence == info.name and result.frame_close]
             counts = {result.key.method: result.frame_close for result in ours}
             found = [*close_intervals(counts, info.hidden)]
             if info.independent == "all":
                 found += error_intervals({result.key.method: result.frame_errors_m for result in ours})
-            rows += [(info.name, method, *dict(m).values(), "") for method, m in found]
+            rows += [(info.name, method, *m, "") for method, m in found]
         return Measurements(rows)
 
     @property
@@ -140,30 +140,32 @@ def _evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
         progress(what, len(results))
 
     for requested in plan.sequences:
-        cache = ResultCache(plan.out, requested.name)
         with _frame_cache(plan.out) as frames:
             try:
-                source, info, keys, cached = _prepared(plan, requested, cache, frames, tell)
+                source, info, keys, finished = _prepared(plan, requested, frames, tell)
             except VoxDepthError as error:
                 reason = " ".join(str(error).split())
                 results += [Result(key=key, error=reason) for key in _keys(plan, requested.name)]
                 tell(f"{requested.name}, not opened")
                 continue
             sequences[requested.name] = info
-            reused += len(cached)
+            reused += len(finished)
             for method, key in zip(plan.methods, keys, strict=True):
                 tell(f"{requested.name}, {method.name}")
-                results.append(cached.get(method.name) or _computed(source, method, frames, cache, key))
+                if (result := finished.get(method.name)) is None:
+                    result = Result(key=key, info=info, **_scores(source, method, frames))
+                    store(plan.out, result)
+                results.append(result)
     tell("done")
     return Evaluation(results=tuple(results), sequences=sequences, reused=reused)
 
 
 def _prepared(
-    plan: Plan, requested: Requested, cache: ResultCache, frames: FrameCache, tell: Callable[[str], None]
+    plan: Plan, requested: Requested, frames: FrameCache, tell: Callable[[str], None]
 ) -> tuple[FrameSource, SequenceInfo, list[Key], dict[str, Result]]:
-    """Open a sequence; return it with its description, the key of each method, and the stored results by method.
+    """Open a sequence; return it with its description, the key of each method, and the finished results by method.
 
-    Unless every result is finished and the description is stored, the frames and the description are computed.
+    Unless every result is finished, the frames are computed and described.
     """
     name = requested.name
     tell(f"opening {name}")
@@ -174,13 +176,12 @@ def _prepared(
     digest = source.digest(total)
     keys = _keys(plan, name, frames=total, seed=source.seed, digest=digest, code=source.code)
     own = [key for key, method in zip(keys, plan.methods, strict=True) if not method.is_foreign]
-    results = {key.method: result for key in own if (result := cache.load(key)) is not None}
-    info = cache.load_info(digest, total) if len(results) == len(keys) else None
-    if info is None:
+    finished = {key.method: result for key in own if (result := load(plan.out, key)) is not None}
+    info = next((result.info for result in finished.values()), None)
+    if info is None or len(finished) < len(keys):
         frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
         info = describe(source, frames, digest)
-        cache.store(info)
-    return source, info, keys, results
+    return source, info, keys, finished
 
 
 def _keys(
@@ -193,14 +194,11 @@ def _keys(
     return [Key(method=method.name, config=method.config, **given) for method in plan.methods]
 
 
-def _computed(source: FrameSource, method: Method, frames: FrameCache, cache: ResultCache, key: Key) -> Result:
+def _scores(source: FrameSource, method: Method, frames: FrameCache) -> dict[str, Any]:
     try:
-        scores = dict(run(method, frames, source.groups, source.intrinsics))
+        return dict(run(method, frames, source.groups, source.intrinsics))
     except (MethodError, ToolError) as error:
-        scores = {"error": str(error)}
-    result = Result(key=key, **scores)
-    cache.store(result)
-    return result
+        return {"error": str(error)}
 
 
 def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
