@@ -1,40 +1,22 @@
 """The difficulty at which half of the flights arrive, found with few flights that are placed where they tell most."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
-from voxdepth.types import FloatArray
-
 from .batch import fly_all
 from .config import load_run
-from .study.statistics import LEVEL, Estimate, Interval
+from .study.design import NOISE_RATIO, Axis
+from .study.statistics import LEVEL, Estimate, Interval, LogisticCurves, told
 
-LAPSE = 0.02
-"""Share of flights that fail however easy they are."""
-N_LEVELS = 61
 WIDTHS = (0.02, 0.06, 0.15)
 """Scales of the logistic curve that are considered, as shares of the axis."""
 FIRST_SEED = 2000
 """First seed of the flights; seeds of pilots, which no study uses."""
-
-
-class Axis(NamedTuple):
-    """A setting that makes flights harder."""
-
-    key: str
-    """Its dotted key in a scenario."""
-    unit: str
-    easiest: float
-    hardest: float
-    depth: str
-    """Sensor model that has the setting."""
-
-
+N_LEVELS = 61
 AXES = {
-    "light": Axis("rig.light_stops", "f-stops", 0.0, -6.0, "stereo"),
-    "noise": Axis("rig.noise.scale.theta", "noise ratio", 0.0, 1.0, "noisy"),
+    "light": Axis(key="rig.light_stops", unit="f-stops", levels=tuple(np.linspace(0, -6, N_LEVELS).tolist())),
+    "noise": Axis(key=NOISE_RATIO, unit="noise ratio", levels=tuple(np.linspace(0, 1, N_LEVELS).tolist())),
 }
 
 
@@ -49,12 +31,10 @@ class ThresholdSearch:
     """
 
     def __init__(self, axis: Axis) -> None:
-        self.levels: FloatArray = np.linspace(axis.easiest, axis.hardest, N_LEVELS)
-        place, scale = np.meshgrid(np.linspace(0, 1, N_LEVELS), WIDTHS, indexing="ij")
-        beyond = (np.linspace(0, 1, N_LEVELS)[:, None] - place.ravel()) / scale.ravel()
-        self._success = (1 - LAPSE) / (1 + np.exp(np.clip(beyond, -50, 50)))
-        """Probability of a success at each level (first axis) for each curve."""
-        self._curves = np.full(place.size, 1 / place.size)
+        self.levels = np.array(axis.levels)
+        curves = LogisticCurves(self.levels, WIDTHS)
+        self._success, self._places = curves.success, curves.places
+        self._curves = np.full(self._places.size, 1 / self._places.size)
         """Probability of each curve."""
 
     def next_level(self) -> int:
@@ -74,19 +54,14 @@ class ThresholdSearch:
 
     def estimate(self) -> Estimate:
         """Return the median of the threshold with its interval, in the unit of the axis."""
-        cumulative = np.cumsum(self._curves.reshape(N_LEVELS, -1).sum(axis=1))
-        tail = (1 - LEVEL) / 2
-        low, middle, high = (float(self.levels[int(np.searchsorted(cumulative, q))]) for q in (tail, 0.5, 1 - tail))
+        cumulative, tail = np.cumsum(self._curves), (1 - LEVEL) / 2
+        low, middle, high = (float(self._places[int(np.searchsorted(cumulative, q))]) for q in (tail, 0.5, 1 - tail))
         return Estimate(middle, Interval(*sorted((low, high))))
 
 
 def found(axis: Axis, estimate: Estimate) -> str:
     """Say where half of the flights arrive, or that it is outside of the range that was flown."""
-    ends = axis.easiest, axis.hardest
-    if any(end in estimate.interval for end in ends):
-        return f"no threshold can be given: it may lie outside of the range from {ends[0]:g} to {ends[1]:g} {axis.unit}"
-    low, high = estimate.interval
-    return f"half of the flights arrive at {estimate.value:.2f} [{low:.2f}, {high:.2f}] {axis.unit}"
+    return f"{axis.unit} at which half of the flights arrive: {told(estimate, np.array(axis.levels))}"
 
 
 def search(
@@ -100,10 +75,11 @@ def search(
     known = ThresholdSearch(axis)
     for first in range(FIRST_SEED, FIRST_SEED + flights, workers):
         seeds, level = range(first, min(first + workers, FIRST_SEED + flights)), known.next_level()
-        changes = {"mission.drones": 1, "rig.depth": axis.depth, "corrector": corrector}
-        changes[axis.key] = float(known.levels[level])
+        sensor = "noisy" if axis.key == NOISE_RATIO else "stereo"
+        changes = {"mission.drones": 1, "rig.depth": sensor, "corrector": corrector}
+        changes[axis.key] = axis.levels[level]
         runs = [load_run(scenario, seed, changes) for seed in seeds]
         for seed, finished in zip(seeds, fly_all(runs, workers=workers), strict=True):
             success = finished.result.outcome == "success"
             known.add(level, success=success)
-            yield seed, float(known.levels[level]), success, known.estimate()
+            yield seed, axis.levels[level], success, known.estimate()

@@ -94,9 +94,9 @@ class Scripted:
 
 
 def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outcome]) -> StudyData:
-    """A study with the results of some runs, by arm, theta and seed."""
+    """A study with the results of some runs, by arm, level and seed."""
     specs = expand(study)
-    found = {(s.arm, s.theta, s.seed): s for s in specs}
+    found = {(s.arm, s.level, s.seed): s for s in specs}
     records = {found[cell].key: record(found[cell], outcome) for cell, outcome in outcomes.items()}
     return StudyData(
         study=study, specs=specs, records=records, failures={}, versions={"numpy": "2"}, machine="a machine"

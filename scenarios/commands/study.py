@@ -111,23 +111,12 @@ def export(
 
 
 @app.command()
-def report(
-    out: Folder,
-    record: Annotated[
-        bool, typer.Option("--record", help="Fly the first collision of each arm again, with a Rerun recording.")
-    ] = False,
-) -> None:
+def report(out: Folder) -> None:
     """Write report.html with the results so far, its tables as Markdown, and its figures in figures/."""
-    from ..study.analysis import first_collisions
-    from ..study.replay import fly_again
-    from ..study.report import recording_folder, recording_of, write_report
+    from ..study.report import write_report
     from ..study.store import read_study
 
     data = read_study(out)
-    for spec in first_collisions(data) if record else ():
-        if recording_of(out, spec) is None:
-            _, _, verdict = fly_again(data, spec, recording_folder(out, spec), record=True)
-            typer.echo(f"{spec.label}: {verdict}")
     typer.echo(f"{len(data.records)} of {len(data.runs)} runs; written to {write_report(data, out)}")
 
 
@@ -200,16 +189,16 @@ def power(
 def _print_status(data: "StudyData") -> None:
     from rich.console import Console
 
-    from ..study.analysis import compare_arms
+    from ..study.report import result
     from ..study.run import Progress
-    from ..study.tables import verdict
 
     typer.echo(f"study {data.study.name}: {data.study.description}".removesuffix(": "))
-    typer.echo(verdict(compare_arms(data, data.study.endpoint), data.study.endpoint))
+    typer.echo(result(data))
     Progress(data).table().print(Console())
     for failure in list(data.failures.values())[:5]:
         typer.echo(f"{failure.kind} in run {data.runs[failure.key].short_key}: {failure.last_line}")
-    if any("PluginError" in failure.last_line for failure in data.failures.values()):
+    kinds = {failure.kind for failure in data.failures.values()}
+    if "plugin error" in kinds:
         typer.echo("after a change of your code, fly the study with another --out: it is another one then")
-    elif data.failures:
-        typer.echo("fly them again with --resume --retry-errors")
+    if others := sorted(kinds - {"plugin error"}):
+        typer.echo(f"fly runs with {' or '.join(others)} again with --resume --retry-errors")

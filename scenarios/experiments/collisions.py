@@ -29,7 +29,7 @@ def fly(context: ExperimentContext) -> Findings:
     folder = context.out / COLLISIONS.name / "study"
     data = run_study(study, folder, executor, lambda progress: context.report(progress.line()), resume=True)
     arms, responses = summarise_arms(data), list(dose_responses(data))
-    ratios = pd.DataFrame({ARM: {arm.theta: 100 * (arm.ratio or 0.0) for arm in arms}})
+    ratios = pd.DataFrame({ARM: {arm.level: 100 * (arm.ratio or 0.0) for arm in arms}})
     return Findings(
         tables={"table": arm_table(arms).frame(), "dose": dose_response_table(responses).frame()},
         claims=_claims(next(response for _, name, response in responses if name == ARM)),

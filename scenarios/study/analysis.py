@@ -1,35 +1,44 @@
-"""Analysis of a study: summaries of its arms, paired comparisons of arms, and dose responses to the noise ratio."""
+"""Analysis of a study: summaries of its arms, paired comparisons of arms, and curves over its axis."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import pandas as pd
 
 from swarm.types import MetricValue, Outcome
-from voxdepth.types import MaskImage
+from voxdepth.types import FloatArray
 
 from ..errors import ScenarioError
-from .design import EndpointName, RunSpec, arm_label
+from .design import GAIN, NOISE_RATIO, EndpointName, RunSpec, arm_label
 from .statistics import (
     DoseResponse,
     Estimate,
+    IndexArray,
     Interval,
     Pairs,
+    SeedStatistic,
     bootstrap_ratio,
+    crossing,
     dose_response,
     holm,
+    is_beyond,
     mcnemar,
     newcombe,
+    over_seeds,
     pairs_needed,
     pairs_of,
+    success_threshold,
 )
 from .store import RunRecord, StudyData
 
 ArmLevel = tuple[str, float | None]
-"""An arm at one noise ratio."""
-Block = tuple[str, int]
-"""A scenario and a seed, within which the runs of two arms form a pair."""
+"""An arm at one level of the axis."""
+Sides = tuple[ArmLevel, ArmLevel]
+"""Two arms that are compared."""
+RunPairs = list[tuple[RunSpec, RunSpec]]
+"""Runs of two arms with the same scenario and seed."""
 REACHED: Mapping[EndpointName, Outcome] = {"arrived": Outcome.SUCCESS, "collision": Outcome.COLLISION}
 """Outcome of the runs that reached an endpoint."""
 ENDS: Mapping[str, tuple[Outcome, ...]] = {
@@ -105,11 +114,11 @@ MEASURES = (
 
 @dataclass(frozen=True, kw_only=True)
 class ArmSummary:
-    """The runs of one arm at one noise ratio in one scenario."""
+    """The runs of one arm at one level of the axis in one scenario."""
 
     scenario: str
     arm: str
-    theta: float | None
+    level: float | None
     planned: int
     specs: Sequence[RunSpec]
     """Runs with a result, ordered by seed."""
@@ -118,8 +127,8 @@ class ArmSummary:
 
     @property
     def label(self) -> str:
-        """The arm, with its noise ratio if it has one."""
-        return arm_label(self.arm, self.theta)
+        """The arm, with its level if it has one."""
+        return arm_label(self.arm, self.level)
 
     @property
     def n(self) -> int:
@@ -135,10 +144,6 @@ class ArmSummary:
     def ratio(self) -> float | None:
         """Collision ratio: runs with a collision divided by runs; None without runs."""
         return self.collisions / self.n if self.n else None
-
-    def interval(self, method: Callable[[int, int], Interval]) -> Interval | None:
-        """Return `wilson` or `clopper_pearson` of the collision ratio; None without runs."""
-        return method(self.collisions, self.n) if self.n else None
 
     def count(self, *outcomes: Outcome) -> int:
         """Return the number of runs with one of some outcomes."""
@@ -200,40 +205,30 @@ class MeanDifference:
 
 
 def summarise_arms(data: StudyData) -> list[ArmSummary]:
-    """Summarise every arm at every noise ratio in every scenario, in the order of the study."""
+    """Summarise every arm at every level in every scenario, in the order of the study."""
+    return _summaries(data, [(spec.scenario, spec) for spec in data.specs])
+
+
+def over_scenarios(data: StudyData) -> list[ArmSummary]:
+    """Summarise every arm at every level over all scenarios; none if there is one scenario."""
+    several = len({spec.scenario for spec in data.specs}) > 1
+    return _summaries(data, [("all", spec) for spec in data.specs] if several else [])
+
+
+def _summaries(data: StudyData, specs: Sequence[tuple[str, RunSpec]]) -> list[ArmSummary]:
     grouped: dict[tuple[str, str, float | None], list[RunSpec]] = {}
-    for spec in data.specs:
-        grouped.setdefault((spec.scenario, spec.arm, spec.theta), []).append(spec)
+    for name, spec in specs:
+        grouped.setdefault((name, spec.arm, spec.level), []).append(spec)
     return [
         ArmSummary(
             scenario=scenario,
             arm=arm,
-            theta=theta,
-            planned=len(specs),
-            specs=[spec for spec in specs if spec.key in data.records],
-            records=[data.records[spec.key] for spec in specs if spec.key in data.records],
+            level=level,
+            planned=len(own),
+            specs=[spec for spec in own if spec.key in data.records],
+            records=[data.records[spec.key] for spec in own if spec.key in data.records],
         )
-        for (scenario, arm, theta), specs in grouped.items()
-    ]
-
-
-def over_scenarios(arms: Sequence[ArmSummary]) -> list[ArmSummary]:
-    """Return the summaries of all arms over all scenarios; none if there is one scenario."""
-    if len({arm.scenario for arm in arms}) < 2:
-        return []
-    grouped: dict[ArmLevel, list[ArmSummary]] = {}
-    for arm in arms:
-        grouped.setdefault((arm.arm, arm.theta), []).append(arm)
-    return [
-        ArmSummary(
-            scenario="all",
-            arm=name,
-            theta=theta,
-            planned=sum(arm.planned for arm in own),
-            specs=[spec for arm in own for spec in arm.specs],
-            records=[record for arm in own for record in arm.records],
-        )
-        for (name, theta), own in grouped.items()
+        for (scenario, arm, level), own in grouped.items()
     ]
 
 
@@ -248,66 +243,83 @@ def compare_arms(data: StudyData, endpoint: EndpointName) -> list[Comparison]:
 
     The declared comparison comes first; it is the primary one if it was declared on this endpoint.
     """
-    sides, declared = _sides(data)
+    matched, declared = _matched(data)
     primary = declared if endpoint == data.study.endpoint else None
-    reached = _reached(data, endpoint)
-    found = [(pair, cells) for pair in sides if (cells := _cells(reached, *pair))]
-    pooled = [pooled_pairs(cells.values()) for _, cells in found]
-    p_values = [mcnemar(pairs.first_only, pairs.second_only) for pairs in pooled]
-    adjusted = iter(holm([p for p, (pair, _) in zip(p_values, found, strict=True) if pair != primary]))
+    pooled = {sides: _counts(data, pairs, endpoint) for sides, pairs in matched.items()}
+    p_values = {sides: mcnemar(pairs.first_only, pairs.second_only) for sides, pairs in pooled.items()}
+    others = [sides for sides in p_values if sides != primary]
+    adjusted = dict(zip(others, holm([p_values[sides] for sides in others]), strict=True))
     return [
         Comparison(
-            first=arm_label(*pair[0]),
-            second=arm_label(*pair[1]),
-            declared=pair == declared,
-            cells=cells,
+            first=arm_label(*sides[0]),
+            second=arm_label(*sides[1]),
+            declared=sides == declared,
+            cells={name: _counts(data, own, endpoint) for name, own in _by_scenario(matched[sides]).items()},
             pairs=pairs,
             difference=newcombe(pairs),
-            p=p,
-            p_holm=None if pair == primary else next(adjusted),
+            p=p_values[sides],
+            p_holm=adjusted.get(sides),
         )
-        for p, pairs, (pair, cells) in zip(p_values, pooled, found, strict=True)
+        for sides, pairs in pooled.items()
     ]
 
 
 def compare_means(data: StudyData, measures: Sequence[Measure]) -> list[MeanDifference]:
     """Compare the means of some measures of all pairs of arms that have a pair of runs."""
-    flown: dict[ArmLevel, dict[Block, RunSpec]] = {}
-    for spec in data.flown:
-        flown.setdefault((spec.arm, spec.theta), {})[spec.scenario, spec.seed] = spec
-    found = []
-    for one, other in _sides(data)[0]:
-        a, b = flown.get(one, {}), flown.get(other, {})
-        blocks = [block for block in a if block in b]
-        if blocks:
-            estimates = {
-                m.name: _mean_difference(data, m, [(a[block], b[block]) for block in blocks]) for m in measures
-            }
-            labels = {"first": arm_label(*one), "second": arm_label(*other)}
-            found.append(MeanDifference(**labels, pairs=len(blocks), estimates=estimates))
-    return found
+    return [
+        MeanDifference(
+            first=arm_label(*one),
+            second=arm_label(*other),
+            pairs=len(pairs),
+            estimates={measure.name: _mean_difference(data, measure, pairs) for measure in measures},
+        )
+        for (one, other), pairs in _matched(data)[0].items()
+    ]
 
 
-def _mean_difference(data: StudyData, measure: Measure, pairs: Sequence[tuple[RunSpec, RunSpec]]) -> Estimate | None:
+def _mean_difference(data: StudyData, measure: Measure, pairs: RunPairs) -> Estimate | None:
     """Return the difference of a measure over pairs of runs, with a bootstrap over the seeds of each scenario."""
-    strata: dict[str, list[tuple[float, ...]]] = {}
-    for pair in pairs:
-        a, b = (measure.of(spec, data.records[spec.key]) for spec in pair)
-        if a is not None and b is not None:
-            strata.setdefault(pair[0].scenario, []).append((*a, *b))
-    return bootstrap_ratio(list(strata.values())) if strata else None
+    strata: list[list[tuple[float, ...]]] = []
+    for own in _by_scenario(pairs).values():
+        counts = [[measure.of(spec, data.records[spec.key]) for spec in pair] for pair in own]
+        strata.append([(*a, *b) for a, b in counts if a is not None and b is not None])
+    strata = [rows for rows in strata if rows]
+    return bootstrap_ratio(strata) if strata else None
 
 
-def _sides(data: StudyData) -> tuple[list[tuple[ArmLevel, ArmLevel]], tuple[ArmLevel, ArmLevel] | None]:
-    """Return the pairs of arms that are compared, and the declared one, which comes first; None if there is none."""
-    levels: list[ArmLevel] = [(arm.name, theta) for arm in data.study.arms for theta in arm.levels]
-    # Arms at two different noise ratios are not compared.
+def _by_scenario(pairs: RunPairs) -> dict[str, RunPairs]:
+    scenarios = dict.fromkeys(first.scenario for first, _ in pairs)
+    return {name: [pair for pair in pairs if pair[0].scenario == name] for name in scenarios}
+
+
+def _counts(data: StudyData, pairs: RunPairs, endpoint: EndpointName) -> Pairs:
+    """Count the pairs by which of the two runs reached an endpoint."""
+    reached = {key: record.outcome is REACHED[endpoint] for key, record in data.records.items()}
+    return pairs_of([(reached[a.key], reached[b.key]) for a, b in pairs])
+
+
+def _matched(data: StudyData) -> tuple[dict[Sides, RunPairs], Sides | None]:
+    """Return the pairs of runs of the same scenario and seed of every two arms, and the declared arms.
+
+    The declared arms come first, those of a gain at every level, and are None for a gain. Arms at two different
+    levels are not compared.
+    """
+    study, flown = data.study, dict[ArmLevel, dict[tuple[str, int], RunSpec]]()
+    for spec in data.flown:
+        flown.setdefault((spec.arm, spec.level), {})[spec.scenario, spec.seed] = spec
+    levels: list[ArmLevel] = [(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
     sides = [(a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (None in (a[1], b[1]) or a[1] == b[1])]
-    if (declared := data.study.declared) is None:
-        return sides, None
-    level = {level[0]: level for level in levels}  # The arms of the declared comparison have one level.
-    primary = level[declared.arm], level[declared.against]
-    return [primary, *(pair for pair in sides if set(pair) != set(primary))], primary
+    own: list[Sides] = []
+    if (declared := study.declared) is not None:
+        first, second = ([level for level in levels if level[0] == name] for name in (declared.arm, declared.against))
+        own = [(a, b) for a in first for b in second if declared.endpoint != GAIN or a[1] == b[1]]
+        sides = [*own, *(pair for pair in sides if pair not in own and pair[::-1] not in own)]
+    matched = {}
+    for one, other in sides:
+        a, b = flown.get(one, {}), flown.get(other, {})
+        if pairs := [(a[block], b[block]) for block in a if block in b]:
+            matched[one, other] = pairs
+    return matched, own[0] if own and declared is not None and declared.endpoint != GAIN else None
 
 
 def pairs_to_find(found: Comparison, endpoint: EndpointName, effect: float) -> int:
@@ -328,6 +340,99 @@ def pairs_to_find(found: Comparison, endpoint: EndpointName, effect: float) -> i
     return pairs_needed(effect + 2 * worse, effect)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Gain:
+    """By how much farther along the axis one arm keeps half of the reference's goal speed than another one."""
+
+    scenario: str
+    first: str
+    second: str
+    declared: bool
+    seeds: int
+    estimate: Estimate | None
+    """In the unit of the axis, positive if the first comes farther; None if one of them may leave the flown range."""
+
+
+Threshold = tuple[str, str, int, Estimate, Estimate | None, FloatArray]
+"""Scenario, arm, number of seeds, the levels at which half of the flights arrive and at which half of the reference's
+goal speed is left (None without a reference), and the levels that were flown."""
+
+
+def curves(data: StudyData, value: Callable[[RunSpec, RunRecord], float]) -> dict[tuple[str, str], pd.DataFrame]:
+    """Return a number of every run by scenario and arm, for arms with a level: columns are levels, the easiest first.
+
+    The rows are the seeds that have a result at every level of the arm.
+    """
+    names = ["scenario", "arm", "seed", "level", "value"]
+    rows = [(s.scenario, s.arm, s.seed, s.level, value(s, data.records[s.key])) for s in data.flown]
+    grouped = pd.DataFrame(rows, columns=names).groupby(names[:2], sort=False)
+    levels = {arm.name: data.study.levels_of(arm) for arm in data.study.arms}
+    return {
+        (scenario, arm): own.pivot(index="seed", columns="level", values="value").reindex(columns=levels[arm]).dropna()
+        for (scenario, arm), own in grouped
+        if None not in levels[arm]
+    }
+
+
+def thresholds(data: StudyData) -> list[Threshold]:
+    """Return how far along the axis each arm comes, of the arms that have a seed at each of at least three levels."""
+    speeds, full = _speeds(data)
+    found = []
+    for (scenario, arm), own in curves(data, lambda _, record: record.outcome is Outcome.SUCCESS).items():
+        if len(own) and len(own.columns) > 2:
+            levels, half_speed = own.columns.to_numpy(float), None
+            if seeds := sorted({*own.index} & full.get(scenario, {}).keys()):
+                half_speed = over_seeds(len(seeds), _half_speed(speeds[scenario, arm], full[scenario], seeds))
+            half_arrive = success_threshold(levels, own.to_numpy(bool))
+            found.append((scenario, arm, len(own), half_arrive, half_speed, levels))
+    return found
+
+
+def gains(data: StudyData) -> list[Gain]:
+    """Compare the curves of goal speed of all pairs of arms that share seeds; the declared pair comes first."""
+    declared, (speeds, full) = data.study.declared, _speeds(data)
+    primary = (declared.arm, declared.against) if declared is not None and declared.endpoint == GAIN else None
+    found = []
+    for pair in combinations((place for place, own in speeds.items() if len(own.columns) > 2), 2):
+        first, second = reversed(pair) if (pair[1][1], pair[0][1]) == primary else pair
+        seeds = sorted({*speeds[first].index} & {*speeds[second].index} & full.get(first[0], {}).keys())
+        if first[0] == second[0] and seeds:
+            estimate = _gain(speeds[first], speeds[second], full[first[0]], seeds)
+            named = {"scenario": first[0], "first": first[1], "second": second[1]}
+            found.append(Gain(**named, declared=(first[1], second[1]) == primary, seeds=len(seeds), estimate=estimate))
+    return sorted(found, key=lambda gain: not gain.declared)
+
+
+def _speeds(data: StudyData) -> tuple[dict[tuple[str, str], pd.DataFrame], dict[str, dict[int, float]]]:
+    """Return the curves of goal speed, and the reference's mean goal speed by scenario and seed."""
+    speeds, axis = curves(data, lambda spec, record: _goal_speed_m_s(spec, record)[0]), data.study.axis
+    reference = None if axis is None else axis.reference
+    return speeds, {place: own.mean(axis=1).to_dict() for (place, arm), own in speeds.items() if arm == reference}
+
+
+def _half_speed(speeds: pd.DataFrame, full: Mapping[int, float], seeds: Sequence[int]) -> SeedStatistic:
+    """Return the function of seeds that finds the level at which half of the reference's goal speed is left."""
+    levels, values = speeds.columns.to_numpy(float), speeds.loc[seeds].to_numpy()
+    halves = np.array([full[seed] for seed in seeds]) / 2
+
+    def at(rows: IndexArray) -> FloatArray:
+        means = zip(values[rows].mean(axis=1), halves[rows].mean(axis=1), strict=True)
+        return np.array([crossing(levels, *own) for own in means])
+
+    return at
+
+
+def _gain(
+    first: pd.DataFrame, second: pd.DataFrame, full: Mapping[int, float], seeds: Sequence[int]
+) -> Estimate | None:
+    a, b = (_half_speed(speeds, full, seeds) for speeds in (first, second))
+    for at, speeds in ((a, first), (b, second)):
+        if is_beyond(over_seeds(len(seeds), at), speeds.columns.to_numpy(float)):
+            return None
+    harder = np.sign(first.columns[-1] - first.columns[0])
+    return over_seeds(len(seeds), lambda rows: np.asarray(harder * (a(rows) - b(rows))))
+
+
 def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | str]]:
     """Fit the collisions of every arm with at least three noise ratios to the seeds that were flown at all of them.
 
@@ -335,24 +440,18 @@ def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | s
         The scenario, the arm, and its dose response or the reason why there is none. An arm that flew the noise ratio 1
         has a second one without it, to show how much hangs on it.
     """
-    collided = _reached(data, "collision")
-    for scenario in dict.fromkeys(spec.scenario for spec in data.specs):
-        for arm in data.study.arms:
-            if len(arm.theta) < 3:
-                continue
-            columns = [collided.get((arm.name, theta), {}) for theta in arm.theta]
-            blocks = sorted(block for block in set.intersection(*map(set, columns)) if block[0] == scenario)
-            rows = np.array([[column[block] for column in columns] for block in blocks], np.bool_)
-            rows = rows.reshape(-1, len(columns))
-            below = [k for k, theta in enumerate(arm.theta) if theta < 1]
-            yield scenario, arm.name, _fitted(arm.theta, rows)
-            if 3 <= len(below) < len(arm.theta):
-                yield scenario, f"{arm.name}, without theta 1", _fitted([arm.theta[k] for k in below], rows[:, below])
+    collided = curves(data, lambda _, record: record.outcome is Outcome.COLLISION)
+    for (scenario, arm), rows in collided.items() if data.study.axis_key == NOISE_RATIO else ():
+        if len(rows.columns) > 2:
+            below = [theta for theta in rows.columns if theta < 1]
+            yield scenario, arm, _fitted(rows)
+            if 3 <= len(below) < len(rows.columns):
+                yield scenario, f"{arm}, without theta 1", _fitted(rows[below])
 
 
-def _fitted(thetas: Sequence[float], collided: MaskImage) -> DoseResponse | str:
+def _fitted(collided: pd.DataFrame) -> DoseResponse | str:
     try:
-        return dose_response(thetas, collided)
+        return dose_response(collided.columns.tolist(), collided.to_numpy(bool))
     except ScenarioError as error:
         return str(error)
 
@@ -361,29 +460,3 @@ def first_collisions(data: StudyData) -> list[RunSpec]:
     """Return the run of each arm that ended in a collision and has the lowest seed."""
     found = {spec.arm: spec for spec in reversed(data.collisions)}
     return [found[arm.name] for arm in data.study.arms if arm.name in found]
-
-
-def pooled_pairs(cells: Iterable[Pairs]) -> Pairs:
-    """Return the pairs of all scenarios together."""
-    cells = list(cells)
-    counts = ("both", "first_only", "second_only", "neither")
-    return Pairs(**{name: sum(getattr(pairs, name) for pairs in cells) for name in counts})
-
-
-def _reached(data: StudyData, endpoint: EndpointName) -> Mapping[ArmLevel, Mapping[Block, bool]]:
-    """Return whether each run with a result reached an endpoint."""
-    found: dict[ArmLevel, dict[Block, bool]] = {}
-    for spec in data.flown:
-        has_reached = data.records[spec.key].outcome is REACHED[endpoint]
-        found.setdefault((spec.arm, spec.theta), {})[spec.scenario, spec.seed] = has_reached
-    return found
-
-
-def _cells(reached: Mapping[ArmLevel, Mapping[Block, bool]], first: ArmLevel, second: ArmLevel) -> dict[str, Pairs]:
-    """Return the pairs of runs of two arms by scenario."""
-    a, b = reached.get(first, {}), reached.get(second, {})
-    outcomes: dict[str, list[tuple[bool, bool]]] = {}
-    for block in a:
-        if block in b:
-            outcomes.setdefault(block[0], []).append((a[block], b[block]))
-    return {scenario: pairs_of(pairs) for scenario, pairs in outcomes.items()}

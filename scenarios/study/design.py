@@ -29,11 +29,14 @@ PILOT_SEEDS = range(1000, 6000)
 """Seeds of pilots, which may be used to choose scenes and controllers."""
 ALWAYS_SET = ("rig.depth", "corrector")
 """Keys that every arm sets, so that the changes of a study could not affect them."""
-OWN_KEYS = (*ALWAYS_SET, "rig.noise.scale.theta", "rig.width_px", "rig.height_px")
+NOISE_RATIO = "rig.noise.scale.theta"
+OWN_KEYS = (*ALWAYS_SET, NOISE_RATIO, "rig.width_px", "rig.height_px")
 """Keys of a scenario that an arm sets by a field of its own."""
 EndpointName = Literal["arrived", "collision"]
 """What is counted: runs in which all arrived without a collision, or runs with a collision."""
 ENDPOINTS: tuple[EndpointName, ...] = get_args(EndpointName)
+GAIN: Literal["gain"] = "gain"
+"""The endpoint of a study with an axis: by how much farther along it an arm keeps half of the full goal speed."""
 KEY_FORMAT = 2
 """Part of every key. It is raised when equal runs no longer have equal results."""
 SHORT = 12
@@ -56,6 +59,24 @@ class Seeds(Model):
         return range(self.first, self.first + (self.count if count is None else count))
 
 
+class Axis(Model):
+    """A setting that makes flights harder step by step, so that every arm has a curve."""
+
+    key: str
+    """Its dotted key in a scenario, as in rig.light_stops."""
+    unit: str = ""
+    levels: tuple[float, ...] = Field(strict=False, min_length=3)
+    """Its values from the easiest to the hardest."""
+    reference: str | None = None
+    """The arm of which half the goal speed is the height at which the curves of the others are compared."""
+
+    @pydantic.model_validator(mode="after")
+    def _check(self) -> "Axis":
+        if list(self.levels) not in (sorted(set(self.levels)), sorted(set(self.levels), reverse=True)):
+            raise ValueError(f"the levels of an axis must rise or fall from the easiest on, got {list(self.levels)}")
+        return self
+
+
 class Arm(Model):
     """One way to fly a scenario: the source of depth, the corrector, and further differences."""
 
@@ -64,7 +85,9 @@ class Arm(Model):
     corrector: CorrectorSpec
     """The corrector's name, or a table with `name` and `config`."""
     theta: tuple[float, ...] = ()
-    """Noise ratios of the sensor model `noisy`, one or a list; each makes runs of its own."""
+    """Noise ratios of the sensor model `noisy`, one or a list; a list is an axis of the arm, from the easiest on."""
+    levels: tuple[float, ...] = Field(default=(), strict=False)
+    """Levels of the study's axis that this arm flies. Default: all."""
     size: str | None = Field(default=None, pattern=r"^\d+x\d+$")
     """Image size without decimation, as in 160x120. Default: the cameras of the scenario."""
     seeds: int | None = Field(default=None, ge=1)
@@ -96,15 +119,11 @@ class Arm(Model):
         return self
 
     @property
-    def levels(self) -> tuple[float | None, ...]:
-        """The noise ratios; a single None for a sensor model without one."""
-        return self.theta or (None,)
-
-    def changes_at(self, theta: float | None) -> dict[str, Any]:
-        """Return all values of the scenario that the arm sets at one noise ratio, by dotted key."""
+    def settings(self) -> dict[str, Any]:
+        """All values of the scenario that the arm sets, by dotted key; a level of the axis goes before them."""
         changes = {**self.changes, "rig.depth": self.depth, "corrector": self.corrector.model_dump()}
-        if theta is not None:
-            changes["rig.noise.scale.theta"] = theta
+        if self.theta:
+            changes[NOISE_RATIO] = self.theta[0]
         if self.size is not None:
             width, height = self.size.split("x")
             changes |= images_of(int(width), int(height))
@@ -116,7 +135,8 @@ class PrimaryComparison(Model):
 
     arm: str
     against: str
-    endpoint: EndpointName = "arrived"
+    endpoint: EndpointName | Literal["gain"] = "arrived"
+    """What is counted, or `GAIN`."""
 
 
 class Study(Model):
@@ -133,6 +153,8 @@ class Study(Model):
     """Wall-clock time after which a run is stopped and counts as an error."""
     changes: Mapping[str, Any] = Field(default={}, strict=False)
     """Values to set in every scenario for every arm, by dotted key."""
+    axis: Axis | None = None
+    """The axis along which every arm flies; None if there is none but noise ratios."""
     declared: PrimaryComparison | None = None
     """The pre-registered primary comparison; None if there is none."""
     arms: tuple[Arm, ...] = Field(strict=False, min_length=1)
@@ -145,19 +167,47 @@ class Study(Model):
         if taken := [key for key in self.changes if _is_set_by(key, ALWAYS_SET)]:
             raise ValueError(f"changes must not set {taken[0]}, because every arm sets it: set it in the arms")
         self._check_seeds()
+        self._check_axis()
         self._check_primary_comparison()
         self._check_factors()
         return self
 
     @property
     def endpoint(self) -> EndpointName:
-        """The primary endpoint."""
-        return PrimaryComparison.model_fields["endpoint"].default if self.declared is None else self.declared.endpoint
+        """What is counted in the first place."""
+        return "arrived" if self.declared is None or self.declared.endpoint == "gain" else self.declared.endpoint
 
     @property
     def factors(self) -> tuple[str, ...]:
         """Names of the factors; empty unless the design is factorial."""
         return next((tuple(arm.factors) for arm in self.arms if arm.factors), ())
+
+    @property
+    def axis_key(self) -> str:
+        """The dotted key of which every run has a level."""
+        return NOISE_RATIO if self.axis is None else self.axis.key
+
+    def levels_of(self, arm: Arm) -> tuple[float | None, ...]:
+        """Return the levels that an arm flies, from the easiest on; a single None for an arm without any."""
+        if self.axis is None:
+            return tuple(sorted(arm.theta)) or (None,)
+        return tuple(level for level in self.axis.levels if level in (arm.levels or self.axis.levels))
+
+    def _check_axis(self) -> None:
+        axis = self.axis
+        for arm in self.arms:
+            if axis is None and arm.levels:
+                raise ValueError(f"arm {arm.name!r} has levels of an axis, which the study lacks: give [axis]")
+            if axis is None:
+                continue
+            if len(arm.theta) > 1:
+                raise ValueError(f"arm {arm.name!r} has {len(arm.theta)} theta in a study with an axis, expected one")
+            if unknown := [level for level in arm.levels if level not in axis.levels]:
+                raise ValueError(f"arm {arm.name!r} flies {unknown[0]:g}, which is no level of the axis")
+            if _is_set_by(axis.key, (*ALWAYS_SET, *self.changes, *arm.changes)):
+                raise ValueError(f"the axis {axis.key} must not be set by the study or by arm {arm.name!r} as well")
+        if axis is not None and axis.reference not in (None, *(arm.name for arm in self.arms)):
+            raise ValueError(f"the reference of the axis is no arm of the study: {axis.reference!r}")
 
     def _check_seeds(self) -> None:
         seeds = self.seeds.first_seeds()
@@ -177,8 +227,8 @@ class Study(Model):
         for arm in (arm for arm in self.arms if arm.factors):
             if set(arm.factors) != set(self.factors):
                 raise ValueError(f"all arms of a design have the same factors, got {arm.name!r} with {[*arm.factors]}")
-            if len(arm.levels) > 1:
-                raise ValueError(f"an arm with factors has one theta, {arm.name!r} has {len(arm.levels)}")
+            if (count := len(self.levels_of(arm))) > 1:
+                raise ValueError(f"an arm with factors has one level, {arm.name!r} has {count}")
             place = tuple(arm.factors[name] for name in self.factors)
             if place in placed:
                 raise ValueError(f"arms {placed[place]!r} and {arm.name!r} have the same factors: {dict(arm.factors)}")
@@ -191,22 +241,25 @@ class Study(Model):
         for name in (self.declared.arm, self.declared.against):
             if name not in arms:
                 raise ValueError(f"the declared comparison names no arm of the study: {name!r}; it has {list(arms)}")
-            if len(arms[name].levels) > 1:
+            count = len(self.levels_of(arms[name]))
+            if self.declared.endpoint != GAIN and count > 1:
                 raise ValueError(
-                    f"a declared comparison needs arms of one theta, {name!r} has {len(arms[name].levels)}"
+                    f"a declared comparison needs arms of one level, or endpoint = {GAIN!r}: {name!r} has {count}"
                 )
         if self.declared.arm == self.declared.against:
             raise ValueError(f"the declared comparison must name two arms, got {self.declared.arm!r} twice")
+        if self.declared.endpoint == GAIN and (self.axis is None or self.axis.reference is None):
+            raise ValueError(f"endpoint = {GAIN!r} needs an axis with a reference: give both in [axis]")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunSpec:
-    """One run of a study: an arm flies a scenario at a noise ratio with a seed."""
+    """One run of a study: an arm flies a scenario at a level of the axis with a seed."""
 
     scenario: str
     arm: str
-    theta: float | None
-    """Noise ratio of the sensor model `noisy`; None for other sensor models."""
+    level: float | None
+    """Level of the axis, such as a noise ratio; None without one."""
     run: Run
     key: str
     """`key_of` the run when the study began. A later version of the program may know more keys of a scenario and would
@@ -225,12 +278,12 @@ class RunSpec:
     @property
     def label(self) -> str:
         """The run in words."""
-        return f"scenario {self.scenario}, arm {arm_label(self.arm, self.theta)}, seed {self.seed}"
+        return f"scenario {self.scenario}, arm {arm_label(self.arm, self.level)}, seed {self.seed}"
 
 
-def arm_label(arm: str, theta: float | None) -> str:
-    """Return the name of an arm, with its noise ratio if it has one."""
-    return arm if theta is None else f"{arm}, theta {theta:g}"
+def arm_label(arm: str, level: float | None) -> str:
+    """Return the name of an arm, with its level of the axis if it has one."""
+    return arm if level is None else f"{arm} at {level:g}"
 
 
 def load_study(name_or_path: str) -> Study:
@@ -285,25 +338,26 @@ def expand(study: Study) -> list[RunSpec]:
         raise ScenarioError(f"the scenarios of a study must have different names, got {', '.join(names)}")
     repeated = _repeated(study)
     return [
-        _spec(arm, theta, run.model_copy(update={"seed": seed}))
+        _spec(arm, level, run.model_copy(update={"seed": seed}))
         for seed in study.seeds.first_seeds()
-        for arm, theta, run in repeated
+        for arm, level, run in repeated
         if seed in study.seeds.first_seeds(arm.seeds)
     ]
 
 
 def _repeated(study: Study) -> list[tuple[Arm, float | None, Run]]:
-    """The runs that the seeds repeat, by arm and noise ratio; their own seed is of no meaning.
+    """The runs that the seeds repeat, by arm and level; their own seed is of no meaning.
 
     One error tells all arms that set what their scenarios do not take.
     """
     repeated, told = [], dict[str, None]()
     for scenario, arm in product(study.scenarios, study.arms):
-        for theta in arm.levels:
+        for level in study.levels_of(arm):
             try:
-                run = load_run(scenario, 0, {**study.changes, **arm.changes_at(theta)})
+                at = {} if level is None else {study.axis_key: level}
+                run = load_run(scenario, 0, {**study.changes, **arm.settings, **at})
                 sources_of(run)
-                repeated.append((arm, theta, run))
+                repeated.append((arm, level, run))
             except VoxDepthError as error:
                 told[f"arm {arm.name!r}: {error}"] = None
     if told:
@@ -320,9 +374,11 @@ def versions_of(specs: Iterable[RunSpec]) -> dict[str, str]:
 def by_importance(study: Study, specs: Iterable[RunSpec], waiting: Iterable[RunSpec]) -> list[RunSpec]:
     """Return the waiting runs, those of the declared comparison first, so that a study that stops early has these.
 
-    `specs` are all of the study: a run that arms share is one of the comparison, whichever of them names it.
+    `specs` are all of the study: a run that arms share is one of the comparison, whichever of them names it. A gain
+    is declared on whole curves and their reference, so that all runs of a seed go together.
     """
-    compared = () if study.declared is None else (study.declared.arm, study.declared.against)
+    declared = study.declared
+    compared = () if declared is None or declared.endpoint == GAIN else (declared.arm, declared.against)
     keys = {spec.key for spec in specs if spec.arm in compared}
     return sorted(waiting, key=lambda spec: spec.key not in keys)
 
@@ -330,9 +386,9 @@ def by_importance(study: Study, specs: Iterable[RunSpec], waiting: Iterable[RunS
 def digest(study: Study, specs: Sequence[RunSpec]) -> str:
     """Return a SHA-256 of a study with its resolved scenarios, but not of what no result depends on."""
     design = study.model_dump_json(exclude={"scenarios", "description", "time_limit_s"})
-    runs = [f"{spec.scenario} {spec.arm} {spec.theta} {spec.key}" for spec in specs]
+    runs = [f"{spec.scenario} {spec.arm} {spec.level} {spec.key}" for spec in specs]
     return hashlib.sha256("\n".join([design, *runs]).encode()).hexdigest()
 
 
-def _spec(arm: Arm, theta: float | None, run: Run) -> RunSpec:
-    return RunSpec(scenario=run.scenario.name, arm=arm.name, theta=theta, run=run, key=key_of(run))
+def _spec(arm: Arm, level: float | None, run: Run) -> RunSpec:
+    return RunSpec(scenario=run.scenario.name, arm=arm.name, level=level, run=run, key=key_of(run))

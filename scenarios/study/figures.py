@@ -1,6 +1,6 @@
 """The figures of a study's report."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -11,22 +11,18 @@ from voxdepth.tools.figure import Draw, Picture, legend_label, line_color, panel
 from voxdepth.types import FloatArray
 
 from ..batch import OUTCOMES
-from .analysis import REACHED, ArmSummary, Comparison, headline
-from .design import EndpointName
-from .statistics import DoseResponse, newcombe, wilson
+from .analysis import GOAL_SPEED, REACHED, ArmSummary, Comparison, headline
+from .design import ENDPOINTS, EndpointName, Study
+from .statistics import newcombe, wilson
 from .tables import ENDPOINT_TITLES
 
 WIDTH_IN = 9.0
 COLORS = dict(zip(OUTCOMES, ("#4c9f70", "#c0392b", "#e0a030", "#7d5ba6", "#8a8f98"), strict=True))
-RATIO_CAPTION = "Shares of runs with Wilson 95 % intervals; n is the number of runs."
-NOISE_CAPTION = f"{RATIO_CAPTION} Arms at the same noise ratio are drawn beside each other."
+LEVEL_CAPTION = "Bands are 95 % intervals: of a bootstrap that draws runs for goal speeds, Wilson's for shares of runs."
 FOREST_CAPTION = (
     "Differences of shares with 95 % intervals: Newcombe's in each scenario, and of all pairs. To "
     "the right of the line, more runs of the first arm."
 )
-BESIDE = 0.008
-"""Distance of the points of two arms at the same noise ratio, so that none covers another."""
-FIT = "1 - exp(-a theta^b)"
 AXIS_LABELS: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "runs with a collision"}
 
 
@@ -62,30 +58,20 @@ def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
     axes.grid(alpha=0.3, axis="x")
 
 
-def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], DoseResponse]) -> list[Picture]:
-    """Draw the figures of all scenarios, `fitted` by scenario and arm.
-
-    Arms without a result are left out, and so is a figure of what no run came to.
-    """
+def all_figures(study: Study, arms: Sequence[ArmSummary]) -> list[Picture]:
+    """Draw the figures of all scenarios; arms without a result are left out."""
     found: list[Picture] = []
+    unit = "" if study.axis is None or not study.axis.unit else f" [{study.axis.unit}]"
     for scenario in dict.fromkeys(arm.scenario for arm in arms if arm.n):
         own = [arm for arm in arms if arm.scenario == scenario and arm.n]
-        fits = {name: fit for (place, name), fit in fitted.items() if place == scenario}
-        is_reached = any(arm.count(*REACHED.values()) for arm in own)
-        if is_reached and len({arm.theta for arm in own} - {None}) > 1:
-            caption = NOISE_CAPTION + (f" A dotted line is {FIT}, fitted by likelihood." if fits else "")
-            draws = [
-                partial(_draw_noise_ratios, own, fits, "collision"),
-                partial(_draw_noise_ratios, own, {}, "arrived"),
-            ]
-            title, size_in = f"{scenario}: collisions against noise", (WIDTH_IN / 2, 4.0)
-            found.append(_picture(title, caption, draws, size_in, shared_legend=True))
-        rows_in = 0.32 * len(own)
-        if is_reached:
-            draws = [partial(_draw_shares, own, endpoint) for endpoint in REACHED]
-            found.append(_picture(f"{scenario}: endpoints by arm", RATIO_CAPTION, draws, (WIDTH_IN / 2, 1.2 + rows_in)))
+        if len({arm.level for arm in own} - {None}) > 1:
+            labels = {"goal speed [m/s]": _goal_speeds}
+            labels |= {f"{AXIS_LABELS[name]} [%]": partial(_shares, endpoint=name) for name in ENDPOINTS}
+            draws = [partial(_draw_curves, own, f"{study.axis_key}{unit}", *panel) for panel in labels.items()]
+            title, size_in = f"{scenario}: curves over {study.axis_key.rpartition('.')[2]}", (WIDTH_IN / 3, 3.6)
+            found.append(_picture(title, LEVEL_CAPTION, draws, size_in, shared_legend=True))
         caption, draw = "Every run has exactly one outcome; n is the number of runs.", partial(_draw_outcomes, own)
-        size_in = WIDTH_IN, 1.6 + rows_in
+        size_in = WIDTH_IN, 1.6 + 0.32 * len(own)
         found.append(_picture(f"{scenario}: how runs ended", caption, [draw], size_in, shared_legend=True))
     return found
 
@@ -94,43 +80,28 @@ def _picture(title: str, caption: str, draws: Sequence[Draw], panel_in: tuple[fl
     return Picture.of(title, caption, panel_figure("", draws, panel_in=panel_in, **style))
 
 
-def _draw_noise_ratios(
-    arms: Sequence[ArmSummary],
-    fits: Mapping[str, DoseResponse],
-    endpoint: EndpointName,
-    axes: Any,
+def _draw_curves(
+    arms: Sequence[ArmSummary], x_label: str, y_label: str, bands: Callable[..., FloatArray], axes: Any
 ) -> None:
-    """Draw the figure of the paper: every arm over its noise ratios, or as a horizontal line if it has none."""
-    names = list(dict.fromkeys(arm.arm for arm in arms))
-    for k, name in enumerate(names):
-        own, color = [arm for arm in arms if arm.arm == name], line_color(k)
-        low, high = min(arm.n for arm in own), max(arm.n for arm in own)
-        n = f"n = {low}" if low == high else f"n = {low} to {high}"
-        y, errors = _shares(own, endpoint)
-        if own[0].theta is None:
-            axes.axhline(y[0], color=color, ls="--", label=legend_label(f"{name}, no noise ratio, {n}"))
+    """Draw a curve with its band for every arm over the axis, or a horizontal line for an arm of one level or none."""
+    levels = [arm.level for arm in arms if arm.level is not None]
+    for k, name in enumerate(dict.fromkeys(arm.arm for arm in arms)):
+        own, color = sorted((a for a in arms if a.arm == name), key=lambda a: abs(a.level or 0)), line_color(k)
+        runs = sorted({arm.n for arm in own})
+        label = legend_label(f"{name}, n = {runs[0]}" + (f" to {runs[-1]}" if len(runs) > 1 else ""))
+        y, low, high = bands(own)
+        x, style = [arm.level for arm in own], {"color": color, "label": label}
+        if len(own) == 1:
+            axes.axhline(y[0], ls="--", **style)
             continue
-        style = {"marker": "o", "ms": 4, "capsize": 3, "color": color}
-        x = np.array([arm.theta for arm in own]) + BESIDE * (k - (len(names) - 1) / 2)
-        axes.errorbar(x, y, yerr=errors, label=legend_label(f"{name}, {n} each"), **style)
-        if name in fits:
-            fine = np.linspace(0.01, 1, 100)
-            fitted = [100 * fits[name].curve.at(theta) for theta in fine]
-            axes.plot(fine, fitted, ":", color=color, lw=1, label=legend_label(f"{name}, fit {FIT}"))
-    axes.set_xlabel("noise ratio theta")
-    _percent_axis(axes.yaxis, axes.set_ylim)
-    axes.set_ylabel(f"{AXIS_LABELS[endpoint]} [%]")
-    axes.grid(alpha=0.3)
-
-
-def _draw_shares(arms: Sequence[ArmSummary], endpoint: EndpointName, axes: Any) -> None:
-    x, errors = _shares(arms, endpoint)
-    color = COLORS[REACHED[endpoint]]
-    axes.errorbar(x, np.arange(len(arms)), xerr=errors, fmt="o", ms=5, capsize=3, color=color)
-    _name_rows(axes, arms)
-    axes.tick_params(labelleft=endpoint == next(iter(REACHED)))
-    _percent_axis(axes.xaxis, axes.set_xlim)
-    axes.set_xlabel(f"{AXIS_LABELS[endpoint]} [%]")
+        axes.plot(x, y, marker="o", ms=3, **style)
+        axes.fill_between(x, low, high, color=color, alpha=0.15, lw=0)
+    if max(levels, key=abs) < 0:
+        axes.invert_xaxis()
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    if y_label.endswith("[%]"):
+        axes.set_ylim(-3, 103)  # Many points lie at the ends.
     axes.grid(alpha=0.3)
 
 
@@ -151,16 +122,13 @@ def _name_rows(axes: Any, arms: Sequence[ArmSummary]) -> None:
     axes.set_ylim(len(arms) - 0.5, -0.5)
 
 
-def _percent_axis(axis: Any, set_limits: Any) -> None:
-    """Leave a margin below 0 and above 100, where many points lie."""
-    set_limits(-3, 103)
-    axis.set_ticks(range(0, 101, 20))
+def _goal_speeds(arms: Sequence[ArmSummary]) -> FloatArray:
+    """Return mean goal speeds [m/s] and the ends of their intervals, shape (3, arms)."""
+    found = [estimate for arm in arms if (estimate := arm.estimate(GOAL_SPEED)) is not None]
+    return np.array([(one.value, *one.interval) for one in found]).T
 
 
-def _shares(arms: Sequence[ArmSummary], endpoint: EndpointName) -> tuple[FloatArray, FloatArray]:
-    """Return shares of an endpoint [%], shape (arms,), and the distances to their Wilson bounds, shape (2, arms)."""
-    counts = [arm.count(REACHED[endpoint]) for arm in arms]
-    percent = np.array([100 * count / arm.n for count, arm in zip(counts, arms, strict=True)])
-    bounds = [wilson(count, arm.n) for count, arm in zip(counts, arms, strict=True)]
-    low, high = (100 * np.array(ends) for ends in ([b.low for b in bounds], [b.high for b in bounds]))
-    return percent, np.maximum(0.0, [percent - low, high - percent])  # Rounding may put a bound beyond its point.
+def _shares(arms: Sequence[ArmSummary], endpoint: EndpointName) -> FloatArray:
+    """Return shares of runs that reached an endpoint [%] and their Wilson bounds, shape (3, arms)."""
+    counts = [(arm.count(REACHED[endpoint]), arm.n) for arm in arms]
+    return 100 * np.array([(count / n, *wilson(count, n)) for count, n in counts]).T

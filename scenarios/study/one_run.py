@@ -4,10 +4,12 @@ import math
 import traceback
 from collections.abc import Callable
 
+from voxdepth.errors import PluginError
+
 from ..errors import ScenarioError
 from ..flight import fly
 from .design import RunSpec, key_of
-from .store import Completion, Failure, RunRecord
+from .store import Completion, Failure, FailureKind, RunRecord
 
 FlyOne = Callable[[RunSpec], RunRecord]
 
@@ -33,5 +35,6 @@ def attempt(fly_one: FlyOne, spec: RunSpec) -> Completion:
     """Fly one run; an exception becomes a failure with its traceback."""
     try:
         return fly_one(spec)
-    except Exception:  # Any error belongs to this run and must not stop the others.
-        return Failure(key=spec.key, kind="error", text=traceback.format_exc())
+    except Exception as error:  # Any error belongs to this run and must not stop the others.
+        kind: FailureKind = "plugin error" if isinstance(error, PluginError) else "error"
+        return Failure(key=spec.key, kind=kind, text=traceback.format_exc())

@@ -13,7 +13,6 @@ from voxdepth.tools.figure import Picture
 from voxdepth.tools.files import write
 from voxdepth.tools.page import render_page
 from voxdepth.tools.table import write_frame
-from voxdepth.tools.viewer import RECORDING
 
 from ..errors import ScenarioError
 from ..files import DATA
@@ -24,12 +23,13 @@ from .analysis import (
     compare_means,
     dose_responses,
     first_collisions,
+    gains,
     over_scenarios,
     summarise_arms,
+    thresholds,
 )
 from .design import ENDPOINTS, RunSpec
 from .figures import all_figures, forest
-from .statistics import DoseResponse
 from .store import StudyData
 from .tables import (
     arm_table,
@@ -37,11 +37,14 @@ from .tables import (
     dose_response_table,
     effect_table,
     end_table,
+    gain_table,
+    gain_verdict,
     grid_table,
+    level_table,
     mean_difference_table,
     mean_table,
+    threshold_table,
     verdict,
-    work_table,
 )
 
 
@@ -51,36 +54,43 @@ class Findings:
     def __init__(self, data: StudyData) -> None:
         self.data = data
         self._arms = summarise_arms(data)
-        self._over_all = over_scenarios(self._arms)
+        self._over_all = over_scenarios(data)
         arms = [*self._arms, *self._over_all]
-        self._dose_responses = list(dose_responses(data))
         primary = data.study.endpoint
         others = [one for one in ENDPOINTS if one != primary and any(arm.count(REACHED[one]) for arm in self._arms)]
         self._comparisons = {endpoint: compare_arms(data, endpoint) for endpoint in (primary, *others)}
-        self.verdict = verdict(self._comparisons[primary], primary)
+        unit = "" if data.study.axis is None else data.study.axis.unit
+        self.verdict = result(data)
         """The result by the primary endpoint in one sentence."""
         self.tables = {
+            "gains": gain_table(gains(data), unit),
+            "thresholds": threshold_table(thresholds(data), unit),
+            "levels": level_table(data.study, arms),
             "grid": grid_table(data.study, arms),
             "ends": end_table(arms),
             **{f"{name}_effects": effect_table(found, name) for name, found in self._comparisons.items()},
             **{f"{name}_comparisons": comparison_table(found, name) for name, found in self._comparisons.items()},
             "means": mean_table(arms),
             "mean_differences": mean_difference_table(compare_means(data, MEASURES)),
-            "dose_responses": dose_response_table(self._dose_responses),
+            "dose_responses": dose_response_table(dose_responses(data)),
             "arms": arm_table(self._arms),
-            "work": work_table(self._arms),
         }
         """The tables of the report by name, in their order; those of the primary endpoint come first, and those
         of another that no run reached are left out."""
 
     def pictures(self) -> list[Picture]:
         """Draw the figures of the report."""
-        fitted = {(scenario, arm): fit for scenario, arm, fit in self._dose_responses if isinstance(fit, DoseResponse)}
         primary = self.data.study.endpoint
-        return [
-            *forest(self._comparisons[primary], primary),
-            *all_figures([*self._over_all, *self._arms], fitted),
-        ]
+        arms = [*self._over_all, *self._arms]
+        return [*forest(self._comparisons[primary], primary), *all_figures(self.data.study, arms)]
+
+
+def result(data: StudyData) -> str:
+    """Return what the declared comparison found, in one sentence; of a study without one, what its first arms did."""
+    declared = [gain for gain in gains(data) if gain.declared]
+    if declared and data.study.axis is not None:
+        return " ".join(gain_verdict(gain, data.study.axis.unit) for gain in declared)
+    return verdict(compare_arms(data, data.study.endpoint), data.study.endpoint)
 
 
 def write_report(data: StudyData, out: Path) -> Path:
@@ -127,27 +137,13 @@ def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
         verdict=findings.verdict,
         figures=pictures,
         examples=[
-            {
-                "run": spec.label,
-                "command": f"voxdepth study replay {shlex.quote(str(out))} {spec.short_key} --record",
-                "recording": "" if (path := recording_of(out, spec)) is None else path.relative_to(out),
-            }
+            (spec.label, f"voxdepth study replay {shlex.quote(str(out))} {spec.short_key} --record")
             for spec in first_collisions(data)
         ],
         versions=data.versions,
         machine=data.machine,
         out=out,
     )
-
-
-def recording_folder(out: Path, spec: RunSpec) -> Path:
-    """Return the folder for the recordings of a run that the report links."""
-    return out / "recordings" / spec.short_key
-
-
-def recording_of(out: Path, spec: RunSpec) -> Path | None:
-    """Return the newest recording of a run that was made for the report; None if there is none."""
-    return max(recording_folder(out, spec).glob(f"*/{RECORDING}"), default=None)
 
 
 def run_table(data: StudyData) -> pd.DataFrame:
@@ -167,7 +163,7 @@ def drone_table(data: StudyData) -> pd.DataFrame:
 
 
 def _place(spec: RunSpec) -> dict[str, Any]:
-    return {"scenario": spec.scenario, "arm": spec.arm, "theta": spec.theta, "seed": spec.seed, "key": spec.key}
+    return {"scenario": spec.scenario, "arm": spec.arm, "level": spec.level, "seed": spec.seed, "key": spec.key}
 
 
 def _typed(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:

@@ -66,7 +66,7 @@ class Progress:
     def name_of(self, spec: RunSpec) -> str:
         """Return the arm of a run with its noise ratio, and with the scenario if the study has several."""
         scenario = f"{spec.scenario}, " if len(self._data.study.scenarios) > 1 else ""
-        return scenario + arm_label(spec.arm, spec.theta)
+        return scenario + arm_label(spec.arm, spec.level)
 
     def add(self, done: Completion) -> None:
         """Count a run that has just ended."""
@@ -87,7 +87,7 @@ class Progress:
             self.left_s = float(work_s) / (self._flown_wall_s / elapsed_s)
 
     def table(self) -> Table:
-        """Return a table with a row for each arm in each scenario at each noise ratio."""
+        """Return a table with a row for each arm in each scenario at each level."""
         columns = ("arm", "runs", "arrived", "collisions", "collision ratio", Column("time of a run", "s", ".1f"))
         rows = [
             [arm.Index, f"{arm.done} of {arm.planned}", arm.arrived, arm.collisions, arm.ratio, arm.mean_wall_s]
@@ -96,13 +96,8 @@ class Progress:
         return Table.of(self.headline(), columns, rows)
 
     def line(self) -> str:
-        """Return everything in one line."""
-        arms = [
-            f"{a.Index} {a.arrived} of {a.done} arrived, {a.collisions} collided"
-            for a in self.arms.itertuples()
-            if a.done
-        ]
-        return f"{time.strftime('%H:%M:%S')} {self.headline()}" + (f"; {', '.join(arms)}" if arms else "")
+        """Return the time of day and the headline."""
+        return f"{time.strftime('%H:%M:%S')} {self.headline()}"
 
     def headline(self) -> str:
         """Return the number of runs, the speed, the time left and the number of errors."""

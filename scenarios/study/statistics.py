@@ -1,4 +1,4 @@
-"""Statistics of runs: intervals of proportions, paired comparisons, and the dose response to the noise ratio.
+"""Statistics of runs: intervals of proportions, paired comparisons, and curves over the difficulty of flights.
 
 The unit of analysis is the run. All functions are pure.
 
@@ -6,28 +6,36 @@ Sources:
     [1] Wilson, J. Am. Stat. Assoc. 22 (1927) 209, doi:10.1080/01621459.1927.10502953.
     [2] Newcombe, Stat. Med. 17 (1998) 2635, method 10 (paired differences).
     [3] Holm, Scand. J. Stat. 6 (1979) 65.
-    [4] Clopper, Pearson, Biometrika 26 (1934) 404, doi:10.1093/biomet/26.4.404.
-    [5] McNemar, Psychometrika 12 (1947) 153, doi:10.1007/BF02295996; here exact, by the binomial distribution.
-    [6] McCullagh, Nelder, Generalized Linear Models (1989), Section 4.3: the complementary log-log link.
-    [7] Rao, Wu, J. Am. Stat. Assoc. 83 (1988) 231, doi:10.1080/01621459.1988.10478591: the bootstrap of small strata.
-    [8] Miettinen, Biometrics 24 (1968) 339, doi:10.2307/2528039: the number of pairs that a test needs.
+    [4] McNemar, Psychometrika 12 (1947) 153, doi:10.1007/BF02295996; here exact, by the binomial distribution.
+    [5] McCullagh, Nelder, Generalized Linear Models (1989), Section 4.3: the complementary log-log link.
+    [6] Rao, Wu, J. Am. Stat. Assoc. 83 (1988) 231, doi:10.1080/01621459.1988.10478591: the bootstrap of small strata.
+    [7] Miettinen, Biometrics 24 (1968) 339, doi:10.2307/2528039: the number of pairs that a test needs.
+    [8] Wichmann, Hill, Percept. Psychophys. 63 (2001) 1293, doi:10.3758/BF03194544: psychometric curves with lapses.
+    [9] Barlow, Brunk, J. Am. Stat. Assoc. 67 (1972) 140, doi:10.2307/2284712: means that fall, by least squares.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from voxdepth.types import FloatArray, MaskImage
 
 from ..errors import ScenarioError
 
+IndexArray = npt.NDArray[np.intp]
+SeedStatistic = Callable[[IndexArray], FloatArray]
+"""A statistic of seeds: it takes their numbers, shape (samples, n), and gives a value for each sample."""
 LEVEL = 0.95
 """Confidence level of every interval."""
 RESAMPLES = 1000
 BOOTSTRAP_SEED = 20240601
+LAPSE = 0.02
+"""Share of flights that fail however easy they are."""
+N_PLACES = 61
 LOG_A_BOUNDS, B_BOUNDS = (-15.0, 5.0), (0.0, 12.0)
 """Bounds of the fit. The likelihood may grow with b without limit; then the fit ends at a bound and reports it."""
 
@@ -41,18 +49,9 @@ class Interval(NamedTuple):
 
 def wilson(k: int, n: int) -> Interval:
     """Return Wilson's score interval of a proportion `k / n` with n > 0 [1]."""
-    return _proportion(k, n, "wilson")
-
-
-def clopper_pearson(k: int, n: int) -> Interval:
-    """Return the exact interval of a proportion `k / n` with n > 0 [4]. Its coverage is never below the level."""
-    return _proportion(k, n, "exact")
-
-
-def _proportion(k: int, n: int, method: str) -> Interval:
     from scipy.stats import binomtest
 
-    found = binomtest(k, n).proportion_ci(LEVEL, method=method)
+    found = binomtest(k, n).proportion_ci(LEVEL, method="wilson")
     return Interval(float(found.low), float(found.high))
 
 
@@ -96,14 +95,14 @@ def pairs_of(outcomes: Sequence[tuple[bool, bool]]) -> Pairs:
 
 
 def mcnemar(b: int, c: int) -> float:
-    """Return the exact two-sided p-value of McNemar's test [5] for b and c discordant pairs; 1 if there are none."""
+    """Return the exact two-sided p-value of McNemar's test [4] for b and c discordant pairs; 1 if there are none."""
     from scipy.stats import binomtest
 
     return float(binomtest(b, b + c, 0.5).pvalue) if b + c else 1.0
 
 
 def pairs_needed(discordant: float, effect: float, power: float = 0.8) -> int:
-    """Return about how many pairs McNemar's test needs to find a difference of two shares, after Miettinen [8].
+    """Return about how many pairs McNemar's test needs to find a difference of two shares, after Miettinen [7].
 
     `discordant` is the share of pairs of which one alone reaches the endpoint, at least the effect; both are above 0.
     """
@@ -150,7 +149,7 @@ def bootstrap_ratio(
 
     A row of a stratum, none of which is empty, is a run: what is counted, and what it is counted per, which is 1 for a
     mean. The row of a pair of runs has both numbers of the first and then those of the second, and the result is the
-    difference of the ratios. Of a stratum of n rows n - 1 are drawn: n would vary too little where n is small [7].
+    difference of the ratios. Of a stratum of n rows n - 1 are drawn: n would vary too little where n is small [6].
     """
     rng = np.random.default_rng(seed)
     arrays = [np.asarray(rows, np.float64) for rows in strata]
@@ -177,7 +176,7 @@ def percentiles(values: Sequence[float] | FloatArray) -> Interval:
 class DoseCurve:
     """Collision ratio as a function of the noise ratio: `p = 1 - exp(-a theta^b)`.
 
-    This is the complementary log-log model `log(-log(1 - p)) = log a + b log theta` [6]. The ratio grows faster than
+    This is the complementary log-log model `log(-log(1 - p)) = log a + b log theta` [5]. The ratio grows faster than
     linearly if b > 1.
     """
 
@@ -204,17 +203,12 @@ class DoseResponse:
     """The maximum-likelihood curve with percentile intervals of a bootstrap."""
 
     curve: DoseCurve
-    thetas: tuple[float, ...]
-    """Noise ratios of the fit. The ratio 0 is left out, since the curve is 0 there for all parameters."""
     seeds: int
     """Number of seeds that were flown at every noise ratio."""
     a: Interval
     b: Interval
     ratio: Interval
     """Interval of `DoseCurve.ratio`."""
-    resamples: int
-    """Number of bootstrap samples that could be fitted; samples without any collision could not."""
-    bootstrap_seed: int
 
 
 def fit_dose_curve(
@@ -254,13 +248,11 @@ def fit_dose_curve(
     return DoseCurve(a=float(np.exp(found.x[0])), b=float(found.x[1]))
 
 
-def dose_response(
-    thetas: Sequence[float], collided: MaskImage, *, seed: int = BOOTSTRAP_SEED, resamples: int = RESAMPLES
-) -> DoseResponse:
-    """Fit the curve, and estimate its intervals by a bootstrap over seeds.
+def dose_response(thetas: Sequence[float], collided: MaskImage, *, resamples: int = RESAMPLES) -> DoseResponse:
+    """Fit the curve to noise ratios above 0, and estimate its intervals by a bootstrap over seeds, which all share.
 
-    All noise ratios share the seeds, so the bootstrap resamples seeds, which are the rows of `collided`: whether each
-    run collided, shape (seeds, thetas). `seed` is that of the bootstrap.
+    `collided` tells whether each run collided, shape (seeds, thetas). Samples without both runs with and runs without a
+    collision are drawn again.
 
     Raises:
         ScenarioError: The data do not determine a curve.
@@ -268,22 +260,75 @@ def dose_response(
     above = [i for i, theta in enumerate(thetas) if theta > 0]
     kept, rows = [thetas[i] for i in above], collided[:, above]
     n = [len(rows)] * len(kept)
-    curve = fit_dose_curve(kept, rows.sum(axis=0).tolist(), n)
-    rng = np.random.default_rng(seed)
-    curves = []
-    for _ in range(resamples):
+    curve, rng = fit_dose_curve(kept, rows.sum(axis=0).tolist(), n), np.random.default_rng(BOOTSTRAP_SEED)
+    curves: list[DoseCurve] = []
+    while len(curves) < resamples:
         counts = rows[rng.integers(0, len(rows), len(rows))].sum(axis=0)
         if 0 < counts.sum() < sum(n):
             curves.append(fit_dose_curve(kept, counts.tolist(), n, start=curve))
-    if not curves:
-        raise ScenarioError("no bootstrap sample had both runs with and runs without a collision: fly more seeds")
-    return DoseResponse(
-        curve=curve,
-        thetas=tuple(kept),
-        seeds=len(rows),
-        a=percentiles([c.a for c in curves]),
-        b=percentiles([c.b for c in curves]),
-        ratio=percentiles([c.ratio for c in curves]),
-        resamples=len(curves),
-        bootstrap_seed=seed,
-    )
+    a, b, ratio = (percentiles([getattr(one, name) for one in curves]) for name in ("a", "b", "ratio"))
+    return DoseResponse(curve=curve, seeds=len(rows), a=a, b=b, ratio=ratio)
+
+
+class LogisticCurves:
+    """All falling logistic curves of successes over an axis that are considered, with a small share of lapses [8]."""
+
+    def __init__(self, levels: FloatArray, widths: Sequence[float]) -> None:
+        """The levels have shape (L,), from the easiest on; the widths of the curves are shares of the axis."""
+        grid = np.meshgrid(np.linspace(levels[0], levels[-1], N_PLACES), widths, indexing="ij")
+        self.places, scale = (side.ravel() for side in grid)
+        """Level at which each curve has fallen to a half, shape (curves,), from the easiest on."""
+        beyond = (levels[:, None] - self.places) / (scale * (levels[-1] - levels[0]))
+        self.success: FloatArray = (1 - LAPSE) / (1 + np.exp(np.clip(beyond, -50, 50)))
+        """Probability of a success at each level for each curve, shape (L, curves)."""
+
+    def likeliest(self, successes: FloatArray, runs: FloatArray) -> FloatArray:
+        """Return the place of the likeliest curve for counts of shape (..., L); ends of the axis stand for beyond."""
+        log_likelihood = successes @ np.log(self.success) + (runs - successes) @ np.log1p(-self.success)
+        return np.asarray(self.places[log_likelihood.argmax(axis=-1)])
+
+
+def told(estimate: Estimate, levels: FloatArray) -> str:
+    """Return a level of an axis as text, or that it may be beyond the levels that were flown: none is extrapolated."""
+    low, high = estimate.interval
+    if is_beyond(estimate, levels):
+        return f"may lie outside of {levels[0]:g} to {levels[-1]:g}"
+    return f"{estimate.value:.2f} [{low:.2f}, {high:.2f}]"
+
+
+def is_beyond(estimate: Estimate, levels: FloatArray) -> bool:
+    """Return whether a level may lie beyond the ends of an axis, which stand for what is there."""
+    low, high = estimate.interval
+    return bool(low <= min(levels) or high >= max(levels))
+
+
+FIT_WIDTHS = tuple(np.geomspace(0.01, 0.5, 12))
+"""Widths of the curves that are fitted to whole studies."""
+
+
+def success_threshold(levels: FloatArray, arrived: MaskImage) -> Estimate:
+    """Return the level at which half of the flights succeed, by maximum likelihood, with a bootstrap over seeds.
+
+    `arrived` has shape (seeds, levels). An end of the axis in the interval stands for all that is beyond it.
+    """
+    curves, n = LogisticCurves(levels, FIT_WIDTHS), len(arrived)
+    runs = np.full(len(levels), float(n))
+    return over_seeds(n, lambda rows: curves.likeliest(arrived[rows].sum(axis=-2, dtype=np.float64), runs))
+
+
+def crossing(levels: FloatArray, values: FloatArray, height: float) -> float:
+    """Return the level at which means that fall along the axis have come down to a height; an end for beyond it.
+
+    The means, shape (L,), are made to fall by least squares [9], and joined by straight lines.
+    """
+    from scipy.optimize import isotonic_regression
+
+    falling = isotonic_regression(values, increasing=False).x
+    return float(np.interp(-height, -falling, levels))
+
+
+def over_seeds(n: int, statistic: SeedStatistic) -> Estimate:
+    """Return a statistic of n seeds with the percentile interval of a bootstrap over them."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    whole = statistic(np.arange(n)[None])
+    return Estimate(float(whole[0]), percentiles(statistic(rng.integers(0, n, (RESAMPLES, n)))))

@@ -49,7 +49,7 @@ CREATE TABLE failures (
 
 
 CONTACTS = pydantic.TypeAdapter(list[Contact])
-FailureKind = Literal["error", "timeout", "died"]
+FailureKind = Literal["error", "plugin error", "timeout", "died"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,8 @@ class Failure:
 
     key: str
     kind: FailureKind
-    """`error`: an exception. `timeout`: stopped at the time limit. `died`: the process ended unexpectedly."""
+    """`error`: an exception. `plugin error`: a fault of a user's code. `timeout`: stopped at the time limit. `died`:
+    the process ended unexpectedly."""
     text: str
     """A traceback, or another description."""
 
@@ -195,7 +196,7 @@ class Store:
     def _content(self) -> StudyData:
         meta = self._meta()
         runs = self._rows("SELECT key, run FROM runs")
-        cells = self._rows("SELECT scenario, arm, theta, key FROM cells ORDER BY place")
+        cells = self._rows("SELECT scenario, arm, theta AS level, key FROM cells ORDER BY place")
         results = self._rows("SELECT key, outcome, metrics, drones, contacts, wall_s FROM results")
         failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
         records = {row["key"]: _record(row) for row in results}
@@ -302,7 +303,7 @@ class Store:
             "machine": machine(),
         }
         runs = {spec.key: spec.run.model_dump_json() for spec in specs}
-        cells = [(spec.scenario, spec.arm, spec.theta, spec.key) for spec in specs]
+        cells = [(spec.scenario, spec.arm, spec.level, spec.key) for spec in specs]
         self._database.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
         self._database.executemany("INSERT INTO runs VALUES (?, ?)", runs.items())
         self._database.executemany("INSERT INTO cells (scenario, arm, theta, key) VALUES (?, ?, ?, ?)", cells)

@@ -3,13 +3,24 @@
 from collections.abc import Iterable, Sequence
 from itertools import product
 
-from swarm.metrics import CORRECTOR
 from swarm.types import Outcome
 from voxdepth.tools.table import Column, Table, Value
 
 from ..batch import OUTCOMES
-from ..report import percent
-from .analysis import ENDS, MEASURES, REACHED, ArmSummary, Comparison, MeanDifference, headline
+from ..errors import ScenarioError
+from .analysis import (
+    ENDS,
+    GOAL_SPEED,
+    MEASURES,
+    REACHED,
+    ArmSummary,
+    Comparison,
+    Gain,
+    MeanDifference,
+    Threshold,
+    headline,
+    pairs_to_find,
+)
 from .design import EndpointName, Study
 from .statistics import (
     B_BOUNDS,
@@ -17,66 +28,56 @@ from .statistics import (
     DoseResponse,
     Estimate,
     Interval,
-    clopper_pearson,
     newcombe,
-    pairs_needed,
+    told,
     wilson,
 )
 
 ENDPOINT_TITLES: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "collisions"}
-OTHER_OUTCOMES = tuple(outcome for outcome in OUTCOMES if outcome is not Outcome.COLLISION)
-CONTACT_KINDS = ("building", "drone", "ground")
-"""Kinds of contacts that every table of arms lists."""
-RARE_KINDS = ("mover",)
-"""Kinds that are listed where there was one."""
-
 EFFECT = 0.1
 """Difference of shares that a verdict says the needed pairs of, which have a power of 80 %."""
 
 END_NOTE = (
-    "Shares of runs with Wilson 95 % intervals. The ends compete: every run has one. Arrived: all that the mission "
-    "asks, without a collision; stuck: nobody made progress, or a follower was lost. All runs are observed to their "
-    "end."
+    "Shares of runs with Wilson 95 % intervals. Every run has one end. Arrived: all that the mission asks, without a "
+    "collision; stuck: nobody made progress, or a follower was lost."
 )
 MEAN_NOTE = (
-    "With 95 % intervals of a bootstrap that draws runs. The time to goal is a restricted mean over all runs: one that "
-    "does not arrive counts with the largest time that it had. The goal speed is the progress towards the goal by that "
-    "time, and the largest detour the leader's distance from the straight line. A hit is a drone that touched "
-    "something. A commitment is unsafe if the drone could not have stopped before a body that is truly there."
+    "With 95 % intervals of a bootstrap that draws runs. A run that does not arrive counts with the largest time that "
+    "it had; the goal speed is the progress towards the goal by that time, and the largest detour the leader's "
+    "distance from the straight line. A hit is a drone that touched something. A commitment is unsafe if the drone "
+    "could not have stopped before a body that is truly there."
 )
 MEAN_DIFFERENCE_NOTE = (
     "Over pairs of the same scenario and seed, with 95 % intervals of a bootstrap that draws seeds. Measures that are "
     "the same in all pairs are left out."
 )
-EFFECT_NOTE = (
-    "b: only the first arm reached the endpoint; c: only the second did. Newcombe's intervals in each scenario, "
-    "and of all pairs together."
-)
+EFFECT_NOTE = "As in the comparisons of arms, in each scenario and of all pairs together."
 COMPARISON_NOTE = (
-    "Pairs are runs of the same scenario and seed, over all scenarios. b: only the first arm reached the endpoint; c:"
-    " only the second did. The difference is that of the shares, with Newcombe's 95 % interval for paired shares (his"
-    " method 10). p is exact and two-sided (McNemar). The p-value of the comparison and endpoint that were declared "
-    "before the first run is not adjusted; those of all others of a table are, for their number after Holm."
+    "Pairs are runs of the same scenario and seed. b: only the first arm reached the endpoint; c: only the second did. "
+    "The difference of the shares has Newcombe's 95 % interval, and p is that of McNemar's exact test. What was "
+    "declared before the first run is not adjusted; all others of a table are, for their number after Holm."
 )
 NONE_REACHED_NOTE = "No run of any pair reached this endpoint, so that these runs cannot tell the arms apart by it."
+LEVEL_NOTE = "95 % intervals: of a bootstrap that draws runs for goal speeds, Wilson's for arrivals."
+THRESHOLD_NOTE = (
+    "Where half arrive: the likeliest logistic curve, with 2 % of lapses. Where half of the full goal speed is left: "
+    "the means over seeds, made to fall by least squares and joined by lines, come down to half of the reference's. "
+    "Over seeds with a result at every level, by a bootstrap that draws them; nothing is extrapolated."
+)
+GAIN_NOTE = (
+    "Distance along the axis of the places at which two arms come down to half of the full goal speed, positive if the "
+    "first comes farther; with the 95 % interval of a bootstrap that draws their common seeds."
+)
+BEYOND = "outside of the levels that were flown"
 DOSE_NOTE = (
     "The collision ratio as 1 - exp(-a theta^b), a complementary log-log model, fitted by maximum likelihood to the "
-    "runs of those seeds that have a result at every theta; theta 0 is left out, where the curve is 0. Intervals are "
-    "the middle 95 % of a bootstrap that draws whole seeds. With b above 1 the ratio grows faster than linearly. The "
-    "last ratio is that of the curve at theta 1 by that at 0.5, also without the runs at theta 1."
+    "seeds that have a result at every theta above 0, with 95 % intervals of a bootstrap that draws seeds. With b "
+    "above 1 the ratio grows faster than linearly. The last ratio is that of the curve."
 )
 ARM_NOTE = (
-    "Intervals are 95 % intervals of the collision ratio. Contacts count every first touch of a drone and something "
-    "else, of which a run may have several. The mission time is the mean simulated time of the runs that succeeded; "
-    "the depth error is that of the depth handed to the swarm, of pixels that have one and truly lie within 20 m, the"
-    " mean over runs. The last column is the share of the pixels within 20 m that have none: arms that leave more of "
-    "them empty are judged on fewer."
-)
-
-
-WORK_NOTE = (
-    "Means over runs of what the correctors report: the share of the frames in each of their states, and how often "
-    "something happened."
+    "Contacts count every first touch of a drone and something else. The mission time is the mean of the runs that "
+    "succeeded, in simulated time. The depth error is that of the depth handed to the swarm, of pixels that have one "
+    "and truly lie within 20 m; arms that leave more of these without depth (last column) are judged on fewer."
 )
 
 
@@ -90,12 +91,20 @@ def verdict(comparisons: Sequence[Comparison], endpoint: EndpointName) -> str:
     points = f"{100 * pairs.difference:+.0f} points [{low:.0f}, {high:.0f}]"
     if p < 1 - LEVEL:
         return f"{found.first} against {found.second}: {what} {points}, by {pairs.n} pairs, p = {_p_text(p)}."
-    # Without a discordant pair their share is not 0 yet.
-    needed = pairs_needed((pairs.first_only + pairs.second_only + 1) / (pairs.n + 2), EFFECT)
-    return (
-        f"{pairs.n} pairs show no difference between {found.first} and {found.second} ({what}: {points}); to detect "
-        f"{100 * EFFECT:.0f} points you need about {needed} pairs."
-    )
+    none = f"{pairs.n} pairs show no difference between {found.first} and {found.second} ({what}: {points})"
+    try:
+        needed = pairs_to_find(found, endpoint, EFFECT)
+    except ScenarioError as error:
+        return f"{none}; {error}."
+    return f"{none}; to detect {100 * EFFECT:.0f} points you need about {needed} pairs."
+
+
+def gain_verdict(gain: Gain, unit: str) -> str:
+    """Say what the declared comparison of curves found."""
+    what = f"{gain.first} against {gain.second}, by {gain.seeds} seeds"
+    if gain.estimate is None:
+        return f"{what}: a curve may come down to half of the full goal speed {BEYOND}."
+    return f"{what}: half of the full goal speed is kept {_estimate(gain.estimate, '+.2f')} {unit} farther."
 
 
 def end_table(arms: Iterable[ArmSummary]) -> Table:
@@ -152,6 +161,43 @@ def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> T
     return Table.of(f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=EFFECT_NOTE)
 
 
+def level_table(study: Study, arms: Iterable[ArmSummary]) -> Table:
+    """Return the goal speed and the arrivals of each arm, a row for each level of the axis."""
+    found = {(arm.scenario, arm.level, arm.arm): arm for arm in arms if arm.n and arm.level is not None}
+    names = list(dict.fromkeys(name for _, _, name in found))
+    rows: list[list[Value]] = []
+    for place, level in sorted({key[:2] for key in found}, key=lambda key: (key[0], abs(key[1]))):
+        own = [found.get((place, level, name)) for name in names]
+        speeds = [None if arm is None else _estimate(arm.estimate(GOAL_SPEED)) for arm in own]
+        arrived = [None if arm is None else _percent(arm.count(Outcome.SUCCESS), arm.n) for arm in own]
+        rows.append([place, f"{level:g}", *speeds, *arrived])
+    columns = [f"{name}: {what}" for what in ("goal speed [m/s]", "arrived [%]") for name in names]
+    return Table.of("Curves over the axis", ("scenario", study.axis_key, *columns), rows, note=LEVEL_NOTE)
+
+
+def threshold_table(found: Iterable[Threshold], unit: str) -> Table:
+    """Return how far along the axis each arm comes."""
+    columns = ("scenario", "arm", "seeds", f"half arrive [{unit}]", f"half of the full goal speed [{unit}]")
+    rows: list[list[Value]] = []
+    for scenario, arm, seeds, half_arrive, half_speed, levels in found:
+        ends = [None if end is None else told(end, levels) for end in (half_arrive, half_speed)]
+        rows.append([scenario, arm, seeds, *ends])
+    return Table.of("Thresholds", columns, rows, note=THRESHOLD_NOTE)
+
+
+def gain_table(found: Iterable[Gain], unit: str) -> Table:
+    """Return by how much farther along the axis one arm keeps its goal speed than another one."""
+    columns = ("first - second", "", "scenario", "seeds", f"gained [{unit}]")
+    rows: list[list[Value]] = [
+        [
+            *(f"{gain.first} - {gain.second}", "declared" if gain.declared else "other", gain.scenario, gain.seeds),
+            BEYOND if gain.estimate is None else _estimate(gain.estimate, "+.2f"),
+        ]
+        for gain in found
+    ]
+    return Table.of("Gains along the axis", columns, rows, note=GAIN_NOTE)
+
+
 def grid_table(study: Study, arms: Iterable[ArmSummary]) -> Table:
     """Return the endpoint of a factorial design, a row for each level of all factors but the last, which has columns.
 
@@ -175,41 +221,20 @@ def grid_table(study: Study, arms: Iterable[ArmSummary]) -> Table:
 def arm_table(arms: Iterable[ArmSummary]) -> Table:
     """Return a row for each arm at each noise ratio in each scenario."""
     arms = list(arms)
-    kinds = (*CONTACT_KINDS, *(kind for kind in RARE_KINDS if any(arm.contacts(kind) for arm in arms)))
+    kinds = sorted({contact.kind for arm in arms for record in arm.records for contact in record.contacts})
     columns: tuple[Column | str, ...] = (
-        *("scenario", "arm", "runs", "collisions", Column("ratio", number=".3f"), "Wilson", "Clopper-Pearson"),
-        *(outcome.value for outcome in OTHER_OUTCOMES),
+        *("scenario", "arm", "runs", *(outcome.value for outcome in OUTCOMES)),
         *(f"contacts: {kind}" for kind in kinds),
         *(Column("mission time", "s"), Column("depth error, MAE", "m"), Column("without depth", "%", ".1f")),
     )
     return Table.of("All arms", columns, [_arm_row(arm, kinds) for arm in arms], note=ARM_NOTE)
 
 
-def work_table(arms: Iterable[ArmSummary]) -> Table:
-    """Return what the correctors of each arm reported about their work; empty where none did."""
-    arms = [arm for arm in arms if any(_work(arm))]
-    names = list(dict.fromkeys(name for arm in arms for name in _work(arm)))
-    columns = (_work_column(name) for name in names)
-    rows = [[arm.scenario, arm.label, arm.n, *(arm.mean(name)[0] for name in names)] for arm in arms]
-    return Table.of("Work of the correctors", ("scenario", "arm", "runs", *columns), rows, note=WORK_NOTE)
-
-
-def _work(arm: ArmSummary) -> list[str]:
-    return [name for record in arm.records for name in record.metrics if name.startswith(CORRECTOR)]
-
-
-def _work_column(name: str) -> Column:
-    words = name.removeprefix(CORRECTOR).replace("_", " ")
-    return Column(words.removesuffix(" share"), number=percent if words.endswith(" share") else ".1f")
-
-
 def _arm_row(arm: ArmSummary, kinds: Iterable[str]) -> Sequence[Value]:
     hole_share, _ = arm.mean("depth_corrected_hole_share")
     return [
-        *(arm.scenario, arm.label, f"{arm.n} of {arm.planned}", arm.collisions, arm.ratio),
-        _interval(arm.interval(wilson)),
-        _interval(arm.interval(clopper_pearson)),
-        *(arm.count(outcome) for outcome in OTHER_OUTCOMES),
+        *(arm.scenario, arm.label, f"{arm.n} of {arm.planned}"),
+        *(arm.count(outcome) for outcome in OUTCOMES),
         *(arm.contacts(kind) for kind in kinds),
         _mean(*arm.mean("sim_time_s", Outcome.SUCCESS), ".1f"),
         _mean(*arm.mean("depth_corrected_mae_m"), ".3f"),
@@ -247,17 +272,10 @@ def dose_response_table(found: Iterable[tuple[str, str, DoseResponse | str]]) ->
 def _dose_response_row(fit: DoseResponse | str) -> Sequence[Value]:
     if isinstance(fit, str):
         return [None] * 4 + [f"no fit: {fit}"]
-    curve = fit.curve
-    note = f"{fit.resamples} resamples, seed {fit.bootstrap_seed}"
-    if curve.at_bound:
-        note += f"; b ends at a bound of the search ({B_BOUNDS[0]:g} to {B_BOUNDS[1]:g}): not determined by these runs"
-    return [
-        fit.seeds,
-        f"{curve.a:.3f} {_interval(fit.a)}",
-        f"{curve.b:.2f} {_interval(fit.b)}",
-        f"{curve.ratio:.3g} {_interval(fit.ratio)}",
-        note,
-    ]
+    curve, bounds = fit.curve, f"{B_BOUNDS[0]:g} to {B_BOUNDS[1]:g}"
+    note = f"b ends at a bound of the search ({bounds}): not determined by these runs" if curve.at_bound else None
+    figures = (f"{curve.a:.3f}", fit.a), (f"{curve.b:.2f}", fit.b), (f"{curve.ratio:.3g}", fit.ratio)
+    return [fit.seeds, *(f"{value} {_interval(interval)}" for value, interval in figures), note]
 
 
 def _interval(interval: Interval | None, kind: str = ".3f") -> str | None:

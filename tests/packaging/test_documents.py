@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -150,8 +151,6 @@ def test_the_example_of_a_regression_test_passes() -> None:
 
 
 def test_the_examples_of_configurations_are_accepted() -> None:
-    import tomllib
-
     from voxdepth.registry import resolve_config
 
     default, paper = blocks(ROOT / "docs" / "cameras.md", "toml")
@@ -185,9 +184,12 @@ def test_the_example_of_a_listed_world_is_flown(tmp_path: Path) -> None:
 
 
 def test_the_example_of_a_study_can_be_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from scenarios.study.design import expand, load_study
+    from scenarios.study.design import GAIN, Axis, PrimaryComparison, expand, load_study
 
-    study, arms = blocks(ROOT / "docs" / "running_studies.md", "toml")
+    study, axis, arms = blocks(ROOT / "docs" / "running_studies.md", "toml")
+    along = tomllib.loads(axis)
+    assert Axis.model_validate(along["axis"]).reference == "truth"
+    assert PrimaryComparison.model_validate(along["declared"]).endpoint == GAIN
     (tmp_path / "mine.toml").write_text(study + arms)
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "my_avoidance.py").write_text("from examples.straight_controller import create\n")

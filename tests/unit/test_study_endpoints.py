@@ -110,7 +110,7 @@ def test_effects_are_those_of_each_scenario_and_of_all(tmp_path: Any) -> None:
     table = Findings(data).tables["arrived_effects"]
     assert table.column("scenario") == ["city", "own", "all"]
     assert table.column("difference") == pytest.approx([0.75, 0.25, 0.5])
-    both = {arm.arm: arm for arm in over_scenarios(summarise_arms(data))}
+    both = {arm.arm: arm for arm in over_scenarios(data)}
     assert (both["a"].scenario, both["a"].n, both["a"].count(Outcome.SUCCESS)) == ("all", 8, 6)
     alone = flown(study(arm("a"), arm("b"), seeds=1), {("city", "a"): "o", ("city", "b"): "x"})
     assert len(Findings(alone).tables["arrived_effects"]) == 0, "one scenario has no effects of its own"

@@ -19,9 +19,11 @@ from scenarios.errors import ScenarioError
 from scenarios.study import executors, one_run
 from scenarios.study.design import RunSpec, expand
 from scenarios.study.executors import Cluster, Processes, Serial
+from scenarios.study.one_run import attempt
 from scenarios.study.store import Failure, RunRecord
 from sim.types import Contact
 from tests.studies import PIDS, arm, fake, slow_fake, study
+from voxdepth.errors import PluginError
 
 
 def flown(executor: Processes | Serial, specs: list[RunSpec]) -> dict[str, RunRecord | Failure]:
@@ -78,6 +80,17 @@ def test_workers_that_raise_die_or_hang_take_nothing_but_their_run_with_them() -
         assert one.kind == kind
         assert text in one.text
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize(("error", "kind"), [(PluginError("mine.py failed"), "plugin error"), (KeyError("a"), "error")])
+def test_a_fault_of_a_users_code_is_a_failure_of_its_own_kind(error: Exception, kind: str) -> None:
+    def fails(_: RunSpec) -> RunRecord:
+        raise error
+
+    (spec,) = expand(study(arm("a"), seeds=1))
+    failure = attempt(fails, spec)
+    assert isinstance(failure, Failure)
+    assert (failure.key, failure.kind) == (spec.key, kind)
 
 
 def kill_when(condition: Callable[[], list[int]]) -> threading.Thread:

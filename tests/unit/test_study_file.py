@@ -41,7 +41,7 @@ def saved(tmp_path: Path, text: str = TEXT) -> str:
 
 def test_a_study_has_every_run_once_and_whole_pairs_first(tmp_path: Path) -> None:
     specs = expand(load_study(saved(tmp_path)))
-    cells = [(spec.seed, spec.arm, spec.theta) for spec in specs]
+    cells = [(spec.seed, spec.arm, spec.level) for spec in specs]
     assert cells == [
         (0, "a", None), (0, "b", 0.5), (0, "b", 1.0),
         (1, "a", None), (1, "b", 0.5), (1, "b", 1.0),
@@ -126,7 +126,7 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
         ("seeds = {", 'changes = { "corrector" = "median" }\nseeds = {', "changes must not set corrector"),
         ('name = "mine"', 'name = "../mine"', "name: expected a text of the form"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "c"\n[[arms]]', "names no arm of the study: 'c'"),
-        ("[[arms]]", '[declared]\narm = "a"\nagainst = "b"\n[[arms]]', "needs arms of one theta, 'b' has 2"),
+        ("[[arms]]", '[declared]\narm = "a"\nagainst = "b"\n[[arms]]', "needs arms of one level, or"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "a"\n[[arms]]', "must name two arms, got 'a' twice"),
         ("time_limit_s = 60", "time_limit_s = 60\nspeed = 1", "unknown key 'speed'"),
     ],
@@ -212,7 +212,7 @@ FREE_RAW = {"policy": "free", "corrector": "raw"}
     [
         (arm("b", factors={"policy": "free"}), "all arms of a design have the same factors, got 'b'"),
         (arm("b", factors=FREE_RAW), "arms 'a' and 'b' have the same factors"),
-        (noisy("b", 0.1, 0.2, factors=FREE_RAW | {"policy": "2 m"}), "an arm with factors has one theta, 'b' has 2"),
+        (noisy("b", 0.1, 0.2, factors=FREE_RAW | {"policy": "2 m"}), "an arm with factors has one level, 'b' has 2"),
     ],
 )
 def test_the_arms_of_a_factorial_design_have_places_of_their_own(other: dict[str, Any], message: str) -> None:

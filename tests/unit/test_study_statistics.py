@@ -10,7 +10,6 @@ from scenarios.study.statistics import (
     DoseCurve,
     Interval,
     Pairs,
-    clopper_pearson,
     dose_response,
     fit_dose_curve,
     holm,
@@ -38,12 +37,6 @@ def test_wilson_by_its_formula() -> None:
     )
     assert close(wilson(30, 100), middle - half, middle + half, 1e-6)
     assert close(wilson(30, 100), 0.219, 0.396, 5e-4)
-
-
-def test_clopper_pearson_of_none_is_a_power() -> None:
-    assert close(clopper_pearson(0, 100), 0, 1 - 0.025 ** (1 / 100), 1e-9)
-    assert close(clopper_pearson(100, 100), 0.025 ** (1 / 100), 1, 1e-9)
-    assert close(clopper_pearson(30, 100), 0.212, 0.400, 5e-4)
 
 
 def test_mcnemar_is_a_sum_of_binomials() -> None:
@@ -123,10 +116,8 @@ def test_the_dose_response_finds_the_curve_that_made_the_runs_and_repeats_itself
     assert found.a.low < 0.8 < found.a.high
     assert found.b.low < 3.0 < found.b.high
     assert found.ratio.low < truth.ratio < found.ratio.high
-    assert found.thetas == tuple(THETAS)
     assert found.seeds == 200
     assert found == dose_response([0.0, *THETAS], rows, resamples=60)
-    assert found != dose_response([0.0, *THETAS], rows, resamples=60, seed=2)
 
 
 def test_the_bootstrap_draws_rows_not_cells() -> None:
@@ -141,7 +132,6 @@ def test_the_bootstrap_draws_rows_not_cells() -> None:
 def test_a_dose_response_without_enough_data_is_refused_or_marked() -> None:
     steep = dose_response([0.5, 1.0], np.array([[False, True], [False, False]]), resamples=20)
     assert steep.curve.at_bound
-    assert steep.resamples < 20, "draws of the second row alone have nothing to fit"
     for collisions in ([0, 0], [4, 4]):
         with pytest.raises(ScenarioError, match="needs runs at two noise ratios above 0"):
             fit_dose_curve([0.5, 1.0], collisions, [4, 4])

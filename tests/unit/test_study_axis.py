@@ -1,0 +1,159 @@
+"""Studies of which the arms fly along an axis, such as the light."""
+
+from dataclasses import replace
+
+import numpy as np
+import pydantic
+import pytest
+
+from scenarios.study.analysis import GOAL_SPEED, compare_means, gains, thresholds
+from scenarios.study.design import Study, by_importance, expand
+from scenarios.study.report import Findings, result
+from scenarios.study.statistics import LAPSE, crossing, success_threshold, told
+from scenarios.study.store import StudyData
+from swarm.types import Outcome
+from tests.studies import arm, contents_of, noisy, record, study
+
+STOPS = tuple(np.arange(0, -4.5, -0.5).tolist())
+AXIS = {"key": "rig.light_stops", "unit": "f-stops", "levels": STOPS, "reference": "full"}
+DECLARED = {"arm": "b", "against": "a", "endpoint": "gain"}
+FULL_M_S = 2.0
+
+
+def light(*, seeds: int = 8, **values: object) -> Study:
+    arms = (arm("a"), arm("b"), arm("full", levels=[0.0]))
+    return study(*arms, seeds=seeds, **{"axis": AXIS, "declared": DECLARED} | values)
+
+
+def flown(planned: Study, half_at: dict[str, float], noise_m_s: float = 0.1) -> StudyData:
+    """Results in which the goal speed falls by 0.5 m/s per f-stop and is half at a level; there arrivals end."""
+    rng = np.random.default_rng(0)
+    records = {}
+    for spec in expand(planned):
+        speed, arrives = FULL_M_S, True
+        if spec.level is not None and spec.arm in half_at:
+            beyond = half_at[spec.arm] - spec.level
+            speed, arrives = FULL_M_S / 2 - 0.5 * beyond + rng.normal(0, noise_m_s), beyond < 0
+        outcome = Outcome.SUCCESS if arrives else Outcome.TIMEOUT
+        time_s = 30.0 if arrives else spec.run.scenario.mission.duration_s
+        records[spec.key] = record(spec, outcome, sim_time_s=time_s, leader_progress_m=speed * time_s)
+    return replace(contents_of(planned, {}), records=records)
+
+
+def test_every_arm_flies_every_level_of_the_axis_unless_it_names_its_own() -> None:
+    specs = expand(light(seeds=1))
+    assert [(s.arm, s.level) for s in specs] == [(a, s) for a in "ab" for s in STOPS] + [("full", 0.0)]
+    assert [s.run.scenario.rig.light_stops for s in specs[:9]] == list(STOPS)
+    assert specs[1].label == "scenario city, arm a at -0.5, seed 0"
+
+
+def test_a_study_of_curves_flies_seed_after_seed() -> None:
+    planned = light(seeds=3)
+    specs = expand(planned)
+    assert by_importance(planned, specs, specs) == specs
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"axis": AXIS | {"levels": [0, -2, -1]}}, "must rise or fall from the easiest on, got [0.0, -2.0, -1.0]"),
+        ({"axis": AXIS | {"reference": "c"}}, "the reference of the axis is no arm of the study: 'c'"),
+        ({"axis": AXIS | {"reference": None}}, "needs an axis with a reference"),
+        ({"axis": None}, "arm 'full' has levels of an axis, which the study lacks"),
+        ({"axis": AXIS | {"levels": [-1, -2, -3]}}, "arm 'full' flies 0, which is no level of the axis"),
+        ({"changes": {"rig.light_stops": -1}}, "the axis rig.light_stops must not be set by the study"),
+        ({"declared": DECLARED | {"endpoint": "arrived"}}, "needs arms of one level, or endpoint = 'gain'"),
+    ],
+)
+def test_an_axis_that_cannot_be_flown_is_refused(values: dict[str, object], message: str) -> None:
+    with pytest.raises(pydantic.ValidationError) as caught:
+        light(**values)
+    assert message in str(caught.value)
+
+
+def test_an_arm_has_one_noise_ratio_along_another_axis() -> None:
+    hold = {"key": "rig.noise.scale.hold_s", "levels": [0.0, 0.5, 1.0]}
+    specs = expand(study(noisy("n", 0.5), seeds=1, axis=hold))
+    assert [(s.run.scenario.rig.noise.scale.theta, s.level) for s in specs] == [(0.5, 0.0), (0.5, 0.5), (0.5, 1.0)]
+    with pytest.raises(pydantic.ValidationError, match="'n' has 2 theta in a study with an axis, expected one"):
+        study(noisy("n", 0.5, 0.6), axis=hold)
+
+
+@pytest.mark.parametrize("levels", [STOPS, tuple(-level for level in STOPS)])
+def test_a_straight_line_crosses_where_it_does(levels: tuple[float, ...]) -> None:
+    x = np.array(levels)
+    values = 2 - 0.5 * np.abs(x)
+    assert crossing(x, values, 1.3) == pytest.approx(np.sign(x[-1]) * 1.4)
+    assert crossing(x, values, 5.0) == x[0]
+    assert crossing(x, values, -5.0) == x[-1]
+
+
+def test_means_that_rise_by_chance_cross_once() -> None:
+    x = np.arange(5.0)
+    assert crossing(x, np.array([2.0, 0.9, 1.1, 0.9, 0.0]), 1.5) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("place", [-1.2, -2.5, -3.0])
+def test_the_interval_covers_the_level_at_which_half_succeed(place: float) -> None:
+    levels, covered = np.array(STOPS), 0
+    p = (1 - LAPSE) / (1 + np.exp((place - levels) / 0.3))
+    for seed in range(20):
+        found = success_threshold(levels, np.random.default_rng(seed).random((30, 9)) < p)
+        covered += found.interval.low <= place <= found.interval.high
+        assert found.value == pytest.approx(place, abs=0.5)
+    assert covered >= 16
+
+
+@pytest.mark.parametrize("always", [True, False])
+def test_a_threshold_beyond_the_levels_is_said_to_be_there(always: bool) -> None:
+    levels = np.array(STOPS)
+    found = success_threshold(levels, np.full((10, 9), always))
+    assert told(found, levels) == "may lie outside of 0 to -4"
+
+
+def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
+    data = flown(light(), {"a": -1.7, "b": -2.4})
+    (gain,) = gains(data)
+    assert (gain.first, gain.second, gain.declared, gain.seeds) == ("b", "a", True, 8)
+    assert gain.estimate is not None
+    assert gain.estimate.value == pytest.approx(0.7, abs=0.1)
+    assert gain.estimate.interval.low < 0.7 < gain.estimate.interval.high
+    assert result(data).startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
+    a, b = thresholds(data)
+    for (_, _, seeds, half_arrive, half_speed, _), place in ((a, -1.7), (b, -2.4)):
+        assert seeds == 8
+        assert half_speed is not None
+        assert half_speed.value == pytest.approx(place, abs=0.1)
+        assert half_arrive.value == pytest.approx(place, abs=0.25)
+
+
+@pytest.mark.parametrize("half_at", [{"a": -1.7, "b": -6.0}, {"a": 1.0, "b": -2.4}])
+def test_a_gain_is_not_extrapolated(half_at: dict[str, float]) -> None:
+    data = flown(light(), half_at)
+    (gain,) = gains(data)
+    assert gain.estimate is None
+    assert result(data).endswith("come down to half of the full goal speed outside of the levels that were flown.")
+    assert "may lie outside of 0 to -4" in Findings(data).tables["thresholds"].markdown()
+
+
+def test_measures_are_compared_as_the_gain_was_declared() -> None:
+    data = flown(light(), {"a": -1.7, "b": -2.4})
+    pairs = [(one.first, one.second) for one in compare_means(data, [GOAL_SPEED])]
+    assert pairs[: len(STOPS)] == [(f"b at {level:g}", f"a at {level:g}") for level in STOPS]
+    assert len(pairs) == len(STOPS) + 2, "and both against the reference at its level"
+
+
+def test_seeds_without_a_result_at_every_level_are_left_out() -> None:
+    data = flown(light(), {"a": -1.7, "b": -2.4})
+    lost = next(spec.key for spec in data.specs if (spec.seed, spec.arm, spec.level) == (3, "a", -1.0))
+    data = replace(data, records={key: one for key, one in data.records.items() if key != lost})
+    assert gains(data)[0].seeds == 7
+    assert [seeds for _, _, seeds, *_ in thresholds(data)] == [7, 8]
+
+
+def test_the_report_has_a_row_for_each_level_and_a_figure() -> None:
+    findings = Findings(flown(light(), {"a": -1.7, "b": -2.4}))
+    table = findings.tables["levels"]
+    assert len(table) == len(STOPS)
+    assert table.headings[:3] == ["scenario", "rig.light_stops", "a: goal speed [m/s]"]
+    assert "city: curves over light_stops" in [picture.title for picture in findings.pictures()]
