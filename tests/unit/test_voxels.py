@@ -1,15 +1,11 @@
 """Laws of the voxel grid."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from sim.point_cloud import point_cloud
 
-from sim.render.meshes import open3d
 from tests.voxel_twins import integrate_points, occupied_centres, ray_coordinates
 from voxdepth.geometry import RayMap, back_project, transform
 from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
@@ -87,10 +83,3 @@ def test_cells_may_be_chosen() -> None:
 def test_impossible_grids_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         VoxelConfig(**bad)  # type: ignore[arg-type]
-
-
-def test_a_cloud_survives_a_file_in_the_format_ply(tmp_path: Path) -> None:
-    points_m = np.random.default_rng(0).uniform(-9, 9, (50, 3)).astype(np.float32)
-    path = tmp_path / "voxels.ply"
-    assert open3d().io.write_point_cloud(str(path), point_cloud(points_m))
-    np.testing.assert_array_equal(np.asarray(open3d().io.read_point_cloud(str(path)).points), points_m)
