@@ -48,11 +48,8 @@ ENDS: Mapping[str, tuple[Outcome, ...]] = {
     "timeout": (Outcome.TIMEOUT,),
 }
 """The competing ends of a run."""
-
-
 Count = tuple[float, float]
 """What is counted in a run, and what it is counted per; 1 for a mean over runs."""
-
 CountOf = Callable[[RunSpec, RunRecord], Count | None]
 
 
@@ -437,23 +434,17 @@ def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | s
     """Fit the collisions of every arm with at least three noise ratios to the seeds that were flown at all of them.
 
     Yields:
-        The scenario, the arm, and its dose response or the reason why there is none. An arm that flew the noise ratio 1
-        has a second one without it, to show how much hangs on it.
+        The scenario, the arm, and its dose response or the reason why there is none.
     """
     collided = curves(data, lambda _, record: record.outcome is Outcome.COLLISION)
     for (scenario, arm), rows in collided.items() if data.study.axis_key == NOISE_RATIO else ():
         if len(rows.columns) > 2:
-            below = [theta for theta in rows.columns if theta < 1]
-            yield scenario, arm, _fitted(rows)
-            if 3 <= len(below) < len(rows.columns):
-                yield scenario, f"{arm}, without theta 1", _fitted(rows[below])
-
-
-def _fitted(collided: pd.DataFrame) -> DoseResponse | str:
-    try:
-        return dose_response(collided.columns.tolist(), collided.to_numpy(bool))
-    except ScenarioError as error:
-        return str(error)
+            fit: DoseResponse | str
+            try:
+                fit = dose_response(rows.columns.tolist(), rows.to_numpy(bool))
+            except ScenarioError as error:
+                fit = str(error)
+            yield scenario, arm, fit
 
 
 def first_collisions(data: StudyData) -> list[RunSpec]:

@@ -61,10 +61,6 @@ class Diagnosis:
     told apart; None for other causes."""
     corrected_m: float | None = None
     """Corrected depth of the same pixel [m]."""
-    in_view_at_last: bool = False
-    """Whether an image of the last second showed the place."""
-    commanded_m_s: float | None = None
-    """Speed that was commanded last; None if the drone decided nothing before the collision."""
     held_before: str | None = None
     """What the map of the drone held there a second before, one of `STATES`; None without a map."""
     held_at_last: str | None = None
@@ -76,9 +72,6 @@ class Diagnosis:
             parts[0] += f", shown at {self.corrected_m:.2f} m instead of {self.true_m:.2f} m"
         if self.textureless:
             parts.append("it has no texture")
-        if self.commanded_m_s is not None:
-            parts.append(f"{'' if self.in_view_at_last else 'not '}in view in the last second")
-            parts.append(f"commanded {self.commanded_m_s:.2f} m/s")
         if self.held_before is not None:
             parts.append(f"map: {self.held_before} a second before, {self.held_at_last} at last")
         return "; ".join(parts)
@@ -155,24 +148,18 @@ class CollisionProbe(Recorder):
         """Diagnose the first collision."""
         if self.diagnosis is not None:
             return
-        decisions = [decision for _, decision in self._decisions[contact.drone]]
-        commanded_m_s = float(np.linalg.norm(decisions[-1].command.velocity_m_s)) if decisions else None
         if contact.kind == "drone":
-            self.diagnosis = Diagnosis(cause=Cause.DRONE, commanded_m_s=commanded_m_s)
+            self.diagnosis = Diagnosis(cause=Cause.DRONE)
             return
         assert self._world is not None, "start comes first"
         hit, body = next((hit, body) for hit, body in self._world.described.items() if body.name == contact.other)
         recent = [seen for seen in self._observations[contact.drone] if seen.stamp_s >= contact.time_s - LOOKBACK_S]
         found = diagnose(recent, hit, self._world.states[contact.drone].position_m)
         struck_m = self._world.nearest_point_m(contact.drone, hit)
-        held = [held_at(decision.view, struck_m) for decision in decisions]
+        held = [held_at(decision.view, struck_m) for _, decision in self._decisions[contact.drone]]
         self.diagnosis = replace(
             found,
             textureless=body.surface.is_blank,
-            in_view_at_last=any(
-                one.pixels_of(hit, struck_m).any() for one in recent if one.stamp_s >= contact.time_s - LAST_S
-            ),
-            commanded_m_s=commanded_m_s,
             held_before=held[0] if held else None,
             held_at_last=held[-1] if held else None,
         )

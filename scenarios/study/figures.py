@@ -109,17 +109,12 @@ def _draw_outcomes(arms: Sequence[ArmSummary], axes: Any) -> None:
     ended = [outcome for outcome in OUTCOMES if any(arm.count(outcome) for arm in arms)]
     shares = pd.DataFrame({one.value: [100 * arm.count(one) / arm.n for arm in arms] for one in ended})
     shares.plot(ax=axes, kind="barh", stacked=True, width=0.8, color=[COLORS[outcome] for outcome in ended])
-    _name_rows(axes, arms)
     axes.set_xlim(0, 100)
     axes.set_xlabel("runs [%]")
-
-
-def _name_rows(axes: Any, arms: Sequence[ArmSummary]) -> None:
-    """Name a row for each arm, the first one at the top, with a margin of half a row."""
     axes.set_yticks(np.arange(len(arms)), [f"{arm.label}, n = {arm.n}" for arm in arms], fontsize=8)
     for label in axes.get_yticklabels():
         label.set_parse_math(False)
-    axes.set_ylim(len(arms) - 0.5, -0.5)
+    axes.set_ylim(len(arms) - 0.5, -0.5)  # The first arm is at the top.
 
 
 def _goal_speeds(arms: Sequence[ArmSummary]) -> FloatArray:

@@ -40,7 +40,6 @@ from .tables import (
     gain_table,
     gain_verdict,
     grid_table,
-    level_table,
     mean_difference_table,
     mean_table,
     threshold_table,
@@ -65,7 +64,6 @@ class Findings:
         self.tables = {
             "gains": gain_table(gains(data), unit),
             "thresholds": threshold_table(thresholds(data), unit),
-            "levels": level_table(data.study, arms),
             "grid": grid_table(data.study, arms),
             "ends": end_table(arms),
             **{f"{name}_effects": effect_table(found, name) for name, found in self._comparisons.items()},

@@ -10,7 +10,6 @@ from ..batch import OUTCOMES
 from ..errors import ScenarioError
 from .analysis import (
     ENDS,
-    GOAL_SPEED,
     MEASURES,
     REACHED,
     ArmSummary,
@@ -58,7 +57,6 @@ COMPARISON_NOTE = (
     "declared before the first run is not adjusted; all others of a table are, for their number after Holm."
 )
 NONE_REACHED_NOTE = "No run of any pair reached this endpoint, so that these runs cannot tell the arms apart by it."
-LEVEL_NOTE = "95 % intervals: of a bootstrap that draws runs for goal speeds, Wilson's for arrivals."
 THRESHOLD_NOTE = (
     "Where half arrive: the likeliest logistic curve, with 2 % of lapses. Where half of the full goal speed is left: "
     "the means over seeds, made to fall by least squares and joined by lines, come down to half of the reference's. "
@@ -159,20 +157,6 @@ def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> T
             label, counts = f"{found.first} - {found.second}", (pairs.n, pairs.first_only, pairs.second_only)
             rows.append([label, name, *counts, pairs.difference, _interval(newcombe(pairs), "+.3f")])
     return Table.of(f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=EFFECT_NOTE)
-
-
-def level_table(study: Study, arms: Iterable[ArmSummary]) -> Table:
-    """Return the goal speed and the arrivals of each arm, a row for each level of the axis."""
-    found = {(arm.scenario, arm.level, arm.arm): arm for arm in arms if arm.n and arm.level is not None}
-    names = list(dict.fromkeys(name for _, _, name in found))
-    rows: list[list[Value]] = []
-    for place, level in sorted({key[:2] for key in found}, key=lambda key: (key[0], abs(key[1]))):
-        own = [found.get((place, level, name)) for name in names]
-        speeds = [None if arm is None else _estimate(arm.estimate(GOAL_SPEED)) for arm in own]
-        arrived = [None if arm is None else _percent(arm.count(Outcome.SUCCESS), arm.n) for arm in own]
-        rows.append([place, f"{level:g}", *speeds, *arrived])
-    columns = [f"{name}: {what}" for what in ("goal speed [m/s]", "arrived [%]") for name in names]
-    return Table.of("Curves over the axis", ("scenario", study.axis_key, *columns), rows, note=LEVEL_NOTE)
 
 
 def threshold_table(found: Iterable[Threshold], unit: str) -> Table:

@@ -151,9 +151,8 @@ def test_seeds_without_a_result_at_every_level_are_left_out() -> None:
     assert [seeds for _, _, seeds, *_ in thresholds(data)] == [7, 8]
 
 
-def test_the_report_has_a_row_for_each_level_and_a_figure() -> None:
+def test_the_report_has_a_row_for_each_level_of_an_arm_and_a_figure() -> None:
     findings = Findings(flown(light(), {"a": -1.7, "b": -2.4}))
-    table = findings.tables["levels"]
-    assert len(table) == len(STOPS)
-    assert table.headings[:3] == ["scenario", "rig.light_stops", "a: goal speed [m/s]"]
+    arms = findings.tables["means"].column("arm")
+    assert [arm for arm in arms if str(arm).startswith("a ")] == [f"a at {level:g}" for level in STOPS]
     assert "city: curves over light_stops" in [picture.title for picture in findings.pictures()]
