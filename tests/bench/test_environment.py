@@ -9,7 +9,7 @@ import pytest
 
 pytestmark = pytest.mark.bench
 
-NAME = "swarm:voxdepth/LeaderFollower-v0"
+NAME = "swarm:voxdepth/Streets-v0"
 STEPS = 100
 TRAINING = {"depth": "fitted", "corrector": "raw", "observation": "nearness"}
 
