@@ -1,6 +1,6 @@
 """A small sequence whose depth can be computed by hand, and simple methods."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -72,20 +72,16 @@ def write_recording(folder: Path, n_frames: int = N) -> Path:
 
 def evaluation_frames(n_frames: int = 4) -> list[EvaluationFrame]:
     """Frames with the truth, whose pixels are all of one kind."""
-    return list(_frames(n_frames))
-
-
-def _frames(n_frames: int) -> Iterator[EvaluationFrame]:
-    for index in range(n_frames):
-        capture = capture_of(index)
-        hole = (capture.depth_raw_m == 0).astype(np.uint8)
-        yield EvaluationFrame(
+    return [
+        EvaluationFrame(
             frame=Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m.copy()),
             T_world_cam=capture.T_world_cam,
             reference_m=capture.depth_true_m,
-            labels=TRUE_GROUPS.label(capture.depth_true_m, 5 * hole),
+            labels=TRUE_GROUPS.label(capture.depth_true_m, 5 * (capture.depth_raw_m == 0).astype(np.uint8)),
             static=np.full(CAMERA.shape, index > 0),
         )
+        for index, capture in enumerate(map(capture_of, range(n_frames)))
+    ]
 
 
 class Gives(Raw):

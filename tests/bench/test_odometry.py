@@ -59,7 +59,6 @@ class Pair(NamedTuple):
 
     def truth(self) -> FloatArray:
         motion = motion_from_priors(self.source, self.target)
-        assert motion is not None
         return motion.T_target_source
 
     def error_mm(self, motion: Motion) -> float:
@@ -213,17 +212,6 @@ def test_pairs_of_different_places() -> None:
     show("pairs of different places", figure)
 
 
-@pytest.mark.parametrize("width_px", [160, 320, 480, 640])
-def test_width_of_the_images(width_px: int) -> None:
-    pairs = good_pairs()
-    start_s = time.process_time()
-    done = estimates(pairs, OdometryConfig(max_width_px=width_px))
-    spent_ms = 1e3 * (time.process_time() - start_s) / len(pairs)
-    errors_mm = [pair.error_mm(motion) for pair, motion in done if motion.ok]
-    solved = f"{len(errors_mm):3} of {len(pairs)} solved"
-    show(f"max_width_px {width_px}", f"{solved}, CPU mean {spent_ms:5.1f} ms, error p50 {np.median(errors_mm):4.1f} mm")
-
-
 Found = FloatArray | None
 """Maps points of the source camera into the target camera, shape (4, 4); None if the motion was not found."""
 
@@ -243,7 +231,7 @@ def by_opencv(pair: Pair) -> Found:
     return np.asarray(T, np.float64) if solved else None
 
 
-def by_open3d(pair: Pair, least_fitness: float = 0.0) -> Found:
+def by_open3d(pair: Pair) -> Found:
     """By gray values, with three scales."""
     o3d, config, tensor = open3d(), OdometryConfig(), open3d().core.Tensor
     odometry, camera = o3d.t.pipelines.odometry, REDUCED
@@ -262,14 +250,10 @@ def by_open3d(pair: Pair, least_fitness: float = 0.0) -> Found:
     except RuntimeError as error:
         assert "tracking failed" in str(error)
         return None
-    return found.transformation.numpy() if found.fitness > least_fitness else None
+    return found.transformation.numpy() if found.fitness > 0 else None
 
 
-def by_good_fits_of_open3d(pair: Pair) -> Found:
-    return by_open3d(pair, OdometryConfig().min_overlap)
-
-
-@pytest.mark.parametrize("odometry", [by_ours, by_the_default_method, by_opencv, by_open3d, by_good_fits_of_open3d])
+@pytest.mark.parametrize("odometry", [by_ours, by_the_default_method, by_opencv, by_open3d])
 def test_odometries_of_others(odometry: Callable[[Pair], Found]) -> None:
     """All at the size of ours."""
     pairs, wrong = good_pairs(), bad_pairs()

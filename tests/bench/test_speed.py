@@ -15,13 +15,11 @@ import pytest
 from scenarios.config import Run, images_of, load_run
 from scenarios.flight import fly
 from scenarios.sequences import load_sequence, record
-from scenarios.study.design import expand, load_study
 from sim.camera_noise import photon_noise
 from sim.render import create_renderer
 from sim.scenes import CitySpec
 from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher
-from sim.types import BodyPose, VelocityCommand
 from sim.world import World
 from swarm.mapping_pilot import MappingPilot
 from swarm.mission import Mission
@@ -60,21 +58,6 @@ def test_machine() -> None:
     show("OpenCV, NumPy", f"{cv2.__version__}, {np.__version__}")
 
 
-@pytest.mark.parametrize("n_drones", [2, 4, 8, 16, 32])
-def test_physics_and_control_at_240_hz(n_drones: int) -> None:
-    starts = MissionConfig(drones=n_drones).starts_m()
-    with World(CITY.build(0), starts) as world:
-        world.apply([VelocityCommand(velocity_m_s=np.array([0.3, 0, 0]), yaw_rad=0.0)] * n_drones)
-        start = time.perf_counter()
-        for _ in range(960):
-            world.step()
-        spent = time.perf_counter() - start
-    show(
-        f"physics and control, {n_drones} drones",
-        f"real-time factor {4 / spent:6.1f}, {1e6 * spent / 960:6.1f} us a step",
-    )
-
-
 @pytest.mark.parametrize(
     ("depth", "corrector", "size"),
     [("truth", "raw", (160, 120)), ("stereo", "raw", (160, 120)), ("stereo", "voxdepth", (160, 120)),
@@ -95,20 +78,6 @@ def test_two_threads_against_one(size: tuple[int, int]) -> None:
     fly(run, threads=2)
     one_s, two_s = (min(fly(run, threads=threads).wall_s for _ in range(3)) for threads in (1, 2))
     show(f"mission, 8 drones, stereo {size[0]}x{size[1]}, voxdepth, two threads", f"{one_s / two_s:6.2f} times as fast")
-
-
-@pytest.mark.parametrize("scenario", ["city", "glass"])
-@pytest.mark.parametrize(("width", "height", "factor"), [(160, 120, 1), (320, 180, 1), (480, 270, 3), (640, 360, 4)])
-def test_captures(scenario: str, width: int, height: int, factor: int) -> None:
-    """One capture by stereo, rendering included, of drones on their way through a city."""
-    run = load_run(scenario, 3, {**images_of(width, height), "rig.decimate": factor}).scenario
-    positions_m = [np.array([x, 0.0, 6.0]) for x in (-8.0, 0.0, 8.0, 20.5, 30.0, 41.0, 52.0, 62.0)]
-    forward = np.array([0.0, 0, 0, 1])
-    poses = [BodyPose(stamp_s=0.0, position_m=at_m, q_world_body_xyzw=forward) for at_m in positions_m]
-    with World(run.scene.build(3), np.zeros((0, 3))) as world:
-        sensor = StereoSensor(world, create_renderer("raster", world, threads=1), run.rig, seed=0)
-        of_all = milliseconds(lambda: [sensor.capture(pair) for pair in sensor.render(poses, 0)])
-    show(f"{len(poses)} captures, {scenario}, {width}x{height} decimated by {factor}, one thread", of_all)
 
 
 TICK = (Mission, "tick")
@@ -174,14 +143,6 @@ def test_profile_by_number_of_drones(monkeypatch: pytest.MonkeyPatch) -> None:
         rows.append([drones, tick_ms, tick_ms / drones])
     columns = ["drones", Column("a tick", "ms", ".1f"), Column("per drone", "ms")]
     print("\n" + Table.of("ticks", columns, rows).markdown())
-
-
-def test_a_mission_of_the_noise_study() -> None:
-    (spec, *_) = expand(load_study("noise"))
-    scenario = spec.run.scenario
-    short = scenario.model_copy(update={"mission": scenario.mission.model_copy(update={"duration_s": 10.0})})
-    finished = fly(spec.run.model_copy(update={"scenario": short}), threads=1)
-    show("mission of the study noise, theta 0, one thread", f"real-time factor {finished.real_time_factor:6.2f}")
 
 
 @pytest.mark.parametrize(("width", "height", "drones"), [(160, 120, 8), (320, 180, 8), (640, 360, 1)])

@@ -13,7 +13,7 @@ from tests.integration.test_cli import voxdepth
 from voxdepth.tools import commands
 from voxdepth.tools.benchmark import frames as frames_module
 from voxdepth.tools.benchmark.frames import FrameLoop
-from voxdepth.tools.benchmark.timings import FRAME, measure, percentiles
+from voxdepth.tools.benchmark.timings import FRAME, measure
 from voxdepth.tools.cli import create_app
 from voxdepth.tools.errors import ToolError
 
@@ -37,14 +37,6 @@ def loop() -> FrameLoop:
 def bench(*arguments: str | Path) -> Result:
     """The command, in this process."""
     return CliRunner(env={"COLUMNS": "120"}).invoke(create_app(), ["bench", *map(str, arguments)])
-
-
-def test_percentiles_are_linear_between_the_samples_in_any_order() -> None:
-    times_s = np.random.default_rng(0).permutation(np.arange(101)) / 1000
-    expected = {"n": 101, "p50_ms": 50, "p95_ms": 95, "p99_ms": 99, "max_ms": 100}
-    assert percentiles(list(times_s)) == pytest.approx(expected)
-    assert percentiles([0.001, 0.002])["p50_ms"] == pytest.approx(1.5)
-    assert percentiles([0.003])["p95_ms"] == pytest.approx(3)
 
 
 def test_a_loop_is_played_back_and_forth_one_image_at_a_time(loop: FrameLoop) -> None:
@@ -112,10 +104,8 @@ def test_the_command_draws_its_frames_and_is_silent_besides() -> None:
     ("options", "message"),
     [
         (["--size", "8x600"], "--size must have 32 to 4096 pixels on each side, got 8x600"),
-        (["--size", "640x9999"], "got 640x9999"),
         (["--size", "large"], "--size must look like 160x120, got 'large'"),
         (["--json", "nowhere/figures.json"], "must name a file in an existing folder, got nowhere/figures.json"),
-        (["--json", "."], "must name a file in an existing folder, got ."),
     ],
 )
 def test_bad_options_are_refused_before_anything_is_measured(

@@ -81,7 +81,7 @@ def test_no_word_of_the_help_is_taken_for_markup() -> None:
 
 
 @pytest.mark.slow
-def test_a_run_writes_what_it_promises(tmp_path: Path) -> None:
+def test_a_run_writes_what_it_promises_and_its_repetition_the_same_down_to_the_recording(tmp_path: Path) -> None:
     done = voxdepth("run", "city", *QUICK, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     folder = only_run(tmp_path)
@@ -101,23 +101,12 @@ def test_a_run_writes_what_it_promises(tmp_path: Path) -> None:
     rows = np.loadtxt(folder / "trajectories" / "drone-1.tum")
     assert rows.shape == (30, 8)
     np.testing.assert_allclose(np.linalg.norm(rows[:, 4:], axis=1), 1, atol=1e-5)
-    again = voxdepth("run", folder / "config.toml", "--out", tmp_path / "again", "--no-record")
+    again = voxdepth("run", folder / "config.toml", "--out", tmp_path / "again")
     assert again.returncode == 0, again.stderr
     repeated = json.loads((only_run(tmp_path / "again") / "metrics.json").read_text())
-    assert repeated["metrics"] == metrics["metrics"]
-
-
-@pytest.mark.slow
-def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> None:
-    folders = []
-    for name in ("a", "b"):
-        done = voxdepth("run", "city", "--seed", "3", *QUICK, "--out", tmp_path / name)
-        assert done.returncode == 0, done.stderr
-        folders.append(only_run(tmp_path / name))
-    first, second = (json.loads((f / "metrics.json").read_text()) for f in folders)
-    first.pop("wall"), second.pop("wall")
-    assert first == second
-    recordings = [str(f / "run.rrd") for f in folders]
+    metrics.pop("wall"), repeated.pop("wall")
+    assert repeated == metrics
+    recordings = [str(run / "run.rrd") for run in (folder, only_run(tmp_path / "again"))]
     rerun = [sys.executable, "-m", "rerun", "rrd"]
     for command in (["verify", recordings[0]], ["compare", *recordings]):
         checked = subprocess.run([*rerun, *command], capture_output=True, text=True, env=ENVIRONMENT, check=False)
@@ -127,23 +116,14 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ["run", "atlantis"],
-            "there is no scenario 'atlantis'; choose one of: city, corridor, crossing, dim, exposure, forest, ",
-        ),
+        (["run", "atlantis"], "there is no scenario 'atlantis'; choose one of: city, corridor, crossing, "),
         (["run", "city", "--drones", "0"], "voxdepth: --drones 0: mission.drones: expected at least 1, got 0"),
-        (["run", "city", "--size", "3x3"], "voxdepth: --size 3x3: 2 problems: rig.width_px: expected"),
         (["run", "city", "--no-record", "--view"], "--view opens the recording, which --no-record leaves out"),
         (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, median"),
         (["run", "city", "--size", "big"], "--size must look like 160x120, got 'big'"),
-        (
-            ["run", "city", "--theta", "0.5"],
-            "voxdepth: --theta 0.5: rig: noise, theta included, belongs to the sensor model 'noisy'",
-        ),
-        (["run", "city", "--seed", "-1"], "voxdepth: --seed -1: seed: expected at least 0, got -1"),
+        (["run", "city", "--theta", "0.5"], "voxdepth: --theta 0.5: rig: noise, theta included, belongs to"),
         (["run", "missing.toml"], "cannot read missing.toml"),
         (["run", "city", "--seed", str(2**32)], "seed: expected less than 4294967296"),
-        (["picture", "city", "--out", "x.gif"], "a picture must be a .jpg or .png file, got x.gif"),
         (["view", "nowhere"], "there is no recording at nowhere"),
         (["view", "nowhere", "--port", "9000"], "--port is the port of the page in a browser: give --web, too"),
         (["sheet", "a" * 300], "File name too long: 'aaaa"),
@@ -168,31 +148,10 @@ def test_an_error_blames_the_change_or_the_file_whichever_is_wrong(tmp_path: Pat
     mine.write_text("drons = 3\n" + mine.read_text())
     with pytest.raises(ScenarioError, match=r"^.*mine\.toml: unknown key 'drons' \(did you mean mission\.drones\?\)$"):
         load_run(str(mine), 0, options)
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("[mission]\ndrons = 3", "unknown key 'mission.drons'"),
-        ("rig = 3", "rig must be a table of keys, got 3"),
-        ("[mission]\ndrones = 'many'", "mission.drones: expected a whole number, got 'many'"),
-        ("[rig]\nrate_hz = -1.0", "rig.rate_hz: expected more than 0, got -1.0"),
-        ("[rig]\ndepth = 'sonar'", "rig.depth: expected 'truth', 'noisy', 'fitted' or 'stereo', got 'sonar'"),
-        ("[scene]\nkind = 'city'\nrows = 1.5", "mine.toml: scene.rows: expected a whole number, got 1.5"),
-        ("[scene]\nkind = 'forest'\nlength_mm = 1.5", "unknown key 'scene.length_mm'"),
-        ("[scene]\nkind = 'moon'", "scene.kind: expected one of 'city', "),
-        ("colour = 'red'", "unknown key 'colour'"),
-        ("[mission]\ndrones = 1000000", "mission.drones: expected at most 500, got 1000000"),
-        ("= 3", "is not valid TOML"),
-    ],
-)
-def test_bad_files_say_where_and_what(tmp_path: Path, line: str, message: str) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(f"name = 'mine'\ndescription = 'x'\n{line}\n")
-    with pytest.raises(ToolError) as error:
-        load_run(str(path), 0, {"rig.width_px": 160})
-    assert message in str(error.value)
-    assert "\n" not in str(error.value)
+    for text, message in (("rig = 3", "rig must be a table of keys, got 3"), ("= 3", "is not valid TOML")):
+        mine.write_text(f"{text}\n")
+        with pytest.raises(ToolError, match=message):
+            load_run(str(mine), 0, options)
 
 
 @pytest.mark.parametrize("name", ["x/../../..", "..", "/x", ".hidden", "a\\\\b", "", "x" * 81, "new\\nline"])
@@ -204,13 +163,6 @@ def test_a_name_cannot_lead_out_of_a_folder(name: str, load: Callable[..., objec
     (tmp_path / "mine.toml").write_text(renamed)
     with pytest.raises(ToolError, match="name: expected a text of the form"):
         load(str(tmp_path / "mine.toml"), 0, {})
-
-
-def test_a_file_without_a_name_says_so(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text("description = 'x'\n")
-    with pytest.raises(ScenarioError, match="the key 'name' is missing"):
-        load_run(str(path), 0, {})
 
 
 @pytest.mark.parametrize(
@@ -233,12 +185,6 @@ def test_missions_that_cannot_be_flown_write_nothing(tmp_path: Path, table: str,
     assert done.returncode == 2
     assert message in done.stderr
     assert not (tmp_path / "runs").exists()
-
-
-def test_a_terminal_without_unicode_gets_other_characters() -> None:
-    done = voxdepth("list", terminal=AsciiTerminal())
-    assert done.returncode == 0, done.stderr
-    assert "city" in done.stdout
 
 
 def test_an_output_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
@@ -282,7 +228,6 @@ def test_ctrl_c_while_libraries_are_imported_ends_without_a_traceback(after_s: f
         [*command, "run", "city", *QUICK, "--out", str(tmp_path)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT,
     )  # fmt: skip
-    assert process.stdout is not None
     assert process.stdout.readline() == "begun\n"
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
@@ -320,9 +265,9 @@ def flown_s(recording: Path) -> float:
     return sum(int(rows) for rows in re.findall(r"with (\d+) rows? [^\n]* /world/trail/0 .*positions", shown)) / 20
 
 
-def test_list_names_everything() -> None:
-    done = voxdepth("list")
-    assert done.returncode == 0
+def test_list_names_everything_also_on_a_terminal_without_unicode() -> None:
+    done = voxdepth("list", terminal=AsciiTerminal())
+    assert done.returncode == 0, done.stderr
     for word in ("city", "truth, noisy, fitted, stereo", "raw, median", "voxdepth-authors", "raster, raycast, tiny"):
         assert word in done.stdout
 
@@ -344,6 +289,5 @@ def test_a_picture_is_written(tmp_path: Path) -> None:
     done = voxdepth("picture", "city", "--at", "0.5", "--size", "160x120", "--out", tmp_path / "p.jpg")
     assert done.returncode == 0, done.stderr
     image = cv2.imread(str(tmp_path / "p.jpg"))
-    assert image is not None
     assert image.shape[0] > 2 * 120 and image.shape[1] >= 2 * 160
     assert image.std() > 20

@@ -1,6 +1,5 @@
 """Studies as a user meets them: flown, killed, resumed, looked at."""
 
-import csv
 import os
 import random
 import signal
@@ -144,7 +143,13 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     assert "go on with --resume, or use another --out" in str(study_command(tiny, "--out", out).exception)
     assert study_command("run", tiny, "--out", out, "--resume").exit_code == 0
     assert "4 of 4 runs" in study_command("status", out).stdout
-    check_tables(out)
+    exported = study_command("export", out)
+    assert exported.exit_code == 0, exported.output
+    table = pyarrow.parquet.read_table(out / "runs.parquet").to_pylist()
+    records = results_of(out)
+    assert {row["key"]: Outcome(row["outcome"]) for row in table} == {k: r.outcome for k, r in records.items()}
+    for row in table:
+        assert row["min_clearance_m"] == records[row["key"]].metrics["min_clearance_m"]
     reported = study_command("report", out)
     assert reported.exit_code == 0, reported.output
     page = (out / "report.html").read_text()
@@ -181,19 +186,6 @@ def test_runs_that_failed_are_told_and_flown_again_when_asked(tiny: Path, tmp_pa
     assert "--retry-errors goes with --resume" in str(alone.exception)
 
 
-def check_tables(out: Path) -> None:
-    exported = study_command("export", out)
-    assert exported.exit_code == 0, exported.output
-    with (out / "runs.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    table = pyarrow.parquet.read_table(out / "runs.parquet").to_pylist()
-    assert [row["outcome"] for row in rows] == [row["outcome"] for row in table]
-    records = results_of(out)
-    assert {row["key"]: Outcome(row["outcome"]) for row in rows} == {k: r.outcome for k, r in records.items()}
-    for row in table:
-        assert row["min_clearance_m"] == records[row["key"]].metrics["min_clearance_m"]
-
-
 @pytest.mark.slow
 def test_a_replay_says_whether_it_ended_the_same(tiny: Path, tmp_path: Path) -> None:
     import sqlite3
@@ -224,15 +216,9 @@ def test_a_replay_says_whether_it_ended_the_same(tiny: Path, tmp_path: Path) -> 
 def test_ctrl_c_ends_cleanly_and_keeps_what_is_done(tmp_path: Path, workers: str) -> None:
     (tmp_path / "tiny.toml").write_text(TINY.replace("count = 2", "count = 50"))
     out = tmp_path / "out"
-    command = [
-        sys.executable,
-        "-c",
-        "from voxdepth.tools.cli import main; main()",
-        "study",
-        str(tmp_path / "tiny.toml"),
-    ]
+    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", "study", "tiny.toml"]
     child = subprocess.Popen(
-        [*command, "--out", str(out), "--workers", workers],
+        [*command, "--out", str(out), "--workers", workers], cwd=tmp_path,
         env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
     try:

@@ -13,7 +13,7 @@ from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.quantities import QUANTITIES
 from voxdepth.tools.evaluation.report import method_table
 from voxdepth.tools.evaluation.result_cache import Result
-from voxdepth.tools.evaluation.scoring import CONFIDENCES, CalibrationScore
+from voxdepth.tools.evaluation.scoring import CalibrationScore
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.types import CorrectedDepth, Intrinsics
 
@@ -51,14 +51,6 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
     score.add(corrected(depth_m, confidence), truth_m, truth_m > 0, truth_m > 0)
     assert found(score, "correct")["confidence 0.9-1"] == (1, 2)
     assert found(score, "median")["confidence 0-0.1"][0] == pytest.approx(2, rel=0.01)
-
-
-def test_every_tenth_falls_into_the_bin_that_it_ends() -> None:
-    for k in range(1, 11):
-        score = CalibrationScore(TELE, "holes")
-        one = row(1)
-        score.add(corrected(one, row(k / 10)), one, one > 0, one > 0)
-        assert list(found(score, "mae")) == [CONFIDENCES[k]]
 
 
 def test_errors_by_source_leave_out_what_does_not_count() -> None:

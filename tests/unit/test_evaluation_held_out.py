@@ -18,13 +18,6 @@ def test_a_shadow_lies_to_the_right_of_a_post_and_is_as_wide_as_the_step_in_disp
     assert (hidden == hidden[0]).all()
 
 
-def test_a_shadow_moves_with_the_post() -> None:
-    edges = [int(np.flatnonzero(shadows(truth_of(k), CAMERA)[0])[0]) for k in range(5)]
-    posts = [int(np.flatnonzero(truth_of(k)[0] == POST_M)[-1]) for k in range(5)]
-    assert np.array_equal(np.diff(edges), np.diff(posts))
-    assert edges[0] != edges[-1]
-
-
 @pytest.mark.parametrize("slope", [0.0, 0.02])
 def test_surfaces_without_steps_cast_no_shadow(slope: float) -> None:
     depth_m = np.repeat((3 + slope * np.arange(64, dtype=np.float32))[None], 48, axis=0)
@@ -67,6 +60,7 @@ def test_patches_stay_at_their_places_and_count_only_on_measured_surfaces_withou
     patches = Patches(CAMERA)
     first = patches.of(0, depth_m)
     assert 0.02 < first.hidden.mean() < 0.5
+    np.testing.assert_array_equal(Patches(CAMERA).of(0, depth_m).hidden, first.hidden)
     np.testing.assert_array_equal(first.given_m, np.where(first.hidden, 0, depth_m))
     np.testing.assert_array_equal(first.reference_m, depth_m)
     later_m = depth_m.copy()
@@ -78,12 +72,6 @@ def test_patches_stay_at_their_places_and_count_only_on_measured_surfaces_withou
     assert not later.hidden[:, 31:33].any()
     assert later.hidden.any()
     assert not later.reference_m[first.hidden & ~later.hidden].any(), "they are withheld, and not scored"
-
-
-def test_patches_are_the_same_again() -> None:
-    depth_m = np.full(CAMERA.shape, WALL_M, np.float32)
-    one, same = (Patches(CAMERA).of(0, depth_m).hidden for _ in range(2))
-    np.testing.assert_array_equal(one, same)
 
 
 def test_a_slanted_surface_is_smooth_and_a_post_is_not() -> None:

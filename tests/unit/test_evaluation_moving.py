@@ -1,12 +1,10 @@
 """Things that move: what is known of them, what is counted, and how it is shown beside raw depth."""
 
-import io
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from scenarios.evaluation import GHOST_FRAMES, Departures, SimulatedSource
 from sim.recording import Recording, RecordingWriter
@@ -24,7 +22,7 @@ from tests.evaluation_clips import (
 from voxdepth.tools.evaluation.groups import TRUE_GROUPS
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.quantities import QUANTITIES
-from voxdepth.tools.evaluation.report import method_table, print_results
+from voxdepth.tools.evaluation.report import method_table
 from voxdepth.tools.evaluation.result_cache import Result
 from voxdepth.tools.evaluation.scoring import Score
 from voxdepth.tools.evaluation.sources import EvaluationFrame, FrameCache
@@ -138,25 +136,14 @@ def test_without_movers_there_are_no_such_figures() -> None:
     assert not any(f.metric == "survival" for f in score.measurements()), "a share of no pixel is left out"
 
 
-def done_with_movers() -> Evaluation:
+def test_tables_show_raw_and_the_difference() -> None:
     score = Score(TRUE_GROUPS, CAMERA)
     frame = moving_frame()
     filled_m = np.where(frame.frame.depth_m > 0, frame.frame.depth_m, np.float32(POST_M))
     score.add(frame, CorrectedDepth.of(frame.frame, filled_m))
     result = Result(key=key_of("s", "m"), measurements=tuple(score.measurements()))
-    return Evaluation(results=(result,), sequences={"s": info_of("s")}, reused=0)
-
-
-def test_tables_show_raw_and_the_difference() -> None:
+    done = Evaluation(results=(result,), sequences={"s": info_of("s")}, reused=0)
     survival, ghosts = (quantity for quantity in QUANTITIES if quantity.layout == "against raw")
-    tables = [method_table(done_with_movers(), quantity) for quantity in (survival, ghosts)]
+    tables = [method_table(done, quantity) for quantity in (survival, ghosts)]
     assert [table.rows[0] for table in tables] == [["m", "50.0 +50.0"], ["m", "0.0 +50.0"]]
     assert [table.rows[1] for table in tables] == [["n", "480"], ["n", "240 to 480"]]
-
-
-def test_the_terminal_has_a_table_of_its_own_for_them() -> None:
-    text = io.StringIO()
-    console = Console(width=80, file=text)
-    print_results(console, done_with_movers())
-    assert "survival" in text.getvalue()
-    assert "50.0 +50.0" in text.getvalue()

@@ -1,6 +1,5 @@
 """Running a method: what it may give, what it may see, and what is scored."""
 
-import re
 import threading
 import time
 from dataclasses import replace
@@ -16,7 +15,6 @@ from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import ConfigError
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.registry import ENTRY_POINTS
-from voxdepth.soundness import fault_of
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.evaluation.groups import TRUE_GROUPS
 from voxdepth.tools.evaluation.measurements import Measurement
@@ -29,10 +27,10 @@ from voxdepth.tools.evaluation.methods import (
     find_methods,
     is_baseline,
 )
-from voxdepth.tools.evaluation.result_cache import Scores, decoded_thumbnail, encoded_thumbnail
+from voxdepth.tools.evaluation.result_cache import Scores
 from voxdepth.tools.evaluation.running import MethodError, run
 from voxdepth.tools.evaluation.scoring import METRICS, Score
-from voxdepth.types import CorrectedDepth, Frame, Source
+from voxdepth.types import CorrectedDepth, Frame
 
 
 def scored(change: Any, frames: int = 4) -> Scores:
@@ -126,10 +124,6 @@ def test_sequences_scored_by_measured_depth_count_the_change_of_depth() -> None:
     ("change", "message"),
     [
         (lambda d: d[:-1], r"expected depth_m as float32 of shape \(48, 64\), got float32 of shape \(47"),
-        (lambda d: d.astype(np.float64), "expected depth_m as float32 of shape .* got float64"),
-        (lambda d: np.full_like(d, np.nan), "expected finite depths .* got 3072 others"),
-        (lambda d: -d, r"expected depths of at least 0 m .* got -6"),
-        (lambda d: None, "expected depth_m .* got NoneType"),
         (lambda d: 1 / 0, "ZeroDivisionError: division by zero"),
         (lambda d: exit(3), "SystemExit: 3"),
         (lambda d: d.__setitem__(0, 1), "ValueError: assignment destination is read-only"),
@@ -138,23 +132,6 @@ def test_sequences_scored_by_measured_depth_count_the_change_of_depth() -> None:
 def test_a_method_that_gives_no_depth_is_named_with_what_came(change: Any, message: str) -> None:
     with pytest.raises(MethodError, match=f"frame 0: {message}"):
         scored(change)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"confidence": np.ones((3, 4), np.float32)}, r"expected confidence as floats of shape \(48, 64\), got"),
-        ({"confidence": np.full(CAMERA.shape, 1.5, np.float32)}, r"expected confidence in 0\.\.1, got 1\.5 to 1\.5"),
-        ({"confidence": np.full(CAMERA.shape, np.nan, np.float32)}, "expected confidence in 0..1, got nan"),
-        ({"confidence": 0.5}, "of shape .*, got float"),
-        ({"source": np.ones(CAMERA.shape)}, "expected source as uint8 of shape .* got float64"),
-        ({"source": np.full(CAMERA.shape, 9, np.uint8)}, "expected sources in 0..3, got 9"),
-        ({"source": Source.SENSOR}, "expected source as uint8 of shape .* got Source"),
-    ],
-)
-def test_what_is_neither_confidence_nor_source_is_refused_with_what_came(given: dict[str, Any], message: str) -> None:
-    result = replace(Raw().process(evaluation_frames(1)[0].frame), **given)
-    assert re.search(message, fault_of(result, CAMERA.shape) or "")
 
 
 @pytest.mark.parametrize("error", [ConfigError("needs a baseline"), SystemExit("needs a baseline")])
@@ -182,8 +159,8 @@ def test_a_method_that_cannot_be_closed_is_an_error_of_the_method(error: BaseExc
     assert len(closed) == (1 if fails_at == "warm-up" else 2)
 
 
-@pytest.mark.parametrize("fails_at", [0, WARM_UP_FRAMES])
-def test_every_instance_is_closed_and_the_first_error_is_told(fails_at: int) -> None:
+@pytest.mark.parametrize(("fails_at", "instances"), [(0, 1), (WARM_UP_FRAMES, 2)])
+def test_every_instance_is_closed_and_the_first_error_is_told(fails_at: int, instances: int) -> None:
     made, closed = [], []
     frames = iter(range(N))
 
@@ -198,17 +175,13 @@ def test_every_instance_is_closed_and_the_first_error_is_told(fails_at: int) -> 
 
         def close(self) -> None:
             closed.append(self)
-            raise OSError("stuck")
+            if len(closed) == instances:
+                raise OSError("stuck")
 
-    class Ends(Breaks):
-        def close(self) -> None:
-            closed.append(self)
-
-    kind = Ends if fails_at else Breaks
     with pytest.raises(MethodError, match="frame 0: ValueError: broken"):
-        run(Method(name="x", make=lambda intrinsics: kind()), evaluation_frames(4), TRUE_GROUPS, CAMERA)
+        run(Method(name="x", make=lambda intrinsics: Breaks()), evaluation_frames(4), TRUE_GROUPS, CAMERA)
     assert closed == made
-    assert len(made) == (2 if fails_at else 1)
+    assert len(made) == instances
 
 
 def test_work_of_other_threads_is_counted_apart_from_the_latency() -> None:
@@ -292,10 +265,6 @@ def test_the_warm_up_is_not_timed_and_leaves_nothing_behind() -> None:
         assert latency.value > 0
 
 
-def test_a_picture_is_depth_in_millimetres() -> None:
-    np.testing.assert_allclose(decoded_thumbnail(encoded_thumbnail(truth_of(0))), truth_of(0))
-
-
 def test_methods_are_found_by_name_and_refused_by_name() -> None:
     assert METHOD_NAMES[-1] == ORACLE
     assert [m.name for m in find_methods(METHOD_NAMES) if m.sees_true_pose] == [ORACLE]
@@ -309,20 +278,8 @@ def test_methods_are_found_by_name_and_refused_by_name() -> None:
 
 
 def test_a_method_may_have_a_setting_which_its_name_tells() -> None:
-    method = find_method("temporal[smoothing_window_px=1]")
-    assert (method.name, method.is_foreign) == ("temporal[smoothing_window_px=1]", False)
-    assert method.config is not None
-    assert method.config["smoothing_window_px"] == 1
-    fill, tracks = (find_method(f"temporal[{setting}]").config for setting in ("fill=all", "odometry.min_tracks=9"))
-    assert fill is not None
-    assert fill["fill"] == "all"
-    assert tracks is not None
-    assert tracks["odometry"]["min_tracks"] == 9
+    method = find_method("temporal[odometry.min_tracks=9]")
+    assert (method.name, method.is_foreign) == ("temporal[odometry.min_tracks=9]", False)
+    assert method.config["odometry"]["min_tracks"] == 9
     assert not is_baseline(method.name)
     assert is_baseline("telea")
-
-
-@pytest.mark.parametrize("name", ["temporal[colour=red]", "temporal[smoothing_window_px]", "raw[a=1]", "temporal[a=1"])
-def test_a_setting_that_does_not_exist_is_refused(name: str) -> None:
-    with pytest.raises(ConfigError):
-        find_method(name)

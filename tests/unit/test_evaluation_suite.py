@@ -5,7 +5,6 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import zip_longest
 from pathlib import Path
 from shutil import rmtree
 from typing import Any
@@ -50,32 +49,12 @@ def quality(result: Result) -> Any:
     return [m for m in result.measurements if m.on != "frames"], result.thumbnail
 
 
-def differences(one: Evaluation, other: Evaluation) -> list[str]:
-    """What differs in two results but for times, in words."""
-    found = []
-    for a, b in zip(one.results, other.results, strict=True):
-        (numbers_a, *rest_a), (numbers_b, *rest_b) = quality(a), quality(b)
-        pairs = zip_longest(numbers_a, numbers_b)
-        found += [f"{a.key.method}: {f!r} or {g!r}" for f, g in pairs if f != g]
-        found += [f"{a.key.method}: thumbnail"] if rest_a != rest_b else []
-    return found + ([] if one.sequences == other.sequences else [f"{one.sequences!r} or {other.sequences!r}"])
-
-
-def test_one_methods_failure_is_a_result_that_says_so(recording: Path, tmp_path: Path) -> None:
-    done = run(tmp_path, recording)
-    good, bad = done.results
-    assert good.error is None
-    assert good.measurements
-    assert bad.error == "frame 0: expected depth_m as float32 of shape (48, 64), got float32 of shape (47, 64)"
-    assert not bad.measurements
-    assert done.sequences["post"].pixels["all"]["all"] == 4 * 48 * 64
-
-
 def test_a_repetition_elsewhere_gives_the_same_quality_bit_for_bit(recording: Path, tmp_path: Path) -> None:
     methods = tuple(find_methods(["raw", "voxdepth", "median", "flow", "true-pose"]))
     one, other = (run(tmp_path / name, recording, methods=methods, frames=8) for name in "ab")
     assert [result.error for result in one.results] == [None] * 5
-    assert differences(one, other) == []
+    assert [quality(result) for result in one.results] == [quality(result) for result in other.results]
+    assert one.sequences == other.sequences
     fewest, most = sorted(
         one.measurements.value("post", method, Selector("mae", "holes")) for method in ("raw", "true-pose")
     )
@@ -234,21 +213,6 @@ def test_a_sequence_that_cannot_be_opened_fails_in_its_own_results_alone(recordi
 def test_two_sequences_of_one_name_are_refused(recording: Path, tmp_path: Path) -> None:
     with pytest.raises(ToolError, match="two sequences are called 'post'"):
         run(tmp_path, recording, recording)
-
-
-def test_what_depends_on_the_truth_is_computed_once(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    splits = []
-    really = SimulatedSource.frames
-
-    def counted(source: SimulatedSource, frames: int) -> Any:
-        splits.append(frames)
-        return really(source, frames)
-
-    monkeypatch.setattr(SimulatedSource, "frames", counted)
-    run(tmp_path, recording, methods=(GOOD, method("b"), method("c")))
-    assert splits == [4]
 
 
 def test_the_truth_splits_pixels_as_computed_by_hand(recording: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from scenarios.errors import ScenarioError
 from scenarios.experiments.collisions import small_study
-from scenarios.experiments.experiment import Claim, Experiment, ExperimentContext, Findings, pivot, verdict
+from scenarios.experiments.experiment import Claim, Experiment, ExperimentContext, Findings, verdict
 from scenarios.experiments.runner import (
     EXPERIMENTS,
     PAPER_EXPERIMENTS,
@@ -117,14 +117,6 @@ def test_the_index_has_every_claim_of_the_experiments_that_have_results(tmp_path
     assert "- [fps](fps/table.md), [figure](fps/figure.png): What is it?" in page
 
 
-def test_numbers_are_found_by_the_entries_of_other_columns_in_their_order() -> None:
-    rows = [("b", 2, 1.5, "x"), ("b", 1, None, "x"), ("a", 2, 3, "x")]
-    times_ms = pivot(pd.DataFrame(rows, columns=["sequence", "size", "time", "text"]), "sequence", "size", "time")
-    assert (list(times_ms.index), list(times_ms)) == (["b", "a"], [2, 1])
-    assert times_ms.loc["b", 2] == 1.5 and times_ms.loc["a", 2] == 3.0
-    assert times_ms[1].isna().all(), "one number is undefined, and one row is not in the table"
-
-
 def test_the_small_study_of_collisions_flies_few_runs_of_the_whole_one() -> None:
     study, whole = small_study(5), load_study("noise")
     assert (len(study.arms), len(study.arms[0].theta), study.seeds.count) == (1, 5, 5)
@@ -134,20 +126,14 @@ def test_the_small_study_of_collisions_flies_few_runs_of_the_whole_one() -> None
 
 
 def test_names() -> None:
-    paper = ["rq1", "rq2", "rq3", "rq4", "steps", "quality", "fps", "components", "window", "switches"]
-    assert [experiment.name for experiment in PAPER_EXPERIMENTS] == paper
-    assert list(EXPERIMENTS) == [*paper, "collide", "default", "ablation", "artefacts", "confidence"]
+    paper = [experiment.name for experiment in PAPER_EXPERIMENTS]
+    assert set(paper) < set(EXPERIMENTS)
     assert [experiment.name for experiment in find_experiments(["fps", "rq1"])] == ["fps", "rq1"]
     assert [experiment.name for experiment in find_experiments(["all"])] == paper
     with pytest.raises(ScenarioError, match="no experiment 'rq5'; choose one or more of: rq1, rq2"):
         find_experiments(["rq5"])
     with pytest.raises(ScenarioError, match="'rq1' is named twice"):
         find_experiments(["all", "rq1"])
-
-
-def test_the_agreement_with_a_claim_is_one_word() -> None:
-    words = [Claim("", "", holds).verdict for holds in (True, False, None)]
-    assert words == ["agrees", "differs", "open"]
 
 
 def test_the_verdict_counts_the_claims_that_agree() -> None:

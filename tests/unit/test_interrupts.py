@@ -80,7 +80,6 @@ def test_a_run_that_is_asked_to_end_while_it_writes_has_all_its_files(
     monkeypatch.setattr(runner, "write", write_and_ask)
     monkeypatch.setattr(runner, "draw_flight", lambda path, *_: path.touch())
     folder = runner.fly_and_write(load_run("city", 0, QUICK), tmp_path, record=True).folder
-    assert folder is not None
     files = {path.name for path in folder.iterdir()}
     assert files == {"config.toml", "metrics.json", "trajectories", "flight.png", "summary.html", "run.rrd"}
     outcome = json.loads((folder / "metrics.json").read_text())["outcome"]

@@ -58,7 +58,6 @@ def test_a_flight_is_drawn_with_or_without_a_recording(folders: list[Path], tmp_
     draw_flight(tmp_path / "map.png", flown, fly(flown))
     for path in (folders[0] / "flight.png", tmp_path / "map.png"):
         image = cv2.imread(str(path))
-        assert image is not None
         assert 10_000 < path.stat().st_size < 300_000
         blue, green, red = (image[..., channel].astype(int) for channel in range(3))
         assert ((red > 200) & (blue < 60)).any(), "leaders are orange"
@@ -76,7 +75,6 @@ def test_drones_have_their_numbers_and_towers_without_texture_a_mark(blank_share
     hatched = sum(patch.get_hatch() is not None for patch in axes.patches)
     assert hatched >= 50 if blank_share else not hatched
     legend = axes.get_legend()
-    assert legend is not None
     words = [text.get_text() for text in legend.get_texts()]
     assert len(words) == len(set(words))
     assert ("without texture: stereo measures nothing" in words) == bool(blank_share)
@@ -129,5 +127,4 @@ def test_a_collision_is_a_red_cross(folders: list[Path], tmp_path: Path) -> None
 def pure_red(path: Path) -> int:
     """Number of pixels of the colour of collisions."""
     image = cv2.imread(str(path))
-    assert image is not None
     return int((image == (0, 0, 255)).all(axis=2).sum())

@@ -44,7 +44,6 @@ def frame(
 
 def error_m(motion: Motion, source: Frame, target: Frame) -> float:
     true = motion_from_priors(source, target)
-    assert true is not None
     return float(np.linalg.norm(motion.T_target_source[:3, 3] - true.T_target_source[:3, 3]))
 
 
@@ -59,7 +58,6 @@ def test_a_step_is_measured_within_a_centimetre(camera: Intrinsics, x: float, y:
     first, second = frame(camera), frame(camera, x, y, yaw, seed=2)
     motion = PhotometricOdometry(camera).estimate(first, second)
     true = motion_from_priors(first, second)
-    assert true is not None
     assert motion.status is MotionStatus.OK
     assert error_m(motion, first, second) < 0.01
     np.testing.assert_allclose(motion.T_target_source[:3, :3], true.T_target_source[:3, :3], atol=0.002)
@@ -107,8 +105,6 @@ def test_noise_raises_the_residual() -> None:
     noisy = Frame(stamp_s=2, gray=photon_noise(noisy.gray, 6.0, 3, seed=0), depth_m=noisy.depth_m)
     odometry = PhotometricOdometry(SMALL, NO_LIMITS)
     calm_px, noisy_px = (odometry.estimate(first, second).residual_px for second in (calm, noisy))
-    assert calm_px is not None
-    assert noisy_px is not None
     assert 0 < calm_px < 0.7 * noisy_px
 
 
@@ -126,7 +122,6 @@ def test_an_image_that_no_motion_explains_fails_by_its_residual() -> None:
     motion = PhotometricOdometry(SMALL).estimate(first, second)
     assert motion.status is MotionStatus.RESIDUAL
     require_failure(motion)
-    assert motion.residual_px is not None
     assert motion.residual_px > OdometryConfig().max_residual_px
     assert PhotometricOdometry(SMALL, NO_LIMITS).estimate(first, second).residual_px == motion.residual_px
 
@@ -181,7 +176,6 @@ def test_any_size_of_image_is_taken_and_too_small_a_one_is_not_solved(
 
 def test_priors_map_the_source_camera_into_the_target_camera() -> None:
     motion = motion_from_priors(frame(), frame(x=STEP_M, seed=2))
-    assert motion is not None
     assert motion.ok
     ahead = motion.T_target_source @ [0, 0, 3, 1]
     np.testing.assert_allclose(ahead, [0, 0, 3 - STEP_M, 1], atol=1e-12)

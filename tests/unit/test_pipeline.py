@@ -148,10 +148,6 @@ def test_order_is_kept_however_long_the_stages_take(seed: int, queue_size: int, 
     assert pipeline.dropped == 0
 
 
-def test_an_empty_stream_gives_nothing() -> None:
-    assert list(CorrectionPipeline(Staged(), [])) == []
-
-
 def test_combining_one_frame_overlaps_with_registering_the_next() -> None:
     registered = [threading.Event() for _ in range(5)]
 

@@ -68,7 +68,6 @@ class TestKinds:
     def test_the_oracle_says_the_pose_of_the_capture_and_is_called_one(self) -> None:
         seen = capture(1.0, 3.0, 0.4)
         pose = pose_for_corrector("true", seen, ESTIMATE)
-        assert pose is not None
         np.testing.assert_array_equal(pose, seen.T_world_cam)
         assert pose is not seen.T_world_cam
         assert "oracle" in PosePriorConfig(kind="true").label

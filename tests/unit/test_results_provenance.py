@@ -65,9 +65,8 @@ def test_the_tools_of_the_library_do_not_count(
     digest_of: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one = digest_of("here", fly="speed = 1\n")
+    write_package(tmp_path / "with_tools", "flying", fly="speed = 1\n")
     write_package(tmp_path / "with_tools" / "flying", "tools", draw="colour = 1\n")
-    (tmp_path / "with_tools" / "flying" / "__init__.py").write_text("")
-    (tmp_path / "with_tools" / "flying" / "fly.py").write_text("speed = 1\n")
     monkeypatch.setattr(tools, "files", lambda package: tmp_path / "with_tools" / package)
     assert tools.code_digest.__wrapped__(FLYING) == one
 

@@ -33,12 +33,6 @@ def test_markdown_aligns_numbers_to_the_right_and_escapes_bars() -> None:
     ]
 
 
-def test_a_printed_table_is_never_squeezed() -> None:
-    text = io.StringIO()
-    table().print(Console(file=text, width=12))
-    assert "0.123" in text.getvalue() and "raw|x" in text.getvalue()
-
-
 @pytest.mark.parametrize("width", [32, 80, 150])
 def test_a_table_wider_than_the_terminal_is_printed_in_parts_with_the_first_column(width: int) -> None:
     text = io.StringIO()

@@ -48,10 +48,9 @@ def test_depth_is_the_same_in_every_byte_order_and_length_of_rows(encoding: str,
     depth_m = depth_of(an_image(pixels, encoding, padding=padding))
     assert depth_m.dtype == np.float32
     np.testing.assert_array_equal(depth_m, metres)
-
-
-def test_depth_of_16_bits_has_the_unit_that_is_given() -> None:
-    np.testing.assert_array_equal(depth_of(an_image(UNITS, "16UC1"), 10_000), UNITS / np.float32(10_000))
+    if encoding != "32FC1":
+        depth_m = depth_of(an_image(pixels, encoding, padding=padding), 10_000)
+        np.testing.assert_array_equal(depth_m, UNITS / np.float32(10_000))
 
 
 @pytest.mark.parametrize("padding", [0, 5])
@@ -59,6 +58,7 @@ def test_gray_images_stay_as_they_are(padding: int) -> None:
     levels = COLOURS[..., 0]
     for encoding in ("mono8", "8UC1"):
         np.testing.assert_array_equal(gray_of(an_image(levels, encoding, padding=padding)), levels)
+    np.testing.assert_array_equal(gray_of(a_compressed(png(levels), "mono8; png compressed ")), levels)
 
 
 def test_the_order_of_the_channels_makes_no_difference() -> None:
@@ -109,10 +109,14 @@ def test_a_frame_has_the_stamp_of_its_depth() -> None:
         frame_of(gray, an_image(UNITS[1:], "16UC1"))
 
 
-@pytest.mark.parametrize("format", ["16UC1; compressedDepth png", "16UC1; compressedDepth", "mono16; compressedDepth"])
-def test_compressed_depth_of_16_bits_is_read(format: str) -> None:
-    depth_m = depth_of(a_compressed(bytes(12) + png(UNITS), format))
-    np.testing.assert_array_equal(depth_m, UNITS / np.float32(1000))
+def test_compressed_depth_of_16_bits_is_read_with_and_without_a_header() -> None:
+    with_header, without = bytes(12) + png(UNITS), png(UNITS)
+    for data, format in (
+        (with_header, "16UC1; compressedDepth png"),
+        (with_header, "mono16; compressedDepth"),
+        (without, "16UC1; png compressed "),
+    ):
+        np.testing.assert_array_equal(depth_of(a_compressed(data, format)), UNITS / np.float32(1000))
 
 
 def test_floats_in_millimetres_are_asked_about_and_read_if_they_are_stated() -> None:
@@ -126,12 +130,6 @@ def test_floats_in_millimetres_are_asked_about_and_read_if_they_are_stated() -> 
     expected_m = depth_mm / np.float32(1000)
     expected_m[0, :3] = 0
     np.testing.assert_array_equal(depth_of(floats, 1000), expected_m)
-
-
-def test_a_png_of_depth_without_a_header_is_read() -> None:
-    np.testing.assert_array_equal(
-        depth_of(a_compressed(png(UNITS), "16UC1; png compressed ")), UNITS / np.float32(1000)
-    )
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -171,12 +169,6 @@ def test_compressed_images_become_gray(format: str) -> None:
     flat = np.full((*SHAPE, 3), (40, 80, 120), np.uint8)
     data = cv2.imencode(".png" if "png" in format else ".jpg", flat)[1].tobytes()
     np.testing.assert_allclose(gray_of(a_compressed(data, format)), 0.114 * 40 + 0.587 * 80 + 0.299 * 120, atol=2)
-
-
-def test_a_compressed_gray_image_stays_as_it_is() -> None:
-    np.testing.assert_array_equal(
-        gray_of(a_compressed(png(COLOURS[..., 0]), "mono8; png compressed ")), COLOURS[..., 0]
-    )
 
 
 @pytest.mark.parametrize(

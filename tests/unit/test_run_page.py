@@ -80,6 +80,5 @@ def test_a_flight_counts_epochs_and_warns_if_frames_mostly_pass_through(
     print_summary(console, finished, run)
     printed = console.file.getvalue()  # type: ignore[attr-defined]
     assert ("warning: 60.0 % of the frames passed through without a template" in printed) == passed
-    assert finished.folder is not None
     page = (finished.folder / "summary.html").read_text()
     assert page.count("corrector phase passthrough") == page.count("corrector epoch ends max frames") == 2

@@ -84,25 +84,11 @@ def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("setting", "config"),
-    [
-        ("fill=all", {"fill": "all"}),
-        ("odometry.min_tracks=9", {"odometry": {"min_tracks": 9}}),
-        ("max_featureless_frames=30", CONFIG),
-    ],
-)
-def test_a_text_may_have_a_setting(setting: str, config: dict[str, Any]) -> None:
-    assert with_corrector(f"temporal[{setting}]") == with_corrector({"name": "temporal", "config": config})
-
-
-@pytest.mark.parametrize(
     ("corrector", "message"),
     [
         ("temporal[fill]", r"expected a corrector with a setting as in temporal\[fill=all\], got 'temporal\[fill\]'"),
         ("temporal[fil=all]", r"unknown key 'fil' \(did you mean fill"),
-        ("magic", "there is no corrector 'magic'"),
         ({"name": "median", "config": {"window": 5}}, "'median' takes no configuration"),
-        ({"name": "temporal", "config": {"windov": 5}}, "config of the corrector 'temporal': unknown key 'windov'"),
         ({"name": "voxdepth", "config": {"fusion_lag_frames": "ready"}}, "fusion_lag_frames"),
         ({"name": "temporal", "confg": {}}, "corrector.confg"),
     ],

@@ -290,7 +290,6 @@ def test_a_urdf_beside_the_scenario_is_found_from_anywhere_and_by_the_copy_in_a_
     flown = fly_and_write(load_run(str(world), 0, {}), tmp_path / "runs", record=False)
     assert flown.result.outcome is Outcome.COLLISION
     assert flown.result.contacts[0].other == "body-0-foot-0"
-    assert flown.folder is not None
     again = load_run(str(flown.folder / "config.toml"), None, {})
     assert again.scenario.scene.build(0).bodies[1].name == "body-0-foot-0"
 

@@ -126,16 +126,12 @@ def test_depth_of_sim_mb_is_right_where_it_can_be_and_missing_where_it_should(ch
     quality = quality_of_sim_mb(check=check)
     for which in ("occluded", "textureless"):
         holes, wrong = quality.unmatchable_shares(which)  # type: ignore[arg-type]
-        assert holes is not None
-        assert wrong is not None
         assert holes + wrong >= 0.7
         assert holes >= 0.7, "without depth, not merely wrong"
     judged = [k for k, pixels in enumerate(quality.pixels) if pixels > 1000]
     assert len(judged) >= 4
     for k in judged:
         within, median = quality.within_1_px_shares[k], quality.median_errors_px[k]
-        assert within is not None
-        assert median is not None
         assert within >= 0.9, quality.ranges_m[k]
         assert median <= 0.25, quality.ranges_m[k]
 
@@ -144,8 +140,6 @@ def test_depth_of_sim_mb_is_right_where_it_can_be_and_missing_where_it_should(ch
 def test_each_check_of_the_matcher_is_what_makes_its_holes() -> None:
     without = quality_of_sim_mb(check_px=1e4, min_texture=0.0)
     occluded, textureless = (without.unmatchable_shares(which)[0] for which in ("occluded", "textureless"))
-    assert occluded is not None
-    assert textureless is not None
     assert occluded < 0.5
     assert textureless < 0.3
 

@@ -115,14 +115,12 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
     data = flown(light(), {"a": -1.7, "b": -2.4})
     (gain,) = gains(data)
     assert (gain.first, gain.second, gain.declared, gain.seeds) == ("b", "a", True, 8)
-    assert gain.estimate is not None
     assert gain.estimate.value == pytest.approx(0.7, abs=0.1)
     assert gain.estimate.interval.low < 0.7 < gain.estimate.interval.high
     assert result(data).startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
     a, b = thresholds(data)
     for (_, _, seeds, half_arrive, half_speed, _), place in ((a, -1.7), (b, -2.4)):
         assert seeds == 8
-        assert half_speed is not None
         assert half_speed.value == pytest.approx(place, abs=0.1)
         assert half_arrive.value == pytest.approx(place, abs=0.25)
 

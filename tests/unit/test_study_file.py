@@ -101,34 +101,18 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            "count = 3",
-            "count = 3, first = 998",
-            "seeds 1000 to 5999 are those of pilots, and of nothing else; got 998 to 1000",
-        ),
-        (
-            "time_limit_s",
-            "pilot = true\ntime_limit_s",
-            "seeds 1000 to 5999 are those of pilots, and of nothing else; got 0 to 2 with pilot = true",
-        ),
+        ("count = 3", "count = 3, first = 998", "seeds 1000 to 5999 are those of pilots"),
+        ("time_limit_s", "pilot = true\ntime_limit_s", "got 0 to 2 with pilot = true"),
         ("seeds = 2", "seeds = 4", "arm 'a' has 4 seeds, the study only 3"),
         ('name = "b"', 'name = "a"', "every arm may be named once, got 'a' more than once"),
-        ('"city"', '"city", "city"', "every scenario may be named once, got 'city'"),
         ("theta = [0.5, 1.0]", "", "'noisy' needs theta"),
-        (
-            'depth = "truth"',
-            'depth = "truth"\ntheta = 0.5',
-            "'noisy' needs theta",
-        ),
+        ('depth = "truth"', 'depth = "truth"\ntheta = 0.5', "'noisy' needs theta"),
         ("[0.5, 1.0]", "[0.5, 0.5]", "every theta may be named once"),
-        ('"mission.pilot.evidence.min_confidence"', '"rig.depth"', "changes must not set rig.depth"),
         ('"96x64"', '"big"', "arms.0.size"),
-        ("seeds = {", 'changes = { "corrector" = "median" }\nseeds = {', "changes must not set corrector"),
         ('name = "mine"', 'name = "../mine"', "name: expected a text of the form"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "c"\n[[arms]]', "names no arm of the study: 'c'"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "b"\n[[arms]]', "needs arms of one level, or"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "a"\n[[arms]]', "must name two arms, got 'a' twice"),
-        ("time_limit_s = 60", "time_limit_s = 60\nspeed = 1", "unknown key 'speed'"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, old: str, new: str, message: str) -> None:
@@ -142,7 +126,6 @@ def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, old: str, new: str, m
     [
         ({"scenarios": ["nowhere"]}, "there is no scenario 'nowhere'"),
         ({"changes": {"mission.drones": 0}}, "mission.drones"),
-        ({"changes": {"mission.wings": 2}}, "unknown key 'mission.wings'"),
         ({"arms": [arm("a"), arm("odd", size="0x60")]}, "the study 'tiny': arm 'odd': .*rig.width_px"),
     ],
 )
@@ -182,12 +165,6 @@ def test_shipped_studies_resolve(name: str) -> None:
     assert found.name == name
     specs = expand(found)
     assert len({spec.key for spec in specs}) == len(specs)
-
-
-def test_the_example_in_the_documents_resolves(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "running_studies.md").read_text()
-    found = load_study(saved(tmp_path, text.split("```toml\n")[1].split("```")[0]))
-    assert len(expand(found)) == 100 + 100 + 3 * 50
 
 
 @pytest.mark.parametrize("key", ["corrector", "corrector.config.fill", "rig.depth"])

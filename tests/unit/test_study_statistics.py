@@ -87,14 +87,6 @@ def test_percentiles_leave_out_a_fortieth_at_each_end() -> None:
     assert close(percentiles([float(k) for k in range(41)]), 1.0, 39.0, 1e-9)
 
 
-def test_two_noise_ratios_are_fitted_exactly() -> None:
-    """Two unknowns and two shares: 1 - exp(-a) = 0.5 and 1 - exp(-a / 2^b) = 0.1."""
-    curve = fit_dose_curve([0.5, 1.0], [10, 50], [100, 100])
-    assert curve.a == pytest.approx(math.log(2), rel=1e-4)
-    assert curve.b == pytest.approx(math.log2(math.log(2) / -math.log(0.9)), rel=1e-4)
-    assert curve.ratio == pytest.approx(5, rel=1e-4)
-
-
 def test_the_fit_is_the_most_likely_of_a_fine_grid() -> None:
     k, n = np.array([0, 1, 1, 4, 3, 9, 14, 15]), 30
     theta = np.array(THETAS)

@@ -41,7 +41,6 @@ def wish(situation: Situation, **rules: Any) -> np.ndarray:
     """What drone 1 wants whose slot is free."""
     config = mission(**rules)
     follower = agent(1, config)
-    assert isinstance(follower, Follower)
     return follower.wanted(situation, situation.leader.position_m + role_of(1, config).offset_m)
 
 

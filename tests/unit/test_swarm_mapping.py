@@ -151,7 +151,6 @@ def test_a_drone_that_is_interrupted_while_it_looks_around_blacklists_what_is_un
     for _ in range(4):
         flight.flies((2, 0, 0), 4.9).flies((0, 0, 0), 0.1)
     costs = flight.decisions[-1].view
-    assert isinstance(costs, CostMap)
     assert (costs.state == BLACKLISTED).any()
     assert np.ptp([decision.command.yaw_rad for decision in flight.decisions]) < 6 * np.pi
 
@@ -283,7 +282,6 @@ def test_slow_drones_at_its_height_are_obstacles_of_paths_and_no_part_of_the_map
     flight.neighbours = neighbours_of({1: Motion(at_m, np.array([speed_m_s, 0, 0]))})
     flight.flies((0, 0, 0), 1.0)
     costs = flight.decisions[-1].view
-    assert isinstance(costs, CostMap)
     assert bool(costs.fits(at_m)) is not takes
     assert costs.state_at(at_m) == FREE
     assert (costs.free_length_m(np.zeros(3), np.array([1.0, 0, 0]), 6.0) < 4.0) == takes

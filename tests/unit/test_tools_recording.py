@@ -8,7 +8,7 @@ import numpy as np
 
 from voxdepth.colors import colored
 from voxdepth.datasets import Dataset
-from voxdepth.tools.recording import SAMPLED_FRAMES, scale_of, view_of
+from voxdepth.tools.recording import scale_of
 from voxdepth.tools.stream import REPLACED, labels_of, log_frame, source_labels
 from voxdepth.types import CorrectedDepth, Frame, Source
 
@@ -32,24 +32,6 @@ def test_the_scale_of_a_recording_is_that_of_the_whole_scene() -> None:
     assert scale_m([0.7, 0.7, 1.4], 3) == 2.0
     assert scale_m([0.7] * 50 + [8.0] * 50, 100) == 10.0, "not that of the first frame alone"
     assert scale_m([0.7] * 50 + [8.0] * 50, 50) == 1.0, "nor that of frames that are not corrected"
-
-
-def test_few_frames_are_read_for_the_scale() -> None:
-    read: list[int] = []
-
-    class Counted(Depths):
-        def __getitem__(self, index: Any) -> Any:
-            read.append(index)
-            return super().__getitem__(index)
-
-    scale_of(cast(Dataset, Counted([1.0] * 1000)), 1000)
-    assert len(read) == SAMPLED_FRAMES
-    assert (read[0], read[-1]) == (0, 999)
-
-
-def test_a_view_names_the_end_of_its_colours() -> None:
-    assert view_of("colors/raw", 2.0).name == "depth, blue from 2 m, raw"
-    assert view_of("gray", 2.0).name == "gray"
 
 
 def test_memory_in_a_hole_and_in_the_place_of_a_measurement_have_labels_of_their_own() -> None:
