@@ -134,6 +134,7 @@ def test_commas_in_a_setting_do_not_part_methods(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["--data", "no-such-folder"], "there is no no-such-folder"),
         (["sim-XX"], "there is no sequence 'sim-XX' (did you mean sim-"),
         (["--methods", "raw,magic"], "there is no corrector 'magic'; choose one of: raw"),
         (["--methods", "nowhere:make"], "the corrector 'nowhere:make' cannot be loaded"),

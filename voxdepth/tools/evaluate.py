@@ -109,6 +109,8 @@ def _planned(
     from .evaluation.methods import METHOD_NAMES, ORACLE, find_methods
     from .evaluation.suite import Plan
 
+    if missing := [str(path) for path in data if not path.exists()]:
+        raise ToolError(f"there is no {', '.join(missing)}: --data takes folders of recordings and bags")
     requested = _shipped(sequences or ([] if data else ["reference"]), seed)
     requested += [each for folder in data for each in requested_of(folder, opened)]
     has_poses = any(each.has_poses for each in requested)
