@@ -162,8 +162,8 @@ def train(options: argparse.Namespace, seed: int, blind: bool) -> str:
         outcomes = flown(model, task_of("fitted", "raw"), range(900_000, 900_010), blind)
         curve.append((len(steps) // 2, outcomes["success"] / outcomes.total()))
         print(f"{name}: {curve[-1][0]} steps, {100 * curve[-1][1]:.0f} % arrive", flush=True)
-    torch.save(model.state_dict(), options.out / f"{name}.pt")
-    (options.out / f"{name}.json").write_text(json.dumps(curve))
+        torch.save(model.state_dict(), options.out / f"{name}.pt")
+        (options.out / f"{name}.json").write_text(json.dumps(curve))
     return name
 
 

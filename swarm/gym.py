@@ -13,13 +13,14 @@ from sim.scenes import CitySpec, GapSpec, LawnSpec
 
 from .environments.task import CALM, SHORT_MISSION
 from .rules import RuleWeights
+from .task import MissionConfig
 from .team import FormationConfig, Route
 
 
-def _pair(start_m: tuple[float, float, float], goal_m: tuple[float, float, float], **mission: Any) -> dict[str, Any]:
-    """The fields of a mission of a leader, at any height, and one follower."""
+def _pair(start_m: tuple[float, float, float], goal_m: tuple[float, float, float], **changes: Any) -> MissionConfig:
+    """The mission of a leader, at any height, and one follower."""
     route, rules = Route(start_m=start_m, goal_m=goal_m), RuleWeights(max_altitude_m=start_m[2])
-    return {**SHORT_MISSION.model_dump(), "drones": 2, "routes": (route,), "rules": rules, **mission}
+    return SHORT_MISSION.model_copy(update={"drones": 2, "routes": (route,), "rules": rules, **changes})
 
 
 HOVER = {

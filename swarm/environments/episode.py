@@ -71,6 +71,7 @@ class Episode:
         )  # fmt: skip
         try:
             self._mission = self._resources.enter_context(mission)
+            self.world: World = self._mission.world
             self._await_first_image()
             self._slot_m = {drone: self._distances_m(role)[1] for drone, role in self.roles.items()}
         except BaseException:
@@ -80,11 +81,6 @@ class Episode:
     def close(self) -> None:
         """Free the world; a second call does nothing."""
         self._resources.close()
-
-    @property
-    def world(self) -> World:
-        """The world of the mission."""
-        return self._mission.world
 
     @property
     def outcome(self) -> Outcome | None:
@@ -167,8 +163,8 @@ def require_followers(task: LearningTask, drones: Sequence[int]) -> None:
 
 def clipped_action(action: npt.ArrayLike) -> FloatArray:
     """Return an action, clipped to -1..1; a shape other than (4,) or a value that is not finite is a `MissionError`."""
-    given = np.asarray(action, np.float64)
-    if given.shape != (ACTION_SIZE,) or not np.isfinite(given).all():
-        expected = "four finite numbers within -1..1 (forward, left, up, turn to the left)"
-        raise MissionError(f"an action must be {expected}, got {given.tolist()}")
-    return np.clip(given, -1, 1)
+    given = np.asarray(action)
+    if given.dtype.kind not in "fiu" or given.shape != (ACTION_SIZE,) or not np.isfinite(given).all():
+        expected = "four finite numbers (forward, left, up, turn to the left), in an array of shape (4,)"
+        raise MissionError(f"an action must be {expected}, got {given.tolist()!r} of shape {given.shape}")
+    return np.clip(given.astype(np.float64), -1, 1)

@@ -10,7 +10,7 @@ from pydantic import Field
 from sim.bodies import Weather
 from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
-from voxdepth.model import Model, explained
+from voxdepth.model import Model, changed, explained
 
 from ..compose import MissionSetup
 from ..errors import MissionError
@@ -72,17 +72,19 @@ class LearningTask(MissionSetup):
 
     @classmethod
     def of(cls, scenario: str | None = None, depth: str | None = None, **fields: Any) -> "LearningTask":
-        """Create a task from fields by name, in place of those of a scenario; `depth` is short for that of the rig.
+        """Create a task from fields by name, of which tables change single keys, and the `depth` of the rig.
 
-        A field that is unknown or impossible, and a scenario without the testbed, are `MissionError`s.
+        With a scenario, its fields are the default ones. What is unknown or impossible is a `MissionError`.
         """
+        default = cls().model_dump()
         if scenario is not None:
+            if any(isinstance(fields.get(name), pydantic.BaseModel) for name in ("scene", "mission")):
+                raise MissionError("use a scenario with LeaderFollower-v0: it has a scene and a mission of its own")
             setup, latency_s = from_testbed("scenario")(scenario)
-            known = {name: getattr(setup, name) for name in MissionSetup.model_fields}
-            fields = {**known, "corrector_latency_s": latency_s, **fields}
+            default |= setup.model_dump(include=set(MissionSetup.model_fields)) | {"corrector_latency_s": latency_s}
         with explained(cls, MissionError):
-            task = cls(**fields)
-            return task if depth is None else cls(**fields | {"rig": {**task.rig.model_dump(), "depth": depth}})
+            task = cls(**changed(default, fields))
+            return task if depth is None else cls(**changed(task.model_dump(), {"rig": {"depth": depth}}))
 
     @pydantic.field_validator("mission")
     @classmethod
@@ -103,7 +105,7 @@ class LearningTask(MissionSetup):
 
 
 def from_testbed(name: str) -> Any:
-    """Return what the testbed offers under a name; a `MissionError` says that it is not installed."""
+    """Return what the testbed offers under a name; without the testbed it is a `MissionError`."""
     for entry in entry_points(group=TESTBED, name=name):
         return entry.load()
     raise MissionError(f"a {name} needs the testbed: install it with `pip install -e '.[all]'` in its repository")

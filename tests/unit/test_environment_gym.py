@@ -12,8 +12,10 @@ from gymnasium.utils.env_checker import check_env
 
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
+from sim.scenes import GapSpec
 from sim.sensor import RigConfig
 from swarm.environments.gym_env import LeaderFollowerEnv
+from swarm.environments.task import LearningTask
 from swarm.errors import MissionError
 from swarm.gym import TASKS
 from tests.learning import DIVE, FORWARD, QUICK_RIG, TURN, quick
@@ -154,6 +156,22 @@ class TestMistakes:
         with pytest.raises(MissionError, match="drones must be 2 or more, got 1"):
             LeaderFollowerEnv(**quick(drones=1))
 
+    def test_a_named_task_takes_no_scenario(self) -> None:
+        with pytest.raises(MissionError, match="use a scenario with LeaderFollower-v0"):
+            gymnasium.make("swarm.gym:voxdepth/Gap-v0", scenario="forest")
+
+    def test_a_table_changes_the_keys_that_it_names(self) -> None:
+        task = LearningTask.of(mission={"drones": 3}, rig={"depth": "fitted"}, scene={"columns": 1})
+        assert task == LearningTask(
+            mission=LearningTask().mission.model_copy(update={"drones": 3}),
+            rig=LearningTask().rig.model_copy(update={"depth": "fitted"}),
+            scene=LearningTask().scene.model_copy(update={"columns": 1}),
+        )
+        assert LearningTask.of(scene={"kind": "gap"}).scene == GapSpec()
+        scenario = LearningTask.of(scenario="pillars", mission={"drones": 2}, depth="truth")
+        assert (scenario.mission.drones, scenario.rig.depth) == (2, "truth")
+        assert scenario.mission.routes == load_run("pillars", None, {}).scenario.mission.routes
+
     @pytest.mark.parametrize(
         ("options", "text"),
         [
@@ -170,12 +188,12 @@ class TestMistakes:
         with pytest.raises(MissionError, match=r"one of \['rgb_array'\] or None, got 'human'"):
             LeaderFollowerEnv(render_mode="human")
 
-    @pytest.mark.parametrize("action", [[0.0] * 3, [[0.0] * 4], [0, 0, 0, np.nan]])
+    @pytest.mark.parametrize("action", [[0.0] * 3, [[0.0] * 4], [0, 0, 0, np.nan], "left"])
     def test_an_action_has_four_finite_numbers(self, action: Any) -> None:
         env = LeaderFollowerEnv(**quick())
         env.reset(seed=0)
         with pytest.raises(MissionError, match="four finite numbers"):
-            env.step(np.array(action, np.float32))
+            env.step(np.array(action))
 
     def test_an_episode_must_have_begun(self) -> None:
         env = LeaderFollowerEnv(render_mode="rgb_array", **quick())
