@@ -69,12 +69,27 @@ def test_every_sequence_is_recorded_and_read_back_bit_for_bit(name: str, tmp_pat
 
 
 @pytest.mark.slow
-def test_the_shipped_sequences_have_the_rate_and_the_length_of_the_papers() -> None:
-    assert set(shipped_names("sequences")) == set(names_of(["reference", "hard", "artefacts"]))
+def test_the_shipped_sequences_have_the_sizes_and_the_length_of_the_papers() -> None:
+    sizes = {name: load_sequence(name, 0, {}).sequence.rig for name in shipped_names("sequences")}
+    assert set(sizes) == set(names_of(["reference", "hard", "artefacts"]))
+    rooms = [sizes.pop(name) for name in names_of(["artefacts"])][:-1]
+    assert {(rig.width_px, rig.height_px, round(rig.intrinsics.fx_px, 1)) for rig in rooms} == {(640, 360, 465.6)}
+    for name, rig in sizes.items():
+        realsense = name in ("sim-LN", "sim-MB", *GROUPS["hard"])
+        assert (rig.width_px, rig.height_px) == ((640, 360) if realsense else (1024, 1024))
+        assert rig.intrinsics.fx_px == pytest.approx(343.2 if realsense else 512, abs=0.1)
+        assert rig.rate_hz == 30
     for name in shipped_names("sequences"):
-        assert load_sequence(name, 0, {}).sequence.rig.rate_hz == 30
         with simulation(small(name)) as simulated:
             assert sum(1 for _, pose in zip(range(500), simulated.exposures(), strict=False)) == 500
+
+
+@pytest.mark.slow
+def test_sunny_and_cloudy_are_the_same_flight() -> None:
+    (sunny,), (cloudy,) = (list(captures(small(name), 1)) for name in ("sim-KTS", "sim-KTC"))
+    np.testing.assert_array_equal(sunny.depth_true_m, cloudy.depth_true_m)
+    seen = np.isfinite(sunny.depth_true_m)
+    assert sunny.gray_left[seen].std() > 1.3 * cloudy.gray_left[seen].std()
 
 
 def test_a_mover_is_in_the_recording_where_its_path_says_and_known_by_its_id(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import pytest
 import typer
 
@@ -17,6 +18,8 @@ from voxdepth.types import Source
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
+TRAINING = ROOT / "docs" / "tutorials" / "train_a_follower.md"
+"""Its example needs PyTorch, and minutes."""
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), *TUTORIALS)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 PATH = re.compile(r"(?<![\w:/-])(?:voxdepth|sim|swarm|scenarios|tests|examples)/[\w./-]*\w(?:\.\w+)?")
@@ -130,7 +133,7 @@ def test_the_examples_of_the_library_run(name: str, word: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tutorial", TUTORIALS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("tutorial", [path for path in TUTORIALS if path != TRAINING], ids=lambda path: path.stem)
 def test_the_examples_of_tutorials_run_one_after_the_other(tutorial: Path) -> None:
     program = "\n".join(blocks(tutorial, "python"))  # In a process of its own, as a reader has it.
     subprocess.run([sys.executable, "-c", program], check=True)
@@ -201,14 +204,16 @@ def test_the_example_of_a_study_can_be_loaded(tmp_path: Path, monkeypatch: pytes
 
 
 @pytest.mark.slow
-def test_the_example_of_an_environment_flies_to_its_end() -> None:
-    example, _ = blocks(ROOT / "docs" / "environments.md", "python")
-    channels, outcome = last_line(example + "print(picture.shape[2], info['outcome'])").split()
-    assert channels == "3"
-    assert outcome in ("collision", "deadlock", "lost", "success", "timeout")
+def test_the_example_of_an_environment_steps() -> None:
+    (example,) = blocks(ROOT / "docs" / "environments.md", "python")
+    assert last_line(example + "print(picture.shape[2], observation['nearness'].shape)") == "3 (1, 60, 80)"
 
 
-@pytest.mark.slow
-def test_the_example_of_an_environment_with_bare_walls_shows_small_depth() -> None:
-    _, example = blocks(ROOT / "docs" / "environments.md", "python")
-    assert last_line(example + "print(env.reset(seed=0)[0]['depth_m'].shape)") == "(90, 160)"
+def test_the_recipe_of_the_tutorial_makes_its_environment() -> None:
+    (recipe,) = blocks(TRAINING, "python")
+    names: dict = {}
+    exec(next(line for line in recipe.splitlines() if line.startswith("options = ")), names)
+    (task,) = re.findall(r'make_vec_env\("([^"]+)"', recipe)
+    env = gymnasium.make(task, **names["options"])
+    assert env.reset(seed=0)[0] in env.observation_space
+    env.close()
