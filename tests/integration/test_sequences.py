@@ -12,6 +12,7 @@ from scenarios.evaluation import moving_ids
 from scenarios.files import shipped_names
 from scenarios.images import INVALID_REASON_COLORS
 from scenarios.sequences import (
+    GROUPS,
     SeededSequence,
     captures,
     load_sequence,
