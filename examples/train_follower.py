@@ -158,7 +158,7 @@ def train(options: argparse.Namespace, seed: int, blind: bool) -> str:
         first = FIRST_TRAINING_SEED + 1000 * seed + EPISODES * round_
         for world in range(first, first + EPISODES):
             steps += taught(model, world, blind, rng)
-        model = fitted(model, steps, EPOCHS)
+        model = fitted(model, steps)
         outcomes = flown(model, task_of("fitted", "raw"), range(900_000, 900_010), blind)
         curve.append((len(steps) // 2, outcomes["success"] / outcomes.total()))
         print(f"{name}: {curve[-1][0]} steps, {100 * curve[-1][1]:.0f} % arrive", flush=True)
@@ -167,12 +167,12 @@ def train(options: argparse.Namespace, seed: int, blind: bool) -> str:
     return name
 
 
-def fitted(model: nn.Module | None, steps: Sequence[tuple[Array, Array]], epochs: int) -> nn.Module:
+def fitted(model: nn.Module | None, steps: Sequence[tuple[Array, Array]]) -> nn.Module:
     """Return a network that does in all steps what the teacher wanted, from that of the last round on."""
     seen, wanted = (torch.from_numpy(np.stack(values)) for values in zip(*steps, strict=True))
     model = model or network(seen.shape[1])
     optimiser = torch.optim.Adam(model.parameters(), lr=1e-3, weight_decay=1e-5)
-    for _ in range(epochs):
+    for _ in range(EPOCHS):
         for batch in torch.randperm(len(seen)).split(512):
             optimiser.zero_grad()
             nn.functional.smooth_l1_loss(model(seen[batch]), wanted[batch]).backward()

@@ -17,7 +17,5 @@ def setup(name_or_path: str) -> tuple[MissionSetup, float]:
 def recorder(folder: Path, task: MissionSetup, seed: int) -> MissionRecorder:
     """Return the recorder of an episode, whose file is named after its seed; the folder is made."""
     folder.mkdir(parents=True, exist_ok=True)
-    title = f"episode {seed}"
-    return MissionRecorder(
-        folder / f"{title.replace(' ', '-')}.rrd", task.rig, recording_id=title, title=title, image_every=1
-    )
+    name = f"episode-{seed}"
+    return MissionRecorder(folder / f"{name}.rrd", task.rig, recording_id=name, title=name, image_every=1)

@@ -40,8 +40,8 @@ class VelocityController:
     """Computes the forces and torques of all drones from their motion and commands.
 
     The velocity error gives a desired acceleration, which gives a desired thrust direction. A PD law on the rotation
-    vector turns the body towards it. Thrust and torque act on the body with a first-order motor lag. A step takes 5 us
-    for each drone; arrays take as long only from a dozen drones on.
+    vector turns the body towards it. Thrust and torque act on the body with a first-order motor lag.
+    The numbers are plain, because arrays of so few drones take longer.
     """
 
     def __init__(self, n_drones: int, config: AirframeConfig) -> None:
@@ -88,6 +88,7 @@ class VelocityController:
         c = self._config
         x, y, z, w = q_world_body_xyzw
         up = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+        # NumPy's function rounds otherwise than that of `math`, and missions are compared bit by bit.
         yaw_rad = float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         wanted_n = self._desired_thrust_n(velocity_m_s, desired_velocity_m_s)
         along_n = min(max(_dot(wanted_n, up), 0.0), c.max_thrust_to_weight * self._weight_n)

@@ -40,7 +40,7 @@ class RigConfig(Model):
     height_px: int = Field(default=180, ge=32, le=4096)
     decimate: int = Field(default=1, ge=1, le=8)
     """Factor by which captures are smaller than the images that are rendered and matched; it must divide both sides.
-    Depth is the median of the valid pixels of a block up to a factor of 3, and their mean from 4 on. The sensor model
+    Depth is the median of the valid pixels of a block up to a factor of 3, and their mean from 4 on. The sensor models
     `truth` and `fitted` have nothing to match and render the smaller images at once."""
     hfov_deg: float = Field(default=86.0, gt=10, lt=170)
     baseline_m: float = Field(default=0.095, gt=0)
@@ -50,7 +50,7 @@ class RigConfig(Model):
     """Distance of the camera ahead of the drone's centre [m]. Inside the airframe it would see its own drone."""
     depth: SensorModelName = "stereo"
     """The sensor model: `truth` reads the true depth, `noisy` adds noise to it, and `stereo` matches both images.
-    `fitted` imitates the errors of `stereo` in a tenth of its time."""
+    `fitted` imitates the errors of `stereo` in full light, in a tenth of its time."""
     noise: DepthNoise = DepthNoise()
     """Noise terms of the sensor model `noisy`."""
     max_depth_m: float = Field(default=40.0, gt=0)

@@ -91,9 +91,7 @@ class Detector:
             depth_m = depth_m[depth_m > 0]
             if not len(depth_m):
                 continue
-            depth_m.sort()
-            middle_m = float(depth_m[(len(depth_m) - 1) // 2] + depth_m[len(depth_m) // 2]) / 2
-            bearing_cam, range_m = self._ray(col.mean(), row.mean(), middle_m)
+            bearing_cam, range_m = self._ray(col.mean(), row.mean(), float(np.median(depth_m)))
             if range_m <= c.max_range_m:
                 found.append(Detection(drone=drone, bearing_cam=bearing_cam, range_m=range_m))
         return tuple(found)

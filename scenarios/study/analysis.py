@@ -339,7 +339,7 @@ def pairs_to_find(found: Comparison, endpoint: EndpointName, effect: float) -> i
 
 @dataclass(frozen=True, kw_only=True)
 class Gain:
-    """By how much farther along the axis one arm keeps half of the reference's goal speed than another one."""
+    """A comparison of two curves: how much farther along the axis one arm keeps half of the reference's goal speed."""
 
     scenario: str
     first: str

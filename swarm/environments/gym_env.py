@@ -36,6 +36,11 @@ def observation_space(task: LearningTask) -> spaces.Space[Any]:
     )
 
 
+def action_space() -> spaces.Space[Any]:
+    """Return the space of actions; see `learner.Learner`."""
+    return spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+
+
 class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     """Learn to follow a leader through a world seen by a corrected depth camera.
 
@@ -46,10 +51,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     Args:
         learner: Number of the learning drone; None takes the first follower.
         render_mode: `rgb_array`, or None for no pictures.
-        task: As for `LearningTask.of`.
-
-    Raises:
-        MissionError: An option is unknown or impossible.
+        task: As for `LearningTask.of`. What is unknown or impossible is a `MissionError`.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
@@ -62,7 +64,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}
         self.observation_space = observation_space(self._task)
-        self.action_space = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+        self.action_space = action_space()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -42,9 +42,14 @@ def observe(situation: Situation, role: Role, task: LearningTask) -> Observation
     if situation.percept is None:
         raise MissionError("there is nothing to observe before the first image is known: fly on until then")
     depth_m = situation.percept.corrected.depth_m
-    nearness = np.where(depth_m > 0, 255 * NEAR_M / np.maximum(depth_m, NEAR_M), 0).astype(np.uint8)[None]
+    image: dict[str, Any]
+    if task.observation == "metres":
+        image = {"depth_m": np.clip(depth_m, 0.0, task.rig.max_depth_m)}
+    else:
+        nearness = np.where(depth_m > 0, 255 * NEAR_M / np.maximum(depth_m, NEAR_M), 0)
+        image = {"nearness": nearness.astype(np.uint8)[None]}
     if task.observation == "image":
-        return nearness
+        return np.asarray(image["nearness"])
     own, to_own = situation.own, heading_frame(situation).T
     max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
     leader_m = to_own @ (situation.leader.position_m - own.position_m)
@@ -53,8 +58,6 @@ def observe(situation: Situation, role: Role, task: LearningTask) -> Observation
         "leader_m": np.clip(leader_m, -lost_m, lost_m),
         "slot_m": np.clip(leader_m + to_own @ role.offset_m, -lost_m, lost_m),
     }
-    in_metres = task.observation == "metres"
-    image = {"depth_m": np.clip(depth_m, 0.0, task.rig.max_depth_m)} if in_metres else {"nearness": nearness}
     return {**image, **{name: vector.astype(np.float32) for name, vector in vectors.items()}}
 
 

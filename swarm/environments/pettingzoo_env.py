@@ -1,7 +1,6 @@
 """A PettingZoo environment: all followers learn at once, behind leaders that the mission's controller flies."""
 
 from collections.abc import Mapping
-from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,8 @@ from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
 from ..errors import MissionError
-from .gym_env import Action, observation_space
-from .learner import ACTION_SIZE, Observation
+from .gym_env import Action, action_space, observation_space
+from .learner import Observation
 from .task import LearningTask
 from .view import RENDER_MODES, EpisodeView, Image
 
@@ -38,8 +37,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         self._drone_of = {f"drone_{drone}": drone for drone in self._task.followers}
         self.possible_agents = list(self._drone_of)
         self.agents: list[str] = []
-        actions = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
-        self._spaces = {agent: (observation_space(self._task), deepcopy(actions)) for agent in self._drone_of}
+        self._spaces = {agent: (observation_space(self._task), action_space()) for agent in self._drone_of}
         self._np_random: np.random.Generator | None = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:

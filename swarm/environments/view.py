@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from sim import frames
 from sim.render import create_renderer
-from sim.types import Camera
+from sim.types import Camera, Renderer
 from voxdepth.colors import colored
 from voxdepth.types import Intrinsics
 
@@ -28,11 +28,7 @@ BEHIND_M = np.array([0.0, -1.2, -4.0])
 
 
 class EpisodeView:
-    """The present episode of an environment, its recording and its picture.
-
-    Raises:
-        MissionError: There is no such render mode, or a call needs an episode and there is none.
-    """
+    """The present episode of an environment, its recording and its picture; without an episode a `MissionError`."""
 
     def __init__(self, task: LearningTask, render_mode: str | None) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
@@ -41,6 +37,7 @@ class EpisodeView:
         self._render_mode = render_mode
         self._learners: Sequence[int] = ()
         self._episode: Episode | None = None
+        self._renderer: Renderer | None = None
 
     @property
     def episode(self) -> Episode:
@@ -56,6 +53,8 @@ class EpisodeView:
         recorder = Recorder() if folder is None else from_testbed("recorder")(folder, self._task, seed)
         self._learners = learners
         self._episode = Episode(self._task, learners, seed=seed, recorder=recorder)
+        if self._render_mode is not None:
+            self._renderer = create_renderer(self._task.renderer, self._episode.world)
         return self._episode
 
     def render(self) -> Image | None:
@@ -64,15 +63,14 @@ class EpisodeView:
             return None
         rig, world, learner = self._task.rig, self.episode.world, self._learners[0]
         seen, pose = self.episode.situation(learner).percept, world.pose(learner)
-        assert seen is not None, "an episode begins with an image"
+        assert seen is not None and self._renderer is not None, "an episode begins with an image"
         own = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, rig.left_mount_m)
         behind = own.copy()
         behind[:3, 3] += own[:3, :3] @ BEHIND_M
         size = round(PANEL_HEIGHT_PX * rig.width_px / rig.height_px), PANEL_HEIGHT_PX
         wide = Intrinsics.from_hfov(width_px=2 * size[0], height_px=size[1], hfov_deg=WIDE_DEG)
-        renderer = create_renderer(self._task.renderer, world)
         views = [Camera(T_world_cam=own, intrinsics=rig.intrinsics), Camera(T_world_cam=behind, intrinsics=wide)]
-        gray, lower = (np.repeat(renderer.render([view])[0].gray[..., None], 3, axis=2) for view in views)
+        gray, lower = (np.repeat(self._renderer.render([view])[0].gray[..., None], 3, axis=2) for view in views)
         upper = gray, colored(seen.corrected.depth_m, rig.max_depth_m)[..., ::-1]
         panels = [cv2.resize(image, size, interpolation=cv2.INTER_NEAREST) for image in upper]
         return np.vstack([np.hstack(panels), lower]).astype(np.uint8)

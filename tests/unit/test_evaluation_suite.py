@@ -152,7 +152,7 @@ def test_frames_of_a_killed_run_are_deleted_and_nothing_else(recording: Path, tm
     left, ours = tmp_path / f"{suite.FRAME_CACHE}abc", tmp_path / "frames-of-mine"
     for folder in (left, ours):
         folder.mkdir()
-        (folder / "000000.pickle").touch()
+        (folder / "000000.npz").touch()
     run(tmp_path, recording, methods=(GOOD,))
     assert not left.exists()
     assert ours.is_dir()
@@ -168,14 +168,10 @@ def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_written(tm
 def test_frames_that_cannot_be_kept_are_an_error_of_the_results(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    really = Path.write_bytes
+    def full(*args: Any, **arrays: Any) -> None:
+        raise OSError(28, "No space left on device")
 
-    def full(path: Path, data: bytes) -> int:
-        if path.suffix == ".pickle":
-            raise OSError(28, "No space left on device")
-        return really(path, data)
-
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(np, "savez", full)
     done = run(tmp_path, recording)
     assert [(result.error or "").startswith("cannot keep frame 0 in ") for result in done.results] == [True, True]
     assert all((result.error or "").endswith(": No space left on device") for result in done.results)

@@ -12,8 +12,10 @@ from .extensions import extensions
 from .options import Baseline, DepthTopic, GrayTopic, UnitsPerM, Within, counter
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from .evaluation.kinds import Opened
-    from .evaluation.suite import Plan, Requested
+    from .evaluation.suite import Evaluation, Plan, Requested
 
 OUTER_COMMA = r",(?![^\[]*\])"
 """A comma that is not within the brackets of a setting."""
@@ -65,8 +67,6 @@ def evaluate(
     """
     from rich.console import Console
 
-    from voxdepth.tools.evaluation.methods import ORACLE
-    from voxdepth.tools.evaluation.report import print_results, write_report
     from voxdepth.tools.evaluation.suite import evaluate as run_plan
     from voxdepth.tools.recorded import Opener, restrict_opencv
 
@@ -86,6 +86,14 @@ def evaluate(
     except KeyboardInterrupt:
         typer.echo(f"stopped; the finished results in {out} are safe, and the same command goes on")
         raise
+    _tell(console, evaluation, out)
+
+
+def _tell(console: "Console", evaluation: "Evaluation", out: Path) -> None:
+    """Write and print the results, and exit with 1 if a method failed."""
+    from .evaluation.methods import ORACLE
+    from .evaluation.report import print_results, write_report
+
     write_report(out, evaluation)
     print_results(console, evaluation)
     typer.echo(f"{len(evaluation.results)} results, {evaluation.reused} of them finished before")

@@ -1,6 +1,5 @@
 """Where the frames of an evaluation come from, each with its reference."""
 
-import pickle
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -58,7 +57,7 @@ class FrameCache:
         for index, frame in enumerate(frames):
             what = f"cannot keep frame {index} in {self._folder}"
             with as_tool_error(what):
-                self.path(index).write_bytes(pickle.dumps(frame))
+                np.savez(self.path(index), **_arrays(frame))
             self._frames = index + 1
             progress(self._frames)
 
@@ -68,13 +67,24 @@ class FrameCache:
     def __getitem__(self, index: int) -> EvaluationFrame:
         """Read one frame; a failure is a `ToolError`."""
         what = f"cannot read frame {index} back from {self._folder}"
-        with as_tool_error(what):
-            frame: EvaluationFrame = pickle.loads(self.path(index).read_bytes())
-        return frame
+        with as_tool_error(what), np.load(self.path(index), allow_pickle=False) as stored:
+            return _evaluation_frame(dict(stored))
 
     def path(self, index: int) -> Path:
         """Return the file of a frame."""
-        return self._folder / f"{index:06d}.pickle"
+        return self._folder / f"{index:06d}.npz"
+
+
+def _arrays(frame: EvaluationFrame) -> dict[str, Any]:
+    """The entries of a frame that are known, as arrays and numbers."""
+    shown = {"stamp_s": frame.frame.stamp_s, "gray": frame.frame.gray, "depth_m": frame.frame.depth_m}
+    return shown | {name: value for name, value in vars(frame).items() if name != "frame" and value is not None}
+
+
+def _evaluation_frame(arrays: dict[str, Any]) -> EvaluationFrame:
+    shown = Frame(stamp_s=float(arrays.pop("stamp_s")), gray=arrays.pop("gray"), depth_m=arrays.pop("depth_m"))
+    unknown: dict[str, Any] = {"T_world_cam": None}
+    return EvaluationFrame(frame=shown, **(unknown | arrays))
 
 
 Frames = FrameCache | list[EvaluationFrame]
