@@ -3,7 +3,6 @@
 import pandas as pd
 
 from voxdepth.registry import DEFAULT
-from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.scoring import GHOSTS, SURVIVAL
 from voxdepth.tools.figure import panels, plotted
 
@@ -39,7 +38,7 @@ VARIANTS = {DEFAULT: "nothing"} | {f"{DEFAULT}[{setting}]": off for setting, off
 
 def ablate(context: ExperimentContext) -> Findings:
     """Evaluate every variant on the same frames."""
-    comparison = Comparison(context.evaluate(find_methods(list(VARIANTS))))
+    comparison = Comparison(context.evaluate(VARIANTS))
     by_variant = {variant: quantities(comparison, variant) for variant in VARIANTS}
     found = pd.concat(by_variant, names=["variant", "sequence"])
     means = found.groupby("variant", sort=False).mean()

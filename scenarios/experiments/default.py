@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from typing import Any
 
 import pandas as pd
 
@@ -10,7 +10,7 @@ from voxdepth.registry import DEFAULT, PAPER, title
 from voxdepth.tools.evaluation import scoring
 from voxdepth.tools.evaluation.groups import ALL
 from voxdepth.tools.evaluation.measurements import COMPLETED, FILLED, Selector, of_frames
-from voxdepth.tools.evaluation.methods import DEFAULT_FILLED, METHOD_NAMES, ORACLE, find_methods, is_baseline
+from voxdepth.tools.evaluation.methods import DEFAULT_FILLED, METHOD_NAMES, ORACLE, is_baseline
 from voxdepth.tools.evaluation.report import rendered
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.tools.figure import panels, plotted
@@ -58,36 +58,22 @@ class Comparison:
         measured = self.evaluation.measurements.select(selector)[column].unstack("method")
         return measured.reindex(index=self.sequences, columns=self.evaluation.methods)
 
-    def values(self, selector: Selector, method: str | None = None) -> pd.Series:
+    def values(self, selector: Selector, method: str | None = None, column: str = "value") -> pd.Series:
         """The values of a method, or of the default method as `own` says, by sequence; NaN where undefined."""
-        return self.by_method(selector).reindex(columns=[method or self.own(selector)]).iloc[:, 0]
-
-    def counts(self, selector: Selector) -> pd.Series:
-        """The sample sizes of the default method by sequence; 0 where not measured."""
-        return self.by_method(selector, "n")[self.own(selector)].fillna(0).astype(int)
+        return self.by_method(selector, column).reindex(columns=[method or self.own(selector)]).iloc[:, 0]
 
     def own(self, selector: Selector) -> str:
         """The name of the default method: after completion the one that completes its depth itself, if it took part."""
         return DEFAULT_FILLED if selector.on == COMPLETED and DEFAULT_FILLED in self.evaluation.methods else DEFAULT
 
-    def best(self, selector: Selector, *, without: Sequence[str] = (), min_coverage: float = 0.0) -> pd.DataFrame:
-        """The `name` and `value` of the baseline with the lowest value by sequence; None and NaN where none counts.
+    def best(self, selector: Selector, *, without: Sequence[str] = (), min_coverage: float = 0.0) -> pd.Series:
+        """The lowest value of a baseline by sequence; NaN where none counts.
 
         Baselines in `without` do not count, nor those that fill less than `min_coverage` (0..1) of the pixels in 20 m.
         """
         fills = self.by_method(COVERAGE).fillna(0) >= min_coverage
-        values = self.by_method(selector).where(fills)[[name for name in self.baselines if name not in without]]
-        known = [row.dropna() for _, row in values.iterrows()]
-        names = [None if row.empty else row.idxmin() for row in known]
-        return pd.DataFrame({"name": names, "value": values.min(axis=1)}, self.sequences)
-
-    def pooled(self, mask: str | None, confidence: str) -> tuple[float | None, int]:
-        """The share of correct pixels of a mask in a bin of confidence over all sequences, and their number."""
-        where = confidence if mask is None else scoring.in_bin(mask, confidence)
-        selector = Selector("correct", where, scoring.CALIBRATION_RANGE, FILLED)
-        counts = self.counts(selector)
-        n = int(counts.sum())
-        return (float((self.values(selector) * counts).sum() / n) if n else None), n
+        competing = [name for name in self.baselines if name not in without]
+        return self.by_method(selector).where(fills)[competing].min(axis=1)
 
 
 Values = Callable[[Comparison], pd.Series]
@@ -129,11 +115,9 @@ def against(method: str, selector: Selector) -> Values:
     return lambda c: change_percent(c.values(selector), c.values(selector, method))
 
 
-def against_best(selector: Selector, *, without: Sequence[str] = (), min_coverage: float = 0.0) -> Values:
+def against_best(selector: Selector, **which: Any) -> Values:
     """The change [%] from the best baseline of each sequence, see `Comparison.best`."""
-    return lambda c: change_percent(
-        c.values(selector), c.best(selector, without=without, min_coverage=min_coverage)["value"]
-    )
+    return lambda c: change_percent(c.values(selector), c.best(selector, **which))
 
 
 def above(method: str, selector: Selector) -> Values:
@@ -166,7 +150,7 @@ def gap_closed_percent(comparison: Comparison) -> pd.Series:
 
     It is 0 at the error of the baseline and 100 at that of the oracle; NaN if the oracle is not better.
     """
-    best, oracle = comparison.best(SEEN)["value"], comparison.values(SEEN, ORACLE)
+    best, oracle = comparison.best(SEEN), comparison.values(SEEN, ORACLE)
     gap = best - oracle
     return 100 * (best - comparison.values(SEEN)) / gap.where(gap > 0)
 
@@ -176,12 +160,13 @@ def largest_fall(mask: str | None) -> Values:
 
     It is over all sequences, of the pixels of a mask or of all, and NaN with less than two large enough bins.
     """
+    masks = [name if mask is None else scoring.in_bin(mask, name) for name in scoring.CONFIDENCES]
+    selectors = [Selector("correct", name, scoring.CALIBRATION_RANGE, FILLED) for name in masks]
 
     def fall(comparison: Comparison) -> pd.Series:
-        shares = [comparison.pooled(mask, confidence) for confidence in scoring.CONFIDENCES]
-        known = [share for share, n in shares if share is not None and n >= MIN_PIXELS]
-        falls = [100 * (lower - higher) for lower, higher in pairwise(known)]
-        return pd.Series([max(falls)] if falls else [], dtype=float)
+        n, shares = (pd.DataFrame([comparison.values(s, None, of) for s in selectors]) for of in ("n", "value"))
+        pooled = (shares * n).sum(axis=1) / n.sum(axis=1)
+        return pd.Series([-100 * pooled[n.sum(axis=1) >= MIN_PIXELS].diff().min()])
 
     return fall
 
@@ -221,10 +206,10 @@ CRITERIA = (
 
 def compare_default(context: ExperimentContext) -> Findings:
     """Evaluate all methods and apply every criterion to the default method."""
-    comparison = Comparison(context.evaluate(find_methods(METHOD_NAMES)))
+    comparison = Comparison(context.evaluate(METHOD_NAMES))
     starts = range(0, len(comparison.sequences), PANEL_SEQUENCES)
     parts = [comparison.sequences[start : start + PANEL_SEQUENCES] for start in starts]
-    errors_m = {comparison.own(HOLES): comparison.values(HOLES), "best baseline": comparison.best(HOLES)["value"]}
+    errors_m = {comparison.own(HOLES): comparison.values(HOLES), "best baseline": comparison.best(HOLES)}
     errors_m |= {name: comparison.values(HOLES, name) for name in (SMOOTHER, ORACLE, PAPER, RAW)}
     frame, label = pd.DataFrame(errors_m).rename(columns=title), f"best baseline of each sequence; {ORACLE} is a bound"
     return Findings(

@@ -1,12 +1,10 @@
 """State switches: the frequency of the ends of epochs, and the quality of registration as the camera moves."""
 
-from collections import Counter
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from voxdepth import VoxDepth
 from voxdepth.baselines.optical_flow import Dis
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.epochs import EpochEnd
@@ -58,17 +56,13 @@ def count_switches(context: ExperimentContext) -> Findings:
 
 def _count_ends(context: ExperimentContext, name: str) -> dict[str, Any]:
     """A row with the ends of epochs by the rules about matches alone, and with the limit to their length."""
-    configs = (VoxDepthConfig(max_epoch_frames=UNLIMITED), VoxDepthConfig())
-    correctors = [VoxDepth(context.recording(name).intrinsics, config) for config in configs]
-    by_rule, limited = Counter[EpochEnd](), Counter[EpochEnd]()
-    for frame in context.frames_of(name):
-        for corrector, ends in zip(correctors, (by_rule, limited), strict=True):
-            ends[corrector.align(frame).diagnostics.epoch_end] += 1
-    n, n_limited = (ends.total() - ends[EpochEnd.NONE] for ends in (by_rule, limited))
+    configs = VoxDepthConfig(max_epoch_frames=UNLIMITED), VoxDepthConfig()
+    by_rule, limited = (context.diagnostics(name, config)["epoch_end"] for config in configs)
+    n, n_limited = ((ends != EpochEnd.NONE).sum() for ends in (by_rule, limited))
     return {
         "sequence": name,
-        "too few matches": by_rule[EpochEnd.FEW_MATCHES],
-        "map refused": by_rule[EpochEnd.DEGENERATE],
+        "too few matches": (by_rule == EpochEnd.FEW_MATCHES).sum(),
+        "map refused": (by_rule == EpochEnd.DEGENERATE).sum(),
         "switches": n,
         RATE: n * SWITCHES_FRAMES / context.frames,
         "with epochs of at most 60 frames": n_limited,
