@@ -7,7 +7,7 @@ from voxdepth.tools.evaluation.scoring import GHOSTS, SURVIVAL
 from voxdepth.tools.figure import panels, plotted
 
 from .default import FLICKER, HOLES, LATENCY, MEDIAN, OFF, PSNR_NEAR, RMSE, SEEN, Comparison
-from .experiment import Experiment, ExperimentContext, Findings
+from .experiment import ExperimentContext, Findings, asks
 
 NEVER, ANY = 100_000, 1e-6
 """Thresholds that nothing reaches, and that everything passes."""
@@ -36,7 +36,11 @@ SETTINGS = {
 VARIANTS = {DEFAULT: "nothing"} | {f"{DEFAULT}[{setting}]": off for setting, off in SETTINGS.items()}
 
 
-def ablate(context: ExperimentContext) -> Findings:
+@asks(
+    "What is each part of the default method worth, and what does it cost?",
+    sequences=SEQUENCES, frames=30, min_frames=2,
+)  # fmt: skip
+def ablation(context: ExperimentContext) -> Findings:
     """Evaluate every variant on the same frames."""
     comparison = Comparison(context.evaluate(VARIANTS))
     by_variant = {variant: quantities(comparison, variant) for variant in VARIANTS}
@@ -80,9 +84,3 @@ def quantities(comparison: Comparison, method: str) -> pd.DataFrame:
         | {"survival less raw's [points]": survival, "ghosts less raw's [points]": ghosts}
         | {"p50 [ms]": comparison.values(LATENCY, method)}
     )
-
-
-ABLATION = Experiment(
-    "ablation", "What is each part of the default method worth, and what does it cost?",
-    ablate, SEQUENCES, frames=30, min_frames=2,
-)  # fmt: skip

@@ -17,7 +17,7 @@ from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import Source
 
 from ..sequences import GROUPS
-from .experiment import Experiment, ExperimentContext, Findings
+from .experiment import ExperimentContext, Findings, asks
 
 RAW, SMOOTHER = "raw", "global-smoother"
 STATIONARY = ["sim-hover"]
@@ -204,7 +204,11 @@ CRITERIA = (
 )  # fmt: skip
 
 
-def compare_default(context: ExperimentContext) -> Findings:
+@asks(
+    "Is the default method better than every baseline, and does it meet its acceptance criteria?",
+    sequences=(*GROUPS["reference"], *GROUPS["hard"]), frames=40, min_frames=2,
+)  # fmt: skip
+def default(context: ExperimentContext) -> Findings:
     """Evaluate all methods and apply every criterion to the default method."""
     comparison = Comparison(context.evaluate(METHOD_NAMES))
     starts = range(0, len(comparison.sequences), PANEL_SEQUENCES)
@@ -226,9 +230,3 @@ def compare_default(context: ExperimentContext) -> Findings:
         ),
         files={"report.html": rendered(comparison.evaluation).encode()},
     )
-
-
-DEFAULT_METHOD = Experiment(
-    "default", "Is the default method better than every baseline, and does it meet its acceptance criteria?",
-    compare_default, (*GROUPS["reference"], *GROUPS["hard"]), frames=40, min_frames=2,
-)  # fmt: skip

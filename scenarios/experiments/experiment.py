@@ -192,3 +192,8 @@ class Experiment:
                 raise ScenarioError(f"--sequences names {name!r} twice: once is enough")
             context.sequence(name)
         return context
+
+
+def asks(question: str, **how: Any) -> Callable[[Callable[[ExperimentContext], Findings]], Experiment]:
+    """Make an experiment of the function that answers a question, with its name; `how` are fields of `Experiment`."""
+    return lambda answer: Experiment(name=answer.__name__, question=question, answer=answer, **how)

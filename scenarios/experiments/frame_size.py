@@ -8,7 +8,7 @@ from voxdepth.tools.evaluation.groups import ALL
 from voxdepth.tools.evaluation.measurements import Selector
 from voxdepth.tools.figure import panels, plotted
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed, pivot
+from .experiment import Claim, ExperimentContext, Findings, all_hold, asks, listed, pivot
 from .image_motion import BASELINE, by_registration, score_pairs
 
 CHOSEN, LARGEST = "200", "600"
@@ -22,7 +22,11 @@ PSNR = Selector("psnr16_mm", range=ALL)
 SIZE, GRAY, CORRECTED, TIME = "size [px]", "gray PSNR [dB]", "corrected PSNR [dB]", "p50 [ms]"
 
 
-def compare_sizes(context: ExperimentContext) -> Findings:
+@asks(
+    "Which frame size gives good registration in little time (RQ2)?",
+    sequences=("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"), frames=30, width_px=640, min_frames=16,
+)  # fmt: skip
+def rq2(context: ExperimentContext) -> Findings:
     """Register pairs of frames and correct whole sequences at each size."""
     corrected_db = context.evaluate(METHODS.values()).measurements.table({CORRECTED: PSNR})[CORRECTED]
     scores = {}
@@ -65,9 +69,3 @@ def compare_sizes(context: ExperimentContext) -> Findings:
             ],
         ),
     )
-
-
-FRAME_SIZE = Experiment(
-    "rq2", "Which frame size gives good registration in little time (RQ2)?",
-    compare_sizes, ("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"), frames=30, width_px=640, min_frames=16,
-)  # fmt: skip

@@ -20,7 +20,7 @@ from voxdepth.paper.steps import create_steps
 from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import FloatImage
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed, pivot
+from .experiment import Claim, ExperimentContext, Findings, all_hold, asks, listed, pivot
 from .paper_results import INPAINTING_RESULTS
 
 Fill = Callable[[FloatImage], FloatImage]
@@ -34,7 +34,11 @@ REPETITIONS, NEAR_M = 5, 20.0
 PSNR, TIME = "PSNR completed [dB]", "p50 [ms]"
 
 
-def compare_inpainting(context: ExperimentContext) -> Findings:
+@asks(
+    "Which inpainting method makes the best template of the sparse projection, and in what time (RQ3)?",
+    sequences=("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"), frames=30, width_px=640, min_frames=CONFIG.window_frames,
+)  # fmt: skip
+def rq3(context: ExperimentContext) -> Findings:
     """Make templates of the same windows with every method."""
     scores = {name: _measure(context, name) for name in context.sequences}
     table = pd.concat(scores, names=["sequence", "method"]).reset_index()
@@ -123,10 +127,3 @@ def _windows(context: ExperimentContext, name: str) -> Iterator[tuple[FloatImage
             if T_last_frame is not None:
                 steps.integrate(frame.depth_m, T_last_frame)
         yield steps.project(), captures[-1].depth_true_m
-
-
-INPAINTING = Experiment(
-    "rq3", "Which inpainting method makes the best template of the sparse projection, and in what time (RQ3)?",
-    compare_inpainting, ("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"),
-    frames=30, width_px=640, min_frames=CONFIG.window_frames,
-)  # fmt: skip

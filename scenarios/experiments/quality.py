@@ -15,7 +15,7 @@ from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 from voxdepth.tools.figure import Draw, panels, plotted
 
 from . import paper_results as paper
-from .experiment import Claim, Experiment, ExperimentContext, Findings, alike, listed, most_hold
+from .experiment import Claim, ExperimentContext, Findings, alike, asks, listed, most_hold
 from .paper_results import M_RMSE, PSNR_DB, REAL, percentages_table, saturated
 
 _METHODS = {"VD": PAPER, "VD-code": AUTHORS, "RS": "realsense-left", "GS": "lmeds", "DS": "learned", "raw": "raw"}
@@ -43,7 +43,11 @@ METRICS: dict[tuple[str, str], tuple[Selector, pd.DataFrame]] = {
 """The selected measurement and the paper's numbers of each block of rows, by its name and unit."""
 
 
-def compare_quality(context: ExperimentContext) -> Findings:
+@asks(
+    "How near to the truth is the depth that each method gives (Table psnr)?",
+    sequences=tuple(paper.SEQUENCES), frames=100, width_px=640, min_frames=SETTLED_FRAMES + 1,
+)  # fmt: skip
+def quality(context: ExperimentContext) -> Findings:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
     measured = context.evaluate(METHODS.values()).measurements
     blocks = {
@@ -162,9 +166,3 @@ def _draw_bars(values: pd.DataFrame, title: str, unit: str, number: str, axes: A
         axes.bar_label(bars, fmt=number, fontsize=6, padding=1)  # type: ignore[arg-type]
     axes.margins(y=0.15)
     axes.set_axisbelow(True)
-
-
-QUALITY = Experiment(
-    "quality", "How near to the truth is the depth that each method gives (Table psnr)?",
-    compare_quality, tuple(paper.SEQUENCES), frames=100, width_px=640, min_frames=SETTLED_FRAMES + 1,
-)  # fmt: skip

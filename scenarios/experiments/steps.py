@@ -18,7 +18,7 @@ from voxdepth.tools.figure import Draw, image_shown, panels
 from voxdepth.types import FloatImage
 
 from ..errors import ScenarioError
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, pivot
+from .experiment import Claim, ExperimentContext, Findings, all_hold, asks, pivot
 from .quality import METHODS
 
 CONFIG = VoxDepthConfig(fusion_lag_frames=0)
@@ -48,7 +48,11 @@ class Stage(NamedTuple):
         return row | {"MAE [m]": mae_m, "n pixels": int(judged.sum())}
 
 
-def draw_steps(context: ExperimentContext) -> Findings:
+@asks(
+    "What does each stage of the method do with a scene (Fig. flowwithimage)?",
+    sequences=("sim-LN",), frames=24, width_px=640, min_frames=CONFIG.window_frames + 1,
+)  # fmt: skip
+def steps(context: ExperimentContext) -> Findings:
     """Follow the last frame of each sequence that a template corrects back to the window of the template."""
     found = [(name, stage) for name in context.sequences for stage in stages(context, name)]
     table = pd.DataFrame([{"sequence": name, **of.row} for name, of in found if of.image.dtype != np.uint8])
@@ -105,9 +109,3 @@ def _drawn(stage: Stage) -> Draw:
     is_gray = stage.image.dtype == np.uint8
     image = stage.image if is_gray else colored(stage.image, far_end_m([stage.truth_m]))[..., ::-1]
     return image_shown(f"{stage.name} ({stage.frame})", image, cmap="gray", interpolation="nearest")
-
-
-STEPS = Experiment(
-    "steps", "What does each stage of the method do with a scene (Fig. flowwithimage)?",
-    draw_steps, ("sim-LN",), frames=24, width_px=640, min_frames=CONFIG.window_frames + 1,
-)  # fmt: skip

@@ -11,7 +11,7 @@ from voxdepth.paper.epochs import EpochEnd
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.tools.figure import panels, plotted
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, most_hold, pivot
+from .experiment import Claim, ExperimentContext, Findings, asks, most_hold, pivot
 from .image_motion import by_registration, pair_starts, score_pairs, true_displacement_px
 from .paper_results import MOVEMENT, SEQUENCES, SWITCHES, SWITCHES_FRAMES
 
@@ -25,7 +25,11 @@ RATE, PAPER_RATE = f"switches per {SWITCHES_FRAMES} frames", f"paper, {SWITCHES_
 FLOW, GRAY = "flow [px]", "gray PSNR [dB]"
 
 
-def count_switches(context: ExperimentContext) -> Findings:
+@asks(
+    "How often does the state switch, and how does registration fade with movement (Table switchfrequency)?",
+    sequences=tuple(SEQUENCES), frames=200, width_px=320, min_frames=11,
+)  # fmt: skip
+def switches(context: ExperimentContext) -> Findings:
     """Count the epochs of a long run, and score registration on pairs of frames at growing distances."""
     switches = pd.DataFrame([_count_ends(context, name) for name in context.sequences], dtype=object)
     distances = [distance for distance in DISTANCES if distance < context.frames]
@@ -104,10 +108,3 @@ def _movement_claim(flows_px: pd.DataFrame, psnrs_db: pd.DataFrame) -> Claim:
         "; ".join("{} {:.1f} to {:.1f} px and {:.2f} to {:.2f} dB".format(*each) for each in ends),
         most_hold(((far_px > near_px) & (far_db < near_db))[known]),
     )
-
-
-STATE_SWITCHES = Experiment(
-    "switches",
-    "How often does the state switch, and how does registration fade with movement (Table switchfrequency)?",
-    count_switches, tuple(SEQUENCES), frames=200, width_px=320, min_frames=11,
-)  # fmt: skip

@@ -6,7 +6,7 @@ from voxdepth.tools.evaluation.measurements import Selector, of_frames
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 from voxdepth.tools.figure import panels, plotted
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, pivot
+from .experiment import Claim, ExperimentContext, Findings, all_hold, asks, pivot
 
 METHODS = {size: f"{PAPER}[window_frames={size}]" for size in (2, 4, 6, 8, 10, 12)}
 """By the number of frames in a window. After `SETTLED_FRAMES` every window has made its first template."""
@@ -22,7 +22,11 @@ TIMES = {
 WINDOW_FRAMES, PSNR, TIME = "window [frames]", "PSNR [dB]", "time per frame [ms]"
 
 
-def compare_windows(context: ExperimentContext) -> Findings:
+@asks(
+    "How many frames should be fused into a template (Fig. winsize)?",
+    sequences=("sim-LN", "sim-MB", "sim-KTC"), frames=45, width_px=640, min_frames=SETTLED_FRAMES + 1,
+)  # fmt: skip
+def window(context: ExperimentContext) -> Findings:
     """Correct the same frames with every window size."""
     measured = context.evaluate(METHODS.values()).measurements
     found = measured.table({PSNR: QUALITY, TIME: QUALITY} | TIMES).fillna(dict.fromkeys(TIMES, 0.0))
@@ -54,9 +58,3 @@ def compare_windows(context: ExperimentContext) -> Findings:
             ],
         ),
     )
-
-
-WINDOW = Experiment(
-    "window", "How many frames should be fused into a template (Fig. winsize)?",
-    compare_windows, ("sim-LN", "sim-MB", "sim-KTC"), frames=45, width_px=640, min_frames=SETTLED_FRAMES + 1,
-)  # fmt: skip
