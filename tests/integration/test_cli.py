@@ -126,7 +126,7 @@ def test_a_run_writes_what_it_promises_and_its_repetition_the_same_down_to_the_r
         (["run", "city", "--seed", str(2**32)], "seed: expected less than 4294967296"),
         (["view", "nowhere"], "there is no recording at nowhere"),
         (["view", "nowhere", "--port", "9000"], "--port is the port of the page in a browser: give --web, too"),
-        (["sheet", "a" * 300], "File name too long: 'aaaa"),
+        (["picture", "a" * 300], "File name too long: 'aaaa"),
     ],
 )
 def test_bad_input_ends_in_one_line_and_writes_nothing(tmp_path: Path, arguments: list[str], message: str) -> None:

@@ -187,7 +187,7 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     assert config["seed"] == 4
     assert "numpy" in config["versions"]
     assert voxdepth(*command).stderr.strip().endswith("is not empty; name a new folder")
-    sheet = voxdepth("sheet", folder, "--out", tmp_path / "s.png")
+    sheet = voxdepth("picture", folder, "--out", tmp_path / "s.png")
     assert sheet.returncode == 0, sheet.stderr
     import cv2
 
@@ -203,7 +203,7 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["record", "sim-XX", "--out", "r"], "there is no sequence 'sim-XX' (did you mean sim-"),
-        (["sheet", "nowhere", "--out", "x.gif"], "a picture must be a .jpg or .png file, got x.gif"),
+        (["picture", ".", "--out", "x.gif"], "a picture must be a .jpg or .png file, got x.gif"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tmp_path: Path) -> None:
@@ -216,7 +216,7 @@ def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tm
 
 @pytest.mark.slow
 def test_scenes_are_pictured_with_their_difficulty(tmp_path: Path) -> None:
-    done = voxdepth("scenes", "--out", tmp_path / "scenes.jpg")
+    done = voxdepth("picture", "scenes", "--out", tmp_path / "scenes.jpg")
     assert done.returncode == 0, done.stderr
     rows = [line.split("|") for line in done.stdout.splitlines() if line.startswith("|")]
     figures = {row[1].strip(): float(row[3]) for row in rows[2:]}
