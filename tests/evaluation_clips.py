@@ -116,4 +116,4 @@ def info_of(name: str, **changes: Any) -> SequenceInfo:
         "pixels": {mask: dict.fromkeys(RANGES, 1000) for mask in ("all", "holes")},
         "holes": 1000,
     }  # fmt: skip
-    return SequenceInfo.model_validate(values | changes)
+    return SequenceInfo(**values | changes)

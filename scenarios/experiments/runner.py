@@ -65,7 +65,7 @@ class ExperimentReport:
             **{name: getattr(context, name) for name in ("sequences", "frames", "width_px")},
             "seed": context.seed or 0,
             "data": list(map(str, context.data)),
-            "provenance": Provenance.here(SIMULATION).model_dump(mode="json"),
+            "provenance": vars(Provenance.here(SIMULATION)),
             "tables": [table.as_json() for table in self.tables],
             "claims": list(map(asdict, findings.claims)),
             "notes": findings.notes,

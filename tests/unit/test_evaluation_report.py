@@ -49,7 +49,7 @@ def evaluation_of(*results: Result, **infos: SequenceInfo) -> Evaluation:
 
 
 def with_measurements(result: Result, *measurements: Measurement) -> Result:
-    return result.model_copy(update={"measurements": (*result.measurements, *measurements)})
+    return replace(result, measurements=(*result.measurements, *measurements))
 
 
 def info(name: str) -> SequenceInfo:
@@ -107,14 +107,14 @@ def test_the_best_is_marked_in_each_sequence_and_an_oracle_does_not_compete(done
 @pytest.mark.slow
 def test_a_method_that_failed_everywhere_is_listed_once_and_has_no_row(done: Evaluation) -> None:
     bad = done.results[3]
-    again = bad.model_copy(update={"key": bad.key.model_copy(update={"sequence": "other"})})
+    again = replace(bad, key=replace(bad.key, sequence="other"))
     twice = replace(done, results=(*done.results, again))
     assert "bad" not in method_table(twice, mae()).column("method")
     assert "<td>sim-MB, other</td>" in rendered(twice)
 
 
 def test_a_sequence_without_a_number_has_no_column_beside_others(done: Evaluation) -> None:
-    silent = result("silent", "raw", 0.5).model_copy(update={"measurements": ()})
+    silent = replace(result("silent", "raw", 0.5), measurements=())
     assert method_table(replace(done, results=(*done.results, silent)), mae()).headings == ["method", "sim-MB", "other"]
 
 
@@ -152,8 +152,8 @@ def test_error_maps_tell_too_near_from_nothing_and_cut_to_the_scale() -> None:
 
 
 def test_error_maps_have_the_scale_of_their_scene_and_none_is_of_no_pixel() -> None:
-    near = info("near").model_copy(update={"reference": encoded_thumbnail(np.full((9, 12), 0.7, np.float32))})
-    empty = info("empty").model_copy(update={"reference": encoded_thumbnail(np.zeros((9, 12), np.float32))})
+    near = replace(info("near"), reference=encoded_thumbnail(np.full((9, 12), 0.7, np.float32)))
+    empty = replace(info("empty"), reference=encoded_thumbnail(np.zeros((9, 12), np.float32)))
     done = evaluation_of(*(result(name, "raw", 0.5) for name in ("near", "empty", "far")), near=near, empty=empty)
     near_map, far_map = error_maps(done)
     assert [near_map.title, far_map.title] == ["near, frame 1", "far, frame 1"]
@@ -216,7 +216,7 @@ def test_a_method_has_one_colour_in_all_figures(monkeypatch: pytest.MonkeyPatch)
 def held_out_info(name: str) -> SequenceInfo:
     pixels = {"all": dict.fromkeys(RANGES, 1000), "patches": dict.fromkeys(RANGES, 70)}
     changed = {"hidden": "patches", "independent": "patches", "pixels": pixels}
-    return info(name).model_copy(update=changed)
+    return replace(info(name), **changed)
 
 
 def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -237,7 +237,7 @@ def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytes
 def test_what_was_not_measured_of_a_users_recording_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     held = Measurement("mae", "patches", "0-20 m", "completed", 0.7, "m", 70)
     psnr = Measurement("psnr16_mm", "all", "all", "completed", None, "dB", 0)
-    raw = result("real", "raw", 0.0).model_copy(update={"measurements": (held, psnr)})
+    raw = replace(result("real", "raw", 0.0), measurements=(held, psnr))
     done = evaluation_of(raw, real=held_out_info("real"))
     assert canvases_of(done, monkeypatch) == [], "neither an error by range, nor occluded pixels, nor a time"
     assert rendered(done).count("<section>") == 1

@@ -24,7 +24,7 @@ from voxdepth.tools.evaluation import suite
 from voxdepth.tools.evaluation.kinds import HELD_OUT
 from voxdepth.tools.evaluation.measurements import Selector
 from voxdepth.tools.evaluation.methods import Method, find_methods
-from voxdepth.tools.evaluation.result_cache import Result, path_of, store
+from voxdepth.tools.evaluation.result_cache import STORED, Result, path_of, store
 from voxdepth.tools.evaluation.sources import DatasetSource, FrameCache
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.tools.files import to_toml
@@ -98,10 +98,10 @@ def test_finished_results_are_taken_and_failed_ones_tried_again(
 )  # fmt: skip
 def test_a_result_of_anything_else_is_computed_again(recording: Path, tmp_path: Path, change: dict[str, Any]) -> None:
     (result,) = run(tmp_path, recording, methods=(GOOD,)).results
-    store(tmp_path, result.model_copy(update={"key": result.key.model_copy(update=change), "measurements": ()}))
+    store(tmp_path, replace(result, key=replace(result.key, **change), measurements=()))
     again = run(tmp_path, recording, methods=(GOOD,))
     assert (again.reused, quality(again.results[0])) == (0, quality(result))
-    assert Result.model_validate_json(path_of(tmp_path, result.key).read_bytes()) == again.results[0]
+    assert STORED.validate_json(path_of(tmp_path, result.key).read_bytes()) == again.results[0]
 
 
 def test_another_number_of_frames_is_another_result(recording: Path, tmp_path: Path) -> None:

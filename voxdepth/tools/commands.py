@@ -298,7 +298,7 @@ def bench(
             table.print(console)
     if json is not None:
         found = [{"size": image_size, "methods": methods} for image_size, methods in timings.items()]
-        results = {"provenance": made.model_dump(mode="json"), "timings": found}
+        results = {"provenance": vars(made), "timings": found}
         write(json, f"{dumps(results, indent=2)}\n".encode())
         typer.echo(f"all figures are in {json}")
 
