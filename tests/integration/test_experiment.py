@@ -9,7 +9,6 @@ from typer.testing import CliRunner, Result
 
 from scenarios.experiments.runner import find_experiments
 from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
-from tests.integration.test_cli import voxdepth
 from voxdepth.calibration import read
 from voxdepth.networks import has_runtime
 from voxdepth.tools.cli import create_app
@@ -50,22 +49,6 @@ def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
         stored = json.loads((out / name / "result.json").read_text())
         assert (stored["name"], stored["frames"], stored["sequences"]) == (name, FRAMES, [SEQUENCE])
         assert stored["provenance"]["processor"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["rq5"], "there is no experiment 'rq5'; choose one or more of: rq1, rq2"),
-        (["rq1", "--out", "file/below"], "cannot write"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    done = voxdepth("experiment", *arguments, cwd=tmp_path)
-    assert done.returncode == 2, done.stderr
-    assert message in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_rq1_grows_what_is_occluded(out: Path) -> None:

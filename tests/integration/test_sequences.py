@@ -199,21 +199,6 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     assert Recording.open(tmp_path / "again").digest(3) == Recording.open(folder).digest(3)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["record", "sim-XX", "--out", "r"], "there is no sequence 'sim-XX' (did you mean sim-"),
-        (["picture", ".", "--out", "x.gif"], "a picture must be a .jpg or .png file, got x.gif"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tmp_path: Path) -> None:
-    done = voxdepth(*arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.slow
 def test_scenes_are_pictured_with_their_difficulty(tmp_path: Path) -> None:
     done = voxdepth("picture", "scenes", "--out", tmp_path / "scenes.jpg")
