@@ -6,7 +6,7 @@ disparity, and no depth on bare boards, on the sky, and where the second camera 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, cycle, islice
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from ...datasets import open_dataset
-from ...types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
+from ...types import FloatArray, FloatImage, Frame, Intrinsics
 
 N_IMAGES, RATE_HZ = 16, 30.0
 """Number of images in a loop."""
@@ -27,21 +27,12 @@ N_BOARDS, BARE_SHARE, BARE_GRAY = 24, 0.25, 220.0
 DISPARITY_NOISE_PX, TEXTURE_PX_PER_M = 0.1, 40.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class FrameLoop:
-    """Images of one camera, which are played forwards and backwards in turn."""
+    """Frames of one camera, which are played forwards and backwards in turn."""
 
     intrinsics: Intrinsics
-    grays: tuple[GrayImage, ...]
-    """Each of shape (H, W), uint8."""
-    depths_m: tuple[FloatImage, ...]
-    """Depth along the optical axis [m], each of shape (H, W), float32; 0 = invalid."""
-
-    @classmethod
-    def of(cls, intrinsics: Intrinsics, frames: Sequence[Frame]) -> "FrameLoop":
-        """A loop of the images of frames, of which there must be at least one."""
-        grays, depths_m = zip(*((frame.gray, frame.depth_m) for frame in frames), strict=True)
-        return cls(intrinsics=intrinsics, grays=grays, depths_m=depths_m)
+    frames: Sequence[Frame]
 
     @property
     def size(self) -> str:
@@ -50,26 +41,27 @@ class FrameLoop:
 
     def resized(self, width_px: int, height_px: int) -> "FrameLoop":
         """A loop of images of another size, as of a camera that matches at it; gray is interpolated, depth is not."""
-        size = (width_px, height_px)
-        grays: Any = [cv2.resize(gray, size, interpolation=cv2.INTER_LINEAR) for gray in self.grays]
-        depths_m: Any = [cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST) for depth_m in self.depths_m]
-        intrinsics = replace(self.intrinsics.scaled(width_px, height_px), disparity_scale=1)
-        return FrameLoop(intrinsics=intrinsics, grays=tuple(grays), depths_m=tuple(depths_m))
+
+        def images(frame: Frame) -> dict[str, Any]:
+            gray = cv2.resize(frame.gray, (width_px, height_px), interpolation=cv2.INTER_LINEAR)
+            depth_m = cv2.resize(frame.depth_m, (width_px, height_px), interpolation=cv2.INTER_NEAREST)
+            return {"gray": gray, "depth_m": depth_m}
+
+        camera = replace(self.intrinsics.scaled(width_px, height_px), disparity_scale=1)
+        return FrameLoop(camera, [replace(frame, **images(frame)) for frame in self.frames])
 
     def play(self, frames: int) -> Iterator[Frame]:
         """Yield that many frames at 30 Hz, in continuous motion; they share the images of the loop."""
-        n = len(self.grays)
-        order = cycle(chain(range(n), range(n - 2, 0, -1)))
-        for k, index in enumerate(islice(order, frames)):
-            yield Frame(stamp_s=k / RATE_HZ, gray=self.grays[index], depth_m=self.depths_m[index])
+        order = cycle([*self.frames, *self.frames[-2:0:-1]])
+        return (replace(frame, stamp_s=k / RATE_HZ) for k, frame in enumerate(islice(order, frames)))
 
 
 def load_frames(recording: Path | None) -> FrameLoop:
     """Return the first frames of a recording, or drawn ones if there is none; a bad recording is a `DatasetError`."""
     if recording is None:
-        return FrameLoop.of(WALK, list(walk(N_IMAGES)))
+        return FrameLoop(WALK, list(walk(N_IMAGES)))
     dataset = open_dataset(recording)
-    return FrameLoop.of(dataset.intrinsics, [dataset[index] for index in range(min(N_IMAGES, len(dataset)))])
+    return FrameLoop(dataset.intrinsics, [dataset[index] for index in range(min(N_IMAGES, len(dataset)))])
 
 
 def walk(frames: int, intrinsics: Intrinsics = WALK, seed: int = 0) -> Iterator[Frame]:
