@@ -31,7 +31,7 @@ FLOW, GRAY = "flow [px]", "gray PSNR [dB]"
 )  # fmt: skip
 def switches(context: ExperimentContext) -> Findings:
     """Count the epochs of a long run, and score registration on pairs of frames at growing distances."""
-    switches = pd.DataFrame([_count_ends(context, name) for name in context.sequences], dtype=object)
+    switches = pd.DataFrame([_count_ends(context, name) for name in context.sequences])
     distances = [distance for distance in DISTANCES if distance < context.frames]
     movement = pd.concat([_movement(context, name, distance) for name in context.sequences for distance in distances])
     flows_px, psnrs_db = (pivot(movement, "distance [frames]", "sequence", name) for name in (FLOW, GRAY))

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.experiments.runner import find_experiments
+from scenarios.experiments.runner import find_experiments, run
 from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
 from voxdepth.calibration import read
 from voxdepth.networks import has_runtime
@@ -31,10 +31,10 @@ def experiment(*arguments: str | Path) -> Result:
 
 def asked(name: str, out: Path, frames: int = FRAMES) -> list[pd.DataFrame]:
     (one,) = find_experiments([name])
-    result = one.answer(small_context(out, frames))
-    assert result.figure.startswith(b"\x89PNG")
-    assert len(result.figure) < 500_000
-    return list(result.tables.values())
+    found = run(one, small_context(out, frames), "").findings
+    assert found.figure.startswith(b"\x89PNG")
+    assert len(found.figure) < 500_000
+    return list(found.tables.values())
 
 
 def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
@@ -123,7 +123,7 @@ def test_rq2_judges_every_size(out: Path) -> None:
 def test_quality_has_the_papers_layout(out: Path) -> None:
     table, engaged, arithmetic = asked("quality", out)
     printed = [17.10, 17.10, None, None, 177.61, 17.10]
-    assert list(table["VD (paper)"]) == printed, "of the dataset that sim-MB stands for"
+    pd.testing.assert_series_equal(table["VD (paper)"], pd.Series(printed, name="VD (paper)"))
     assert table["n"][0] < table["n"][1], "pixels after the warm-up, and all of them"
     assert list(engaged["method"]) == ["voxdepth", "voxdepth-authors"]
     assert table[["VD", "VD-code", "RS", "GS", *DEEP_SMOOTH]].notna().all(axis=None)
