@@ -14,32 +14,27 @@ from scenarios.experiments.default import (
     Criterion,
     gap_closed_percent,
 )
-from tests.evaluation_clips import info_of, key_of
+from tests.evaluation_clips import evaluation_of, info_of, key_of
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.result_cache import Result
-from voxdepth.tools.evaluation.suite import Evaluation
 
-NEAR, ALL = "0-20 m", "all"
-
-
-def figures(**values: float | None) -> tuple[Measurement, ...]:
-    """Figures by `metric__mask__within__on` with the spaces of names as one underscore."""
-    parts = {name: [part.replace("_", " ") for part in name.split("__")] for name in values}
-    return tuple(
-        Measurement(metric=name.split("__")[0], mask=parts[name][1], range=parts[name][2].replace("near", NEAR),
-               on=parts[name][3], value=value, unit="", n=2000)
-        for name, value in values.items()
-    )  # fmt: skip
+NEAR = "0-20 m"
 
 
-def comparison_of(results: dict[str, dict[str, dict[str, Any]]]) -> Comparison:
-    """Made-up results: the values by sequence and method."""
+def comparison_of(results: dict[str, dict[str, dict[str, float | None]]]) -> Comparison:
+    """Made-up results by sequence and method: 2000 pixels of each `metric__mask__range__on`, with `_` for spaces."""
     made = []
     for sequence, methods in results.items():
         for method, values in methods.items():
-            made.append(Result(key=key_of(sequence, method), measurements=figures(**values)))
-    infos = {name: info_of(name, width_px=640, height_px=360) for name in results}
-    return Comparison(Evaluation(results=tuple(made), sequences=infos, reused=0))
+            names = {key: key.split("__") for key in values}
+            found = tuple(
+                Measurement(
+                    metric, *(part.replace("_", " ").replace("near", NEAR) for part in where), values[key], "", 2000
+                )
+                for key, (metric, *where) in names.items()
+            )
+            made.append(Result(key=key_of(sequence, method), measurements=found))
+    return Comparison(evaluation_of(*made, **{name: info_of(name, width_px=640, height_px=360) for name in results}))
 
 
 def judged(comparison: Comparison, what: str, requirement: str = "") -> tuple[Any, str]:
@@ -69,20 +64,9 @@ def test_a_criterion_is_of_the_mean_or_of_the_worst(values: list[float], mean: s
 
 
 HOLE = "mae__holes__near__completed"
-HOLES_OF: dict[str, dict[str, dict[str, Any]]] = {
-    sequence: {name: {HOLE: value} for name, value in errors.items()}
-    for sequence, errors in {
-        "sim-LN": {"raw": 4.0, "flow": 2.0, "global-smoother": 1.6, "voxdepth": 0.1, "temporal": 1.2, "true-pose": 0.2},
-        "sim-hover": {
-            "raw": 1.0,
-            "flow": 3.0,
-            "global-smoother": 2.0,
-            "voxdepth": 0.1,
-            "temporal": 1.1,
-            "true-pose": 0.2,
-        },
-    }.items()
-}
+METHODS = ("raw", "flow", "global-smoother", "voxdepth", "temporal", "true-pose")
+ERRORS_M = {"sim-LN": (4.0, 2.0, 1.6, 0.1, 1.2, 0.2), "sim-hover": (1.0, 3.0, 2.0, 0.1, 1.1, 0.2)}
+HOLES_OF = {name: {m: {HOLE: e} for m, e in zip(METHODS, errors_m, strict=True)} for name, errors_m in ERRORS_M.items()}
 
 
 def test_errors_after_completion_are_those_of_the_method_that_completes_itself() -> None:
