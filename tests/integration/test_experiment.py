@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
+from scenarios.experiments.frame_rate import SETUPS
 from scenarios.experiments.runner import find_experiments, run
 from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
 from voxdepth.calibration import read
@@ -44,6 +45,8 @@ def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
     for words in ("Which inpainting method", "dilation", "Farneback", "paper: "):
         assert words in done.output, words
     assert len(list((out / "recordings").iterdir())) == 1
+    methods = pd.read_csv(out / "rq3" / "table.csv")["method"]
+    assert list(methods[:3]) == ["as projected", "dilation", "bilinear"], "in the order of the paper"
     for name in ("rq3", "rq4"):
         assert {"table.csv", "figure.png", "result.json"} <= {path.name for path in (out / name).iterdir()}
         stored = json.loads((out / name / "result.json").read_text())
@@ -128,6 +131,14 @@ def test_quality_has_the_papers_layout(out: Path) -> None:
     assert list(engaged["method"]) == ["voxdepth", "voxdepth-authors"]
     assert table[["VD", "VD-code", "RS", "GS", *DEEP_SMOOTH]].notna().all(axis=None)
     assert len(arithmetic) == 14
+
+
+def test_fps_leaves_out_the_warm_up(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rates = (rate for rate in (1000.0, 3.0, 1.0, 2.0) for _ in SETUPS)
+    monkeypatch.setattr("scenarios.experiments.frame_rate.frame_rate", lambda *_: next(rates))
+    (table,) = asked("fps", out, 16)
+    spread = table.loc[0, ["median [frames/s]", "lowest [frames/s]", "highest [frames/s]", "n runs"]]
+    assert list(spread) == [2.0, 1.0, 3.0, 3]
 
 
 @pytest.mark.slow

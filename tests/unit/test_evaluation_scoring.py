@@ -41,7 +41,7 @@ from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.quantities import QUANTITIES
 from voxdepth.tools.evaluation.report import method_table
 from voxdepth.tools.evaluation.result_cache import Result
-from voxdepth.tools.evaluation.scoring import METRICS, CalibrationScore
+from voxdepth.tools.evaluation.scoring import METRICS, SETTLED_FRAMES, CalibrationScore
 from voxdepth.tools.evaluation.sources import EvaluationFrame, FrameCache
 from voxdepth.types import CorrectedDepth, FloatImage, Intrinsics
 
@@ -146,6 +146,19 @@ def test_flicker_of_measured_pixels_leaves_out_what_was_a_hole_in_either_frame()
     raw = scored(lambda depth_m: depth_m)["flicker", "static", "0-20 m", "filled"]
     assert everywhere.value > 0.1
     assert measured.n == raw.n < everywhere.n, "raw has a change where both frames were measured, and nowhere else"
+
+
+def test_frames_are_averaged_as_told_and_settled_errors_leave_the_warm_up_out() -> None:
+    n = SETTLED_FRAMES + 2
+    factors = iter([1.1, *[1] * (n - 1)])
+    frames = evaluation_frames(n)
+    truths_m = iter([frame.reference_m for frame in frames])
+    done = scores_of(TRUE_GROUPS, frames, lambda _: next(truths_m) * np.float32(next(factors)))
+    assert done["z_accuracy", "center", "all", "filled"].value == pytest.approx(0, abs=1e-6), "the median"
+    assert done["m_rmse_u16_wrap", "occluded", "all", "as given"].value > 1, "the mean"
+    settled, whole = (done[f"psnr16_mm{name}", "all", "all", "completed"] for name in ("_settled", ""))
+    assert (settled.value, settled.n) == (np.inf, 2 * CAMERA.width_px * CAMERA.height_px)
+    assert whole.value < 60 and whole.n == n * settled.n / 2
 
 
 def test_without_the_truth_held_out_pixels_are_judged_and_the_change_of_depth_is_flicker() -> None:

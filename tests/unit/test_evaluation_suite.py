@@ -119,8 +119,13 @@ def test_a_result_of_anything_else_or_damaged_or_of_another_layout_is_computed_a
     assert STORED.validate_json(path.read_bytes()) == again.results[0]
 
 
-def test_another_number_of_frames_is_another_result(recording: Path, tmp_path: Path) -> None:
+def test_other_sources_or_another_number_of_frames_are_another_result(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run(tmp_path, recording, methods=(GOOD,))
+    with monkeypatch.context() as patch:
+        patch.setattr(suite, "code_digest", lambda sources: "another")
+        assert run(tmp_path, recording, methods=(GOOD,)).reused == 0
     assert run(tmp_path, recording, methods=(GOOD,), frames=5).reused == 0
     (all_there_are,) = run(tmp_path, recording, methods=(GOOD,), frames=500).results
     assert all_there_are.key.frames == 8
