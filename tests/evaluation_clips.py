@@ -122,8 +122,8 @@ def key_of(sequence: str, method: str) -> Key:
 def info_of(name: str, **changes: Any) -> SequenceInfo:
     """The description of a made-up sequence with the truth."""
     values: dict[str, Any] = {
-        "name": name, "digest": "d", "frames": 2, "seed": 0, "width_px": 12, "height_px": 9, "focal_px": 10.0,
-        "baseline_m": None, "hidden": "holes", "independent": "all", "reference_name": "the truth",
+        "name": name, "digest": "d", "frames": 2, "seed": 0, "camera": CAMERA.scaled(12, 9),
+        "hidden": "holes", "independent": "all", "reference_name": "the truth",
         "pixels": {mask: dict.fromkeys(RANGES, 1000) for mask in ("all", "holes")},
         "reference": encoded_thumbnail(np.full((9, 12), 3, np.float32)),
         "raw": encoded_thumbnail(np.zeros((9, 12), np.float32)),

@@ -14,7 +14,7 @@ from scenarios.experiments.default import (
     Criterion,
     gap_closed_percent,
 )
-from tests.evaluation_clips import evaluation_of, info_of, key_of
+from tests.evaluation_clips import CAMERA, evaluation_of, info_of, key_of
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.result_cache import Result
 
@@ -34,7 +34,7 @@ def comparison_of(results: dict[str, dict[str, dict[str, float | None]]]) -> Com
                 for key, (metric, *where) in names.items()
             )
             made.append(Result(key=key_of(sequence, method), measurements=found))
-    return Comparison(evaluation_of(*made, **{name: info_of(name, width_px=640, height_px=360) for name in results}))
+    return Comparison(evaluation_of(*made, **{name: info_of(name, camera=CAMERA.scaled(640, 360)) for name in results}))
 
 
 def judged(comparison: Comparison, what: str, requirement: str = "") -> tuple[Any, str]:

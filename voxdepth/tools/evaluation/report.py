@@ -137,7 +137,7 @@ def _sequence_table(evaluation: Evaluation) -> Table:
     rows = [
         {
             "sequence": info.name, "scored by": info.reference_name, "frames": info.frames, "image [px]": info.size,
-            "focal length [px]": info.focal_px, "baseline [m]": info.baseline_m, "seed": info.seed,
+            "focal length [px]": info.camera.fx_px, "baseline [m]": info.camera.baseline_m, "seed": info.seed,
             "scored pixels": info.pixels[ALL][ALL],
             "not measured, or held out [%]": 100 * info.pixels[info.hidden][ALL] / max(1, info.pixels[ALL][ALL]),
             "of those without depth, judged [%]": 100 * info.judged_share,

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from ...colors import picked
-from ...types import FloatImage
+from ...types import FloatImage, Intrinsics
 from ..files import as_tool_error, write
 from ..output import encode, to_millimetres
 from .groups import ALL
@@ -62,10 +62,7 @@ class SequenceInfo:
     """SHA-256 of its images and poses."""
     frames: int
     seed: int | None
-    width_px: int
-    height_px: int
-    focal_px: float
-    baseline_m: float | None
+    camera: Intrinsics
     hidden: str
     """Mask of the pixels that methods are given no depth of."""
     independent: str
@@ -84,7 +81,7 @@ class SequenceInfo:
     @property
     def size(self) -> str:
         """Width and height of the images, such as `640x360`."""
-        return f"{self.width_px}x{self.height_px}"
+        return f"{self.camera.width_px}x{self.camera.height_px}"
 
     @property
     def judged_share(self) -> float:

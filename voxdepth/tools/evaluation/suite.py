@@ -197,8 +197,7 @@ def _scores(source: FrameSource, method: Method, frames: FrameCache) -> dict[str
 
 def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
     """Describe the frames of a sequence, at least one, whose contents have a digest."""
-    groups, camera = source.groups, source.intrinsics
-    counts, holes = np.zeros(256, np.int64), 0
+    groups, counts, holes = source.groups, np.zeros(256, np.int64), 0
     for index in range(len(frames)):
         frame = frames[index]
         counts += np.bincount(frame.labels.ravel(), minlength=256)
@@ -209,10 +208,7 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
         digest=digest,
         frames=len(frames),
         seed=source.seed,
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        focal_px=camera.fx_px,
-        baseline_m=camera.baseline_m,
+        camera=source.intrinsics,
         hidden=groups.hidden,
         independent=groups.independent,
         reference_name=groups.reference_name,
