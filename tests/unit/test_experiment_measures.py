@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 
 from scenarios.experiments.default import (
-    CRITERIA,
     HOLES,
     NOT_MEASURED,
+    Bound,
     Comparison,
-    Criterion,
+    criteria,
     gap_closed_percent,
 )
 from tests.evaluation_clips import CAMERA, evaluation_of, info_of, key_of
@@ -39,12 +39,9 @@ def comparison_of(results: dict[str, dict[str, dict[str, float | None]]]) -> Com
 
 def judged(comparison: Comparison, what: str, requirement: str = "") -> tuple[Any, str]:
     """Value and outcome of the criterion that begins with these words."""
-    rows = [criterion.row(comparison) for criterion in CRITERIA if criterion.what.startswith(what)]
+    rows = [row for row in criteria(comparison) if str(row["criterion"]).startswith(what)]
     (row,) = (row for row in rows if str(row["requirement"]).startswith(requirement))
     return row["measured"], str(row["outcome"])
-
-
-NOTHING = comparison_of({})
 
 
 @pytest.mark.parametrize(
@@ -58,9 +55,10 @@ NOTHING = comparison_of({})
 )
 def test_a_criterion_is_of_the_mean_or_of_the_worst(values: list[float], mean: str, each: str) -> None:
     for of_each, outcome in ((False, mean), (True, each)):
-        at_most = Criterion("error", -20, "%", lambda c: pd.Series(values), each=of_each)
-        at_least = Criterion("gain", 20, "%", lambda c: -pd.Series(values), at_least=True, each=of_each)
-        assert at_most.row(NOTHING)["outcome"] == at_least.row(NOTHING)["outcome"] == outcome
+        at_most, at_least = Bound(-20, each=of_each), Bound(20, at_least=True, each=of_each)
+        given = pd.Series(values, dtype=float)
+        rows = at_most.row("error", "%", given), at_least.row("gain", "%", -given)
+        assert [row["outcome"] for row in rows] == [outcome] * 2
 
 
 HOLE = "mae__holes__near__completed"
@@ -160,7 +158,7 @@ def test_every_criterion_reads_the_quantity_that_it_names() -> None:
     ):
         found, said = judged(comparison, what, requirement)
         assert (found, said) == (None if value is None else pytest.approx(value), outcome), what
-    assert len(CRITERIA) == 26
+    assert len(criteria(comparison)) == 26
 
 
 def test_confidence_is_pooled_by_pixels_and_falls_where_less_are_correct() -> None:
