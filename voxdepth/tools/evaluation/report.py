@@ -96,11 +96,9 @@ class Shown(NamedTuple):
 def _shown(evaluation: Evaluation, quantity: Quantity) -> Shown:
     values, counts = select(evaluation, quantity)
     quantity = fitted(quantity, values)
-    texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True))
-    classes = dict.fromkeys(_best(quantity, values[0]), "best")
-    for result in evaluation.failures:
-        place = result.key.sequence, result.key.method
-        texts[place] = classes[place] = FAILED
+    failed = dict.fromkeys(((result.key.sequence, result.key.method) for result in evaluation.failures), FAILED)
+    texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True)) | failed
+    classes = dict.fromkeys(_best(quantity, values[0]), "best") | failed
     methods, sequences = evaluation.methods, list(dict.fromkeys(result.key.sequence for result in evaluation.results))
 
     def grid(entries: Mapping[tuple[str, str], str], missing: str) -> pd.DataFrame:
