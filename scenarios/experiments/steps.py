@@ -10,6 +10,7 @@ import pandas as pd
 from swarm.perception import frame_of
 from voxdepth import VoxDepth
 from voxdepth.colors import colored, far_end_m
+from voxdepth.metrics import Sums
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.inpainting import Inpainting
 from voxdepth.paper.steps import HostSteps
@@ -40,12 +41,10 @@ class Stage(NamedTuple):
     @property
     def row(self) -> dict[str, Any]:
         """What is known of the surfaces within 20 m."""
-        near = self.truth_m < NEAR_M
-        judged = near & (self.image > 0)
-        mae_m = float(np.abs(self.image[judged] - self.truth_m[judged]).mean()) if judged.any() else None
-        filled = 100 * float(judged.sum() / near.sum())
+        sums = Sums.of(self.image, self.truth_m, self.truth_m < NEAR_M)
+        filled = None if sums.coverage is None else 100 * sums.coverage
         row = {"stage": self.name, "frame": self.frame, "with depth [%]": filled}
-        return row | {"MAE [m]": mae_m, "n pixels": int(judged.sum())}
+        return row | {"MAE [m]": sums.mae_m, "n pixels": sums.filled}
 
 
 @asks(

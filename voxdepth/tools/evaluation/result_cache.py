@@ -114,13 +114,10 @@ def path_of(out: Path, key: Key) -> Path:
 def load(out: Path, key: Key) -> Result | None:
     """Load the finished result of a key; None if there is none. A file that cannot be read is a `ToolError`."""
     path = path_of(out, key)
-    with as_tool_error(f"cannot read {path}"):
-        if not path.exists():
-            return None
-        data = path.read_bytes()
-    with suppress(ValidationError):  # Damaged, or of another version.
-        result = STORED.validate_json(data)
-        return result if result.key == key and result.error is None else None
+    with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValidationError):
+        result = STORED.validate_json(path.read_bytes())  # It may be damaged, or of another version.
+        if result.key == key and result.error is None:
+            return result
     return None
 
 
