@@ -1,5 +1,6 @@
 """State switches: the frequency of the ends of epochs, and the quality of registration as the camera moves."""
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ def switches(context: ExperimentContext) -> Findings:
     """Count the epochs of a long run, and score registration on pairs of frames at growing distances."""
     switches = pd.DataFrame([_count_ends(context, name) for name in context.sequences])
     distances = [distance for distance in DISTANCES if distance < context.frames]
-    movement = pd.concat([_movement(context, name, distance) for name in context.sequences for distance in distances])
+    movement = pd.DataFrame([_movement(context, *case) for case in product(context.sequences, distances)])
     flows_px, psnrs_db = (pivot(movement, "distance [frames]", "sequence", name) for name in (FLOW, GRAY))
     rates = switches.set_index("sequence")[[RATE, PAPER_RATE]].astype(float)
     shown = rates.set_axis(["here, by matches alone", "paper"], axis="columns")
@@ -75,7 +76,7 @@ def _count_ends(context: ExperimentContext, name: str) -> dict[str, Any]:
     }
 
 
-def _movement(context: ExperimentContext, name: str, distance: int) -> pd.DataFrame:
+def _movement(context: ExperimentContext, name: str, distance: int) -> dict[str, Any]:
     """A row with the image motion between pairs of frames at a distance, and how registration follows it."""
     recording, flow = context.recording(name), Dis()
     starts = pair_starts(context.frames, distance, MAX_PAIRS)
@@ -83,11 +84,11 @@ def _movement(context: ExperimentContext, name: str, distance: int) -> pd.DataFr
     flows = [flow.between(later.gray_left, earlier.gray_left) for earlier, later in pairs]
     moved_px = pd.Series([true_displacement_px(*pair) for pair in pairs], dtype=float)
     estimators = {"registration": by_registration(RegistrationConfig(), recording.intrinsics.shape)}
-    scores = score_pairs(context, name, estimators, distance, MAX_PAIRS).reset_index(drop=True)
+    (scores,) = score_pairs(context, name, estimators, distance, MAX_PAIRS).to_dict("records")
     flow_px = float(np.mean([np.linalg.norm(each, axis=2).mean() for each in flows]))
     before = {"sequence": name, "distance [frames]": distance, FLOW: flow_px, "true movement [px]": moved_px.mean()}
     after = dict(zip(("flow, paper [px]", "gray PSNR, paper [dB]"), MOVEMENT.get(distance, (None, None)), strict=True))
-    return pd.concat([pd.DataFrame([before]), scores, pd.DataFrame([after], dtype=float)], axis="columns")
+    return {**before, **scores, **after}
 
 
 def _switches_claim(rates: pd.Series) -> Claim:
