@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.voxel_twins import integrate_numpy, integrate_points, occupied_centres, project_nearest
+from tests.voxel_twins import integrate_numpy, occupied_centres, project_nearest
 from voxdepth import VoxDepthConfig
 from voxdepth.paper.config import CombineConfig
 from voxdepth.paper.inpainting import Inpainting
 from voxdepth.paper.steps import HostSteps
-from voxdepth.paper.voxels import VoxelConfig, VoxelGrid, project_voxels
+from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
 from voxdepth.paper.warp_steps import WarpSteps
 from voxdepth.types import Intrinsics
 
@@ -26,11 +26,6 @@ DEPTHS = {
     "negative": np.full(CAMERA.shape, -2.0, np.float32),
 }
 TURNED = np.array([[0.98, -0.05, 0.2, 0.1], [0.06, 0.99, -0.02, -0.2], [-0.2, 0.03, 0.97, 0.3], [0, 0, 0, 1]])
-
-
-def cloud(seed: int, n: int) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return (rng.normal(size=(n, 3)) * [3, 2, 2] + [0, 0, 4]).astype(np.float32)
 
 
 def depth_image(seed: int) -> np.ndarray:
@@ -85,22 +80,6 @@ def test_grids_whose_rows_end_within_a_word_are_projected_alike(cells: tuple[int
     expected = project_nearest(occupied_centres(host._grid), CAMERA)
     np.testing.assert_array_equal(host.project(), expected)
     np.testing.assert_array_equal(warp.project().numpy(), expected)
-
-
-@given(st.integers(0, 1000), st.integers(1, 3000))
-def test_projecting_the_grid_equals_projecting_its_centres(seed: int, n: int) -> None:
-    grid = VoxelGrid(GRID)
-    integrate_points(grid, cloud(seed, n))
-    np.testing.assert_array_equal(project_voxels(grid, CAMERA), project_nearest(occupied_centres(grid), CAMERA))
-
-
-def test_projections_of_empty_grids_and_of_voxels_beside_the_image_agree() -> None:
-    grid = VoxelGrid(GRID)
-    assert not project_voxels(grid, CAMERA).any()
-    assert not project_nearest(occupied_centres(grid), CAMERA).any()
-    integrate_points(grid, np.array([[5.9, 0, 1.0], [0, -3.9, 0.5]], np.float32))
-    assert len(occupied_centres(grid)) == 2
-    assert not project_voxels(grid, CAMERA).any()
 
 
 @pytest.mark.parametrize("method", [Inpainting(size_px=3), Inpainting(), Inpainting(method="nearest")])

@@ -234,12 +234,6 @@ class TestSmoothing:
         mean_px = varied_px.mean()
         assert smoothed_px[2, 2] - mean_px == pytest.approx((varied_px[2, 2] - mean_px) / 2, abs=1e-3)
 
-    @pytest.mark.parametrize("scale", [0.25, 4.0])
-    def test_disparity_and_noise_may_have_any_unit(self, scale: float) -> None:
-        noisy_px = np.random.default_rng(3).normal(6, 0.5, CAMERA.shape).astype(np.float32)
-        scaled_px = smooth_guided(np.float32(scale) * noisy_px, 5, scale * 0.3)
-        np.testing.assert_allclose(scaled_px, scale * smooth_guided(noisy_px, 5, 0.3), rtol=1e-3)
-
 
 def confidence_of(
     disparity_px: FloatImage, kind: GrayImage, weight: GrayImage, probability: FloatImage, magnification: float = 1.0
