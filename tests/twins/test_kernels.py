@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from tests.voxel_twins import integrate_numpy, occupied_centres, project_nearest
 from voxdepth import VoxDepthConfig
 from voxdepth.paper.config import CombineConfig
-from voxdepth.paper.inpainting import Inpainting
 from voxdepth.paper.steps import HostSteps
 from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
 from voxdepth.paper.warp_steps import WarpSteps
@@ -82,13 +81,6 @@ def test_grids_whose_rows_end_within_a_word_are_projected_alike(cells: tuple[int
     np.testing.assert_array_equal(warp.project().numpy(), expected)
 
 
-@pytest.mark.parametrize("method", [Inpainting(size_px=3), Inpainting(), Inpainting(method="nearest")])
-def test_inpaintings_agree(method: object) -> None:
-    host, warp = both_steps(inpainting=method)
-    sparse = depth_image(3)
-    np.testing.assert_array_equal(host.inpaint(sparse), warp.inpaint(warp.upload(sparse)).numpy())
-
-
 @pytest.mark.parametrize(
     "M",
     [
@@ -119,13 +111,6 @@ def test_combinations_agree(seed: int, reject_near: bool, reject_far: bool, empt
     got = warp.combine(warp.upload(raw), warp.upload(template))
     for expected, image in zip(host.combine(raw, template), got, strict=True):
         np.testing.assert_array_equal(expected, image.numpy())
-
-
-def test_frames_without_a_template_agree() -> None:
-    host, warp = both_steps()
-    raw = depth_image(5)
-    for expected, got in zip(host.unchanged(raw), warp.unchanged(warp.upload(raw)), strict=True):
-        np.testing.assert_array_equal(expected, got.numpy())
 
 
 @given(st.integers(0, 1000), st.sampled_from([1, 3, 5]))

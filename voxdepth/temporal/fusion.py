@@ -223,7 +223,8 @@ def _drift(before_px: FloatImage, difference_px: FloatImage, overlap: GrayImage,
         for image in (overlap, difference_px)
     )
     share = np.maximum(box_mean(count, DRIFT_WINDOW_PX) / np.float32(255), MIN_OVERLAP)
-    return before_px + rules.drift_gain * (box_mean(total_px, DRIFT_WINDOW_PX) / share - before_px)
+    change_px = box_mean(total_px, DRIFT_WINDOW_PX) / share - before_px
+    return np.asarray(before_px + rules.drift_gain * change_px, np.float32)
 
 
 @compiled_part(float32(float32, float32, RULES_TYPE))

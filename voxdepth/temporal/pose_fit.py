@@ -83,11 +83,6 @@ def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
     return np.stack([fx * x / z + cx, fy * y / z + cy], axis=1)
 
 
-def transform_points(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
-    """Points of frame b in the coordinates of frame a, shape (N, 3), in double precision."""
-    return np.asarray(points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3])
-
-
 def lens_of(camera: Intrinsics) -> Lens:
     """Focal lengths and principal point of a camera."""
     return camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
