@@ -6,13 +6,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.temporal_scenes import CAMERA, method, pose, run
+from tests.temporal_scenes import CAMERA, pose
 from voxdepth.temporal.fusion import PixelClass, TemporalFusionConfig, fuse
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.temporal.pose_fit import fit_pose, project
 from voxdepth.temporal.working_resolution import WorkingResolution
-from voxdepth.types import FloatImage, Frame, Intrinsics, Source
+from voxdepth.types import FloatImage, Intrinsics
 
 seeds = st.integers(0, 10_000)
 angle = st.floats(-6, 6)
@@ -94,30 +94,3 @@ def test_a_third_of_wrong_points_does_not_move_the_camera(
     found_px = project(points_m @ fit.T_target_source[:3, :3].T + fit.T_target_source[:3, 3], camera)
     assert np.hypot(*(found_px - right_px).T).mean() < 0.05
     assert fit.n_inliers == 60
-
-
-@given(
-    seeds, st.integers(8, 70), st.integers(8, 60), st.sampled_from([1, 2]), st.sampled_from(["none", "likely", "all"])
-)
-@settings(max_examples=25)
-def test_whatever_comes_in_what_comes_out_is_well_formed(
-    seed: int, width_px: int, height_px: int, decimation: int, fill: str
-) -> None:
-    rng = np.random.default_rng(seed)
-    camera = Intrinsics.from_hfov(
-        width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=[None, 0.1][int(rng.integers(2))]
-    )
-    frames = []
-    for index in range(4):
-        depth_m = rng.choice([1e-3, 0.5, 3.0, 80.0, 1e5], camera.shape) * rng.uniform(0.5, 2, camera.shape)
-        depth_m[rng.random(camera.shape) < rng.choice([0, 0.5, 1])] = 0
-        gray = rng.integers(0, 256, camera.shape, np.uint8) // np.uint8(rng.choice([1, 200]))
-        frames.append(Frame(stamp_s=float(index), gray=gray, depth_m=depth_m.astype(np.float32)))
-    for result in run(method(camera, decimation=decimation, fill=fill), frames):
-        assert result.depth_m.shape == camera.shape
-        assert np.isfinite(result.depth_m).all()
-        assert (result.depth_m >= 0).all()
-        assert 0 <= result.confidence.min() <= result.confidence.max() <= 1
-        np.testing.assert_array_equal(result.source == Source.INVALID, result.depth_m == 0)
-        np.testing.assert_array_equal(result.confidence == 0, result.depth_m == 0)
-        assert not (fill == "none" and (result.source == Source.INPAINTED).any())

@@ -50,6 +50,13 @@ def test_wrapped_rmse_is_honest_below_256_mm_and_only_there() -> None:
     assert m_rmse_u16_wrap(np.array([[5257, 5257, 0]], np.uint16), truth_mm, mask) == pytest.approx(np.sqrt(513))
 
 
+@pytest.mark.parametrize(("deviation_m", "score"), [(0.1, 96), (3.0, 178)])
+def test_wrapped_rmse_saturates_as_errors_grow(deviation_m: float, score: float) -> None:
+    truth_mm = np.full(ALL.shape, 20_000, np.uint16)
+    noise_mm = np.random.default_rng(0).normal(0, 1000 * deviation_m, ALL.shape)
+    assert m_rmse_u16_wrap(np.rint(truth_mm + noise_mm).astype(np.uint16), truth_mm, ALL) == pytest.approx(score, abs=1)
+
+
 def test_wrapped_rmse_of_no_pixel_is_none() -> None:
     assert m_rmse_u16_wrap(ramp_mm(9000), ramp_mm(9000), ~ALL) is None
 

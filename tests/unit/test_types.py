@@ -146,12 +146,6 @@ def test_a_translation_to_another_camera_is_no_baseline(translation_m: tuple[flo
     assert Intrinsics.from_camera_info(beside_colour).baseline_m is None
 
 
-def test_messages_of_ros_1_spell_it_in_capitals() -> None:
-    old = CameraInfo(P=CameraInfo().p)
-    del old.p
-    assert Intrinsics.from_camera_info(old).fx_px == 343
-
-
 class Roi:
     """Part of an image."""
 
