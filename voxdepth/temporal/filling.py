@@ -363,8 +363,8 @@ def count_votes(
     total.fill(0)
     for one in range(N_VOTES):
         one_px, own = vote_px[one], weight[one]
-        for i in range(CHUNK):
-            support[i] = own[i]
+        support.fill(0)
+        add_where_agreeing(one_px, one_px, own, rules, support)
         for other in range(N_VOTES):
             if other != one:
                 add_where_agreeing(one_px, vote_px[other], weight[other], rules, support)

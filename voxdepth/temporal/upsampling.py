@@ -154,11 +154,12 @@ def _show(
     """The output for the disparity of the pixels of the frame, each of which is in a working pixel."""
     least_m, shift = focal_baseline_px_m / MAX_DISPARITY_PX, decimation - 1
     for row in range(disparity_px.shape[0]):
+        classes, confidences = estimate.pixel_class[row >> shift], estimate.confidence[row >> shift]
         for col in range(disparity_px.shape[1]):
-            of_row, of_col = row >> shift, col >> shift
+            of_col = np.uint32(col) >> np.uint32(shift)
             depth_m = depth_of(disparity_px[row, col], focal_baseline_px_m)
             is_measured = measured_m[row, col] >= least_m
-            pixel_class, confidence = estimate.pixel_class[of_row, of_col], estimate.confidence[of_row, of_col]
+            pixel_class, confidence = classes[of_col], confidences[of_col]
             _show_pixel(shown, row, col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence)
 
 
