@@ -42,7 +42,6 @@ from .rays import (
     Numbers,
     Places,
     Rays,
-    find_holes,
     march,
     trace_rays,
 )
@@ -188,6 +187,8 @@ class HoleFiller:
 
     def __init__(self, resolution: WorkingResolution, config: FillingConfig) -> None:
         self._resolution, decimation = resolution, resolution.decimation
+        row, col = np.indices(resolution.shape)
+        self._offset = np.asarray((row | col) & 3, np.uint8)
         width_px = decimation * resolution.width_px
         self._rules = Rules.of(config, resolution.matched_px, decimation, width_px)
         self._border_rules = Rules.of(config, resolution.matched_px / decimation, 1, width_px)
@@ -200,7 +201,7 @@ class HoleFiller:
         """
         hole = np.asarray(cv2.bitwise_not(above(known.disparity_px, 0)), np.uint8)
         block = find_blocks(hole & ~above(known.remembered_px, 0))
-        place = find_holes(hole, block, depth_m, self._resolution.decimation)
+        place = self._places(hole, block, depth_m)
         rays = trace_rays(known.disparity_px, place)
         filled = self._vote(known, place, rays, self._rules, 1)
         inpainted = Inpainted.of(hole, block, filled)
@@ -215,6 +216,15 @@ class HoleFiller:
         focal_baseline_px_m = self._resolution.focal_baseline_px_m
         march(known.disparity_px, depth_m, focal_baseline_px_m, border, number, rays.steps, border_rays)
         return inpainted, self._vote(known, border, border_rays, self._border_rules, self._resolution.decimation)
+
+    def _places(self, hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> Places:
+        """The working pixels that are holes or contain one, row by row; of each block that votes as one, the first."""
+        height, width = (self._resolution.decimation * side for side in hole.shape)
+        complete = cv2.resize(above(depth_m, 0)[:height, :width], hole.shape[::-1], interpolation=cv2.INTER_AREA)
+        voting = (hole | ~above(np.asarray(complete, np.uint8), 254)) * ((self._offset & block) == 0)
+        found = cv2.findNonZero(voting)
+        places = np.empty((0, 2), np.int32) if found is None else found.reshape(-1, 2)
+        return np.ascontiguousarray(places[:, ::-1], np.int32)
 
     def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules, scale: int) -> Filled:
         """What holes are filled with, whose places are pixels of 1 / scale of a working pixel."""
