@@ -1,5 +1,6 @@
 """The commands of the testbed, which extend the command line of the library."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,7 +13,6 @@ from .commands import experiment, general, sensor, study, swarm
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from voxdepth.tools.doctor import Finding
     from voxdepth.tools.evaluation.suite import Requested
@@ -21,7 +21,7 @@ PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.threshold, swarm.freespace, swarm.picture)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
     ("Corrector", (experiment.experiment, sensor.regress)),
-    ("General", (general.new, general.list_)),
+    ("General", (general.list_,)),
 )
 
 
@@ -57,6 +57,7 @@ def recorded(folder: "Path") -> "Requested | None":
 
 EXTENSION = Extension(
     add_commands=add_commands,
+    templates=Path(__file__).parent / "data" / "new",
     errors=(SimError, SwarmError),
     checks=checks,
     sequences=sequences,

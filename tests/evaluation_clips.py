@@ -114,5 +114,6 @@ def info_of(name: str, **changes: Any) -> SequenceInfo:
         "name": name, "digest": "d", "frames": 2, "seed": 0, "width_px": 12, "height_px": 9, "focal_px": 10.0,
         "baseline_m": None, "hidden": "holes", "independent": "all", "reference_name": "the truth",
         "pixels": {mask: dict.fromkeys(RANGES, 1000) for mask in ("all", "holes")},
+        "holes": 1000,
     }  # fmt: skip
     return SequenceInfo.model_validate(values | changes)

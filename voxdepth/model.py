@@ -19,6 +19,7 @@ EXPECTED = {
     "float_type": "a number",
     "bool_type": "true or false",
     "string_type": "a text",
+    "path_type": "a path",
     "list_type": "a list",
     "tuple_type": "a list",
     "dict_type": "a table of keys",

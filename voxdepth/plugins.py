@@ -98,7 +98,10 @@ class Plugin:
     def __init__(self, kind: str, name: str, method: str, signature: str, make: Callable[[], Any]) -> None:
         self._file = source_of(name)
         self._title = f"the {kind} {name!r}" + (f" ({self._file})" if self._file else "")
-        self.made = self.run("when it is made", make)
+        try:
+            self.made = self.run("when it is made", make)
+        except PluginError as error:
+            raise PluginError(f"{error}; expected {signature}") from error.__cause__
         if not callable(getattr(self.made, method, None)):
             raise self.faulty(f"expected {signature}, got {type(self.made).__name__} without {method}")
 

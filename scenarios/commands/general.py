@@ -1,39 +1,4 @@
-"""Commands that list what is available, and that write files to begin with."""
-
-from enum import StrEnum
-from typing import Annotated
-
-import typer
-
-NEXT = {
-    "scenario": "voxdepth run {}.toml",
-    "study": "voxdepth study {}.toml",
-    "controller": "voxdepth run city --drones 3 --controller {}:create",
-    "corrector": "voxdepth run city --drones 3 --corrector {}:Corrector",
-}
-"""What can be made, and what flies it."""
-Kind = StrEnum("Kind", "SCENARIO STUDY CONTROLLER CORRECTOR")
-
-
-def new(
-    kind: Annotated[Kind, typer.Argument(help="What to write.")],
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Its name, without .toml or .py.")],
-) -> None:
-    """Write a commented scenario, study, controller or corrector of your own, which flies as it is."""
-    from importlib.util import find_spec
-    from pathlib import Path
-
-    from ..errors import ScenarioError
-    from ..files import DATA
-
-    (template,) = (DATA / "new").glob(f"{kind.value}.*")
-    path = Path(f"{name.removesuffix(template.suffix)}{template.suffix}")
-    if not path.stem.isidentifier() or str(path.parent) != ".":
-        raise ScenarioError(f"NAME must consist of letters, digits and _, as in my_{kind.value}, got {name!r}")
-    if path.exists() or (path.suffix == ".py" and find_spec(path.stem) is not None):
-        raise ScenarioError(f"there is a {path} already, or another module of that name: choose another name")
-    path.write_text(template.read_text().replace("NAME", path.stem))
-    typer.echo(f"written to {path}; fly it with: {NEXT[kind.value].format(path.stem)}")
+"""The command that lists what is available."""
 
 
 def list_() -> None:

@@ -6,7 +6,6 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.commands.general import NEXT
 from scenarios.config import load_run
 from scenarios.flight import fly
 from scenarios.study.design import expand, load_study
@@ -20,16 +19,18 @@ def new(kind: str, name: str) -> Any:
     return CliRunner().invoke(create_app(), ["new", kind, name], catch_exceptions=True)
 
 
-@pytest.mark.parametrize("kind", NEXT)
+@pytest.mark.parametrize("kind", ["scenario", "study", "controller", "corrector"])
 def test_what_is_written_flies(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     name = f"my_own_{kind}"
     done = new(kind, name)
-    assert done.stdout.endswith(f"fly it with: {NEXT[kind].format(name)}\n"), done.exception
+    assert done.stdout.startswith(f"written to {name}."), done.exception
     (path,) = tmp_path.iterdir()
     assert "NAME" not in path.read_text()
-    assert NEXT[kind].format(name) in path.read_text()
+    command = done.stdout.splitlines()[-1].split("voxdepth ")[1].split()
+    assert command[0] in ("run", "study")
+    assert any(name in part for part in command)
     if kind == "study":
         (run, *_) = [spec.run for spec in expand(load_study(path.name).model_copy(update={"changes": SHORT}))]
     else:
@@ -48,6 +49,7 @@ def test_what_is_written_flies(kind: str, tmp_path: Path, monkeypatch: pytest.Mo
         ("scenario", "a/b", "must consist of letters"),
         ("controller", "my-own", "must consist of letters"),
         ("corrector", "json", "another module of that name"),
+        ("corector", "mine", "expected a kind of corrector, controller, scenario, study, got 'corector'"),
         ("study", "there", "there is a there.toml already"),
     ],
 )

@@ -92,6 +92,13 @@ def _serves(output: Path) -> bool:
         return told is not None and browser.connect_ex(("127.0.0.1", int(told[1]))) == 0
 
 
+def test_a_folder_of_recordings_of_other_names_is_told_with_them(tmp_path: Path) -> None:
+    for number in range(7):
+        (tmp_path / f"episode-{number}.rrd").touch()
+    with pytest.raises(ToolError, match=r"name one of \S*episode-0\.rrd, .*episode-4\.rrd, \.\.\.$"):
+        open_viewer(tmp_path / "run.rrd")
+
+
 def test_a_taken_port_is_told_and_otherwise_avoided(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))

@@ -162,6 +162,8 @@ def test_the_report_counts_what_happened(whole: Path) -> None:
     assert report["corrector"] == "remembering"
     assert report["config"]["odometry"] == {"max_step_m": 0.5}
     assert report["coverage"]["raw"] == pytest.approx(np.mean([dataset[i].depth_m > 0 for i in range(N_FRAMES)]))
+    medians_m = [np.median(depth_m[depth_m > 0]) for depth_m in (dataset[i].depth_m for i in range(N_FRAMES))]
+    assert report["raw_median_m"]["p50"] == pytest.approx(np.median(medians_m), rel=0.01)
     assert report["coverage"]["corrected"] == pytest.approx(np.mean([one.depth_m > 0 for one in made]))
     shares = report["pixel_shares"]
     assert list(shares) == ["invalid", "sensor", "memory", "inpainted"]

@@ -66,6 +66,16 @@ def test_names_with_a_time_are_in_its_order_at_its_distances(form: str) -> None:
     np.testing.assert_allclose(since_s, np.array(us) / 1e6, atol=1.1e-3)
 
 
+@pytest.mark.parametrize("form", TIMES)
+@pytest.mark.parametrize("counted", ["{:06d}_{}", "frame{}-{}", "{1}_{0}"])
+def test_a_count_beside_the_time_changes_nothing(counted: str, form: str) -> None:
+    texts = [TIMES[form](k * STEP_US) for k in range(12)]
+    plain, named = (in_order([Path(name) for name in names]) for names in (
+        [f"{text}.png" for text in texts], [f"{counted.format(k + 8, text)}.png" for k, text in enumerate(texts)]
+    ))  # fmt: skip
+    assert named.are_times and [time_ns for time_ns, _ in named.files] == [time_ns for time_ns, _ in plain.files]
+
+
 def test_whole_microseconds_are_not_taken_for_decimals_because_none_has_six_digits() -> None:
     named = in_order([Path(f"1699187734_{us}.png") for us in (16_667, 50_000, 83_333)])
     assert [time_ns % 10**9 for time_ns, _ in named.files] == [16_667_000, 50_000_000, 83_333_000]
@@ -102,6 +112,9 @@ def test_names_with_a_number_are_in_its_order(form: str) -> None:
         ["20231105_123534_900_a", "20231105_123535_033_b"],
         ["1.9", "2.10", "2.0"],
         ["-1", "0", "1"],
+        ["2_1699187734.9", "1_1699187735.9"],
+        ["cam0_1699187734900", "cam1_1699187734901", "cam0_1699187734902"],
+        ["a1_b2_1699187734.9", "a2_b3_1699187735.9"],
         ["1699187734", "1699187734900"],
         ["5", "1699187734900"],
     ],

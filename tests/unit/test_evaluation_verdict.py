@@ -21,7 +21,7 @@ def evaluation_of(frames: int = 20, hidden: str = "holes", **shares: dict[str, f
             mean = sum(n for n, _ in close) / 1000 / frames
             own = Measurement("close", hidden, "0-20 m", "as given", mean, "share", 1000 * frames)
             results.append(Result(key=key_of(sequence, method), measurements=(own,), frame_close=close))
-    pixels = {mask: {"0-20 m": 1000} for mask in ("all", hidden)}
+    pixels = {mask: {"0-20 m": 1000, "all": 1000} for mask in ("all", hidden)}
     infos = {name: info_of(name, hidden=hidden, pixels=pixels) for name in shares}
     return Evaluation(results=tuple(results), sequences=infos, reused=0)
 
@@ -65,6 +65,20 @@ def test_many_sequences_have_one_sentence() -> None:
         "baseline."
     )
     assert verdict(evaluation_of()) == "No method has a result that could be compared."
+
+
+def test_the_share_of_holes_that_have_a_reference_is_told() -> None:
+    def told(holes: dict[str, int], hidden: str = "holes") -> str:
+        found = evaluation_of(hidden=hidden, **{name: {"temporal": 0.6} for name in holes})
+        for name, count in holes.items():
+            changes = {"holes": count, "reference_name": "later frames"}
+            found.sequences[name] = found.sequences[name].model_copy(update=changes)
+        return verdict(found)
+
+    assert told({"walk": 4000}).endswith(" Later frames could judge 25 % of the holes.")
+    assert told({"a": 4000, "b": 2000}).endswith(" Later frames could judge 25 % to 50 % of the holes.")
+    assert "judge" not in told({"walk": 1000})
+    assert "judge" not in told({"walk": 4000}, hidden="patches")
 
 
 @pytest.mark.parametrize(("mae_m", "unit", "text"), [(0.0042, "mm", "4.2"), (0.42, "m", "0.420"), (3.0, "m", "3.000")])

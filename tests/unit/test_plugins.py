@@ -122,7 +122,8 @@ def test_a_faulty_corrector_is_told_with_its_file(result: str, told: str, module
     ("factory", "told"),
     [
         ("def Mine(intrinsics): return None", "returns a DepthCorrector, got NoneType without process"),
-        ("def Mine(): return None", "failed when it is made: TypeError: Mine() takes 0 positional arguments"),
+        ("def Mine(): return None", "0 positional arguments but 1 was given; expected a factory(intrinsics) that"),
+        ("class Mine: pass", "TypeError: Mine() takes no arguments; expected a factory(intrinsics) that returns a"),
         ("def Mine(intrinsics): raise OSError('no licence')", "failed when it is made: line 1: OSError: no licence"),
     ],
 )

@@ -7,7 +7,8 @@ All names of a folder are alike but for one of these:
 - a number with a decimal point, which is a time in s, ms, us or ns by its size;
 - a whole number, which is such a time from 1e9 on, and else counts frames.
 
-A part of a second after anything but a point is decimal if all names have as many digits, else whole ms, us or ns.
+A number may count the files beside a time, as in `000012_1699187734.9`, if it rises with that. A part of a second after
+anything but a point is decimal if all names have as many digits, else whole ms, us or ns.
 """
 
 import re
@@ -70,17 +71,30 @@ def in_order(paths: Sequence[Path]) -> Named:
 def _read(stems: Sequence[str], pattern: re.Pattern[str], read: Reader) -> list[int] | None:
     """The times [ns] of a pattern in names that are alike around it; None if they are not, or are no such times."""
     found = [match for stem in stems if (match := pattern.search(stem))]
-    around = {(match.string[: match.start()], match.string[match.end() :]) for match in found}
-    return read(found) if len(found) == len(stems) and len(around) == 1 else None
+    times_ns = read(found) if len(found) == len(stems) else None
+    around = [f"{match.string[: match.start()]}\0{match.string[match.end() :]}" for match in found]
+    return times_ns if times_ns is not None and _is_alike(around, times_ns) else None
 
 
 def _numbers(stems: Sequence[str]) -> list[int] | None:
     """The only numbers in which names differ, or the last ones; None if they differ in more or have none."""
     parts = [re.split(r"([0-9]+)", stem) for stem in stems]
     for at in range(min(map(len, parts), default=3) - 2, 0, -2):
-        if len({(*part[:at], *part[at + 1 :]) for part in parts}) <= 1:
-            return [int(part[at]) for part in parts]
+        numbers = [int(part[at]) for part in parts]
+        around = ["".join((*part[:at], "\0", *part[at + 1 :])) for part in parts]
+        if len(set(around)) <= 1 or (min(numbers) >= LEAST_TIME and _is_alike(around, numbers)):
+            return numbers
     return None
+
+
+def _is_alike(around: Sequence[str], times: Sequence[int]) -> bool:
+    """Whether the names around some times are alike, but for one number that may count along with them."""
+    if len({re.sub(r"[0-9]+", "#", text) for text in around}) > 1:
+        return False
+    in_time = [around[at] for at in sorted(range(len(times)), key=times.__getitem__)]
+    others = zip(*(map(int, re.findall(r"[0-9]+", text)) for text in in_time), strict=True)
+    differing = [count for count in others if len(set(count)) > 1]
+    return not differing or (len(differing) == 1 and all(a < b for a, b in pairwise(differing[0])))
 
 
 def _of_dates(found: Sequence[Match]) -> list[int] | None:

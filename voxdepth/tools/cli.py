@@ -27,7 +27,7 @@ from .requirements import bringing
 
 PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
     ("Corrector", (commands.correct, evaluate.evaluate, commands.config, commands.bench)),
-    ("General", (commands.view, commands.doctor)),
+    ("General", (commands.view, commands.new, commands.doctor)),
 )
 """Commands of the library by the heading of `--help`."""
 USER_ERROR = 2

@@ -36,6 +36,10 @@ SIDES_PX = range(32, 4097)
 N_FRAMES, N_FRAMES_LARGE = 300, 100
 LARGE_PX = (1024, 1024)
 """Second size of the images that are measured with."""
+NEW = Path(__file__).parent / "new"
+"""Files of the library that `new` writes."""
+HOW_TO = ": voxdepth "
+"""Part of the lines of these files that say how they are used."""
 
 
 Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING BAG")
@@ -197,6 +201,8 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     table = Table(title=escape(heading), title_justify="left", show_header=False)
     raw, corrected = report["coverage"]["raw"], report["coverage"]["corrected"]
     table.add_row("pixels with depth", f"{raw:.1%} raw, [bold]{corrected:.1%} corrected[/bold]")
+    median_m = report["raw_median_m"]["p50"]
+    table.add_row("median depth, raw", f"{median_m:.3g} m (if the scene is nearer or farther, state --units-per-m)")
     shares = ", ".join(f"{source} {share:.1%}" for source, share in report["pixel_shares"].items())
     table.add_row("all pixels", shares)
     for fact, summary in report["facts"].items():
@@ -317,6 +323,32 @@ def view(
         typer.echo(f"the run has not ended or was killed: {partial} holds what it recorded so far", err=True)
         whole = partial
     open_viewer(whole if path.is_dir() else path, web=web, port=port)
+
+
+def new(
+    kind: Annotated[str, typer.Argument(help="corrector; in the testbed also scenario, study or controller.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Its name, without .toml or .py.")],
+) -> None:
+    """Write a commented corrector, scenario, study or controller of your own, which runs as it is."""
+    from importlib.util import find_spec
+
+    from .extensions import extensions
+
+    folders = [NEW, *(extension.templates for extension in extensions() if extension.templates is not None)]
+    templates = {path.stem: path for folder in folders for path in sorted(folder.glob("[!_]*.*"))}
+    if (template := templates.get(kind)) is None:
+        raise ToolError(f"expected a kind of {', '.join(templates)}, got {kind!r}")
+    path = Path(f"{name.removesuffix(template.suffix)}{template.suffix}")
+    if not path.stem.isidentifier() or str(path.parent) != ".":
+        raise ToolError(f"NAME must consist of letters, digits and _, as in my_{kind}, got {name!r}")
+    if path.exists() or (path.suffix == ".py" and find_spec(path.stem) is not None):
+        raise ToolError(f"there is a {path} already, or another module of that name: choose another name")
+    text = template.read_text().replace("NAME", path.stem)
+    path.write_text(text)
+    typer.echo(f"written to {path}")
+    for line in text.splitlines():
+        if HOW_TO in line:
+            typer.echo(line.lstrip("# "))
 
 
 def doctor() -> None:

@@ -19,6 +19,7 @@ from ..model import Model
 from ..pipeline import CorrectionPipeline
 from ..registry import PAPER
 from ..types import CorrectedDepth, DepthCorrector, Frame, Source
+from ..units import median_m
 from .errors import ToolError
 from .files import atomic, to_toml
 from .output import CONFIG, FRAMES, REPORT, OpenOutput, Output, image_folder
@@ -93,6 +94,7 @@ class Correction:
                     name=self.dataset.name(index),
                     stamp_s=frame.stamp_s,
                     raw_pixels=int(np.count_nonzero(frame.depth_m)),
+                    raw_median_m=median_m(frame.depth_m),
                     pixels={s.name.lower(): int(np.count_nonzero(corrected.source == s)) for s in Source},
                     facts={} if corrected.diagnostics is None else corrected.diagnostics.facts(),
                     wall_s=dict(corrected.timings_s),
@@ -115,6 +117,8 @@ class FrameLine(NamedTuple):
     stamp_s: float
     raw_pixels: int
     """Number of pixels with a depth from the sensor."""
+    raw_median_m: float
+    """Median of these depths [m]; 0 without one."""
     pixels: Mapping[str, int]
     """Number of corrected pixels by source."""
     facts: Mapping[str, Fact]
@@ -128,6 +132,7 @@ class FrameLine(NamedTuple):
             "name": self.name,
             "stamp_s": self.stamp_s,
             "raw_pixels": self.raw_pixels,
+            "raw_median_m": self.raw_median_m,
             **{f"{source}_pixels": n for source, n in self.pixels.items()},
             **self.facts,
             **{f"wall_{step}_s": time_s for step, time_s in self.wall_s.items()},
@@ -151,6 +156,7 @@ def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, A
         **config.model_dump(mode="json"),
         "frames": len(lines),
         "pixel_shares": {source.name.lower(): pixels[source.name.lower()] / n_pixels for source in Source},
+        "raw_median_m": _spread([line.raw_median_m for line in lines if line.raw_pixels] or [0.0]),
         "coverage": {"raw": n_raw / n_pixels, "corrected": 1 - pixels["invalid"] / n_pixels},
         "facts": {name: _summary(values) for name, values in _by_name([line.facts for line in lines]).items()},
         "wall": {

@@ -25,6 +25,8 @@ class Extension:
     """Errors that are printed in one line, beside those of the library."""
     checks: Callable[[], "Sequence[Finding]"] = tuple
     """What `voxdepth doctor` checks beside the library."""
+    templates: Path | None = None
+    """Folder of the files that `voxdepth new` writes, each named after its kind."""
     sequences: Callable[[Sequence[str], int | None], "Sequence[Requested]"] = lambda names, seed: ()
     """Finds sequences to evaluate by name, perhaps with a seed; one that does not exist is one of its errors."""
     recorded: Callable[[Path], "Requested | None"] = lambda folder: None

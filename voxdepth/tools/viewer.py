@@ -25,6 +25,9 @@ LOCAL = "127.0.0.1"
 PAGE_PORT, DATA_PORT = 9090, 9876
 """Ports of the page and of the recording where they are free, the same as Rerun's."""
 
+SHOWN = 5
+"""Largest number of recordings that an error names."""
+
 
 def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> None:
     """Show a recording in a window until it is closed, or serve it to a browser until the user interrupts it.
@@ -43,6 +46,9 @@ def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> No
     if not path.is_file():
         if (path.parent / "calibration.toml").is_file():
             raise ToolError(f"{path.parent} is a recording of a sequence: look at it with voxdepth sheet {path.parent}")
+        if others := sorted(path.parent.glob("*.rrd")):
+            names = ", ".join(map(str, others[:SHOWN])) + (", ..." if len(others) > SHOWN else "")
+            raise ToolError(f"there is no recording at {path}: name one of {names}")
         raise ToolError(f"there is no recording at {path}: a run leaves a {RECORDING}, unless it flew with --no-record")
     if path.suffix != ".rrd":
         raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")

@@ -140,6 +140,7 @@ def _sequence_table(evaluation: Evaluation) -> Table:
             "focal length [px]": info.focal_px, "baseline [m]": info.baseline_m, "seed": info.seed,
             "scored pixels": info.pixels[ALL][ALL],
             "not measured, or held out [%]": 100 * info.pixels[info.hidden][ALL] / max(1, info.pixels[ALL][ALL]),
+            "of those without depth, judged [%]": 100 * info.judged_share,
             "SHA-256": info.digest[:16],
         }
         for info in evaluation.sequences.values()

@@ -15,6 +15,7 @@ from ...model import Model
 from ...types import FloatImage
 from ..files import as_tool_error, write
 from ..output import encode, to_millimetres
+from .groups import ALL
 from .measurements import Measurement
 from .scoring import METRICS
 
@@ -73,6 +74,8 @@ class SequenceInfo(Model):
     """What methods are scored by."""
     pixels: dict[str, dict[str, int]]
     """Number of pixels of all frames, by mask and range."""
+    holes: int
+    """Number of pixels of all frames that the methods were given no depth of, whether they have a reference or not."""
     reference: str = ""
     """Thumbnail of the reference depth of the last frame."""
     raw: str = ""
@@ -82,6 +85,11 @@ class SequenceInfo(Model):
     def size(self) -> str:
         """Width and height of the images, such as `640x360`."""
         return f"{self.width_px}x{self.height_px}"
+
+    @property
+    def judged_share(self) -> float:
+        """Share of the pixels without depth that have a reference, which the results are about."""
+        return self.pixels[self.hidden][ALL] / max(1, self.holes)
 
 
 class Result(Scores):

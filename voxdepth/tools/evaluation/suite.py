@@ -204,10 +204,11 @@ def _scores(source: FrameSource, method: Method, frames: FrameCache) -> dict[str
 def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
     """Describe the frames of a sequence, at least one, whose contents have a digest."""
     groups, camera = source.groups, source.intrinsics
-    counts = np.zeros(256, np.int64)
+    counts, holes = np.zeros(256, np.int64), 0
     for index in range(len(frames)):
         frame = frames[index]
         counts += np.bincount(frame.labels.ravel(), minlength=256)
+        holes += int(np.count_nonzero(frame.frame.depth_m == 0))
     pixels = {mask: {name: int(counts[groups.members(mask, name)].sum()) for name in RANGES} for mask in groups.masks}
     return SequenceInfo(
         name=source.name,
@@ -222,6 +223,7 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
         independent=groups.independent,
         reference_name=groups.reference_name,
         pixels=pixels,
+        holes=holes,
         reference=encoded_thumbnail(np.where(np.isfinite(frame.reference_m), frame.reference_m, np.float32(0))),
         raw=encoded_thumbnail(frame.frame.depth_m),
     )

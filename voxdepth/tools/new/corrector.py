@@ -1,7 +1,7 @@
 """A depth corrector of your own.
 
-Fly by it: voxdepth run city --drones 3 --corrector NAME:Corrector
-Compare it with others on rendered images: voxdepth evaluate --methods raw,temporal,NAME:Corrector
+Compare it with others on a recording: voxdepth evaluate --data RECORDING --methods raw,temporal,NAME:Corrector
+Fly by it in the testbed: voxdepth run city --drones 3 --corrector NAME:Corrector
 """
 
 import cv2
