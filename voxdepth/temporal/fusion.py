@@ -130,10 +130,6 @@ class Rules(NamedTuple):
     relative_tolerance: float
     max_bias_px: float
     min_coherent_share: float
-    max_gray_change: float
-    """Least bound of the gray change; see `MIN_DISAPPEARANCE_CHANGE`."""
-    max_drift_px: float
-    drift_gain: float
     min_weight: int
     """Weight of the memory from which it rejects a measurement; an empty memory rejects nothing."""
     max_weight: int
@@ -153,9 +149,6 @@ class Rules(NamedTuple):
             relative_tolerance=float32(config.relative_tolerance),
             max_bias_px=float32(config.max_bias_px),
             min_coherent_share=float32(255 * config.min_coherence),
-            max_gray_change=float32(config.max_gray_change_hole),
-            max_drift_px=float32(config.max_drift_px),
-            drift_gain=float32(config.drift_gain),
             min_weight=max(1, round(WEIGHT_UNIT * config.min_evidence)),
             max_weight=round(WEIGHT_UNIT * config.max_evidence),
             decay_occluded=round(WEIGHT_UNIT * config.decay_occluded),
@@ -178,7 +171,7 @@ class Comparison(NamedTuple):
     """Factor 0..1 of the memory's weight in the average; it falls where the surface comes nearer."""
 
 
-RULES_TYPE = named_tuple(Rules, *[float32] * 7, *[int64] * 5, uint8[::1])
+RULES_TYPE = named_tuple(Rules, *[float32] * 4, *[int64] * 5, uint8[::1])
 FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
 COMPARISON_TYPE = named_tuple(Comparison, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
@@ -187,8 +180,8 @@ def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig)
     """The fused disparity, and the memory for the next frame, from the memory warped to this frame."""
     gray_change = box_mean(np.asarray(cv2.absdiff(memory.gray, measurement.gray), np.uint8), WINDOW_PX)
     rules = Rules.of(config)
-    max_gray_change = max(rules.max_gray_change, MIN_DISAPPEARANCE_CHANGE * max(1, _sparse_median(gray_change)))
-    comparison, drift_px = _compare(memory, measurement, rules)
+    max_gray_change = max(config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * max(1, _sparse_median(gray_change)))
+    comparison, drift_px = _compare(memory, measurement, rules, config)
     fused, updated = Fused.buffer(gray_change.shape), Memory.empty(measurement.gray)._replace(drift_px=drift_px)
     _fuse_pixels(memory, measurement, comparison, gray_change, max_gray_change, rules, fused, updated)
     return fused, updated
@@ -201,7 +194,9 @@ def _sparse_median(image: GrayImage) -> int:
     return int(np.partition(values, middle)[middle])
 
 
-def _compare(memory: Memory, measurement: Measurement, rules: Rules) -> tuple[Comparison, FloatImage]:
+def _compare(
+    memory: Memory, measurement: Measurement, rules: Rules, config: TemporalFusionConfig
+) -> tuple[Comparison, FloatImage]:
     """How memory and measurement compare, and the drift after this frame."""
     shape = memory.disparity_px.shape
     overlap, difference_px = np.empty(shape, np.uint8), np.empty(shape, np.float32)
@@ -210,13 +205,13 @@ def _compare(memory: Memory, measurement: Measurement, rules: Rules) -> tuple[Co
     agreeing, nearer, farther = np.empty((3, *shape), np.uint8)
     _find_contradictions(memory, measurement, overlap, bias_px, share, rules, agreeing, nearer, farther)
     nearer, farther = (box_mean(contradicting, WINDOW_PX) for contradicting in (nearer, farther))
-    drift_px = _drift(memory.drift_px, difference_px, overlap, rules)
-    approach = np.maximum(drift_px, 0) / rules.max_drift_px
+    drift_px = _drift(memory.drift_px, difference_px, overlap, config.drift_gain)
+    approach = np.maximum(drift_px, 0) / config.max_drift_px
     factor = cv2.resize(np.maximum(1 - approach * approach, 0), shape[::-1], interpolation=cv2.INTER_LINEAR)
     return Comparison(agreeing, nearer, farther, np.asarray(factor, np.float32)), drift_px
 
 
-def _drift(before_px: FloatImage, difference_px: FloatImage, overlap: GrayImage, rules: Rules) -> FloatImage:
+def _drift(before_px: FloatImage, difference_px: FloatImage, overlap: GrayImage, gain: float) -> FloatImage:
     """The running mean of measured minus remembered disparity after a frame, decimated."""
     count, total_px = (
         cv2.resize(image, before_px.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -224,7 +219,7 @@ def _drift(before_px: FloatImage, difference_px: FloatImage, overlap: GrayImage,
     )
     share = np.maximum(box_mean(count, DRIFT_WINDOW_PX) / np.float32(255), MIN_OVERLAP)
     change_px = box_mean(total_px, DRIFT_WINDOW_PX) / share - before_px
-    return np.asarray(before_px + rules.drift_gain * change_px, np.float32)
+    return np.asarray(before_px + gain * change_px, np.float32)
 
 
 @compiled_part(float32(float32, float32, RULES_TYPE))
