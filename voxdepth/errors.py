@@ -39,8 +39,9 @@ def did_you_mean(*likely: str) -> str:
 
 
 def similar(wrong: str, names: Iterable[str], cutoff: float = 0.6) -> list[str]:
-    """The two names that are most like a wrong one, by `difflib`."""
-    return get_close_matches(wrong, list(names), 2, cutoff)
+    """The two names that are most like a wrong one, by `difflib`, or else that it is a part of."""
+    known = list(names)
+    return get_close_matches(wrong, known, 2, cutoff) or [name for name in known if wrong.lower() in name.lower()][:2]
 
 
 def no_such(kind: str, name: str, names: Iterable[str]) -> str:

@@ -110,7 +110,7 @@ def _in_words(key: str, found: Sequence[Any], model: type[BaseModel], field: str
     if first["type"] in ("missing", "union_tag_not_found"):
         return f"the key {where!r} is missing"
     if first["type"] in ("value_error", "json_invalid"):
-        return f"{where}: {first['msg'].removeprefix('Value error, ')}"
+        return f"{f'{where}: ' if key or field else ''}{first['msg'].removeprefix('Value error, ')}"
     wanted = " or ".join(dict.fromkeys(_expected(problem) for problem in found))
     given = first["ctx"]["tag"] if first["type"] == "union_tag_invalid" else first["input"]
     meant = similar(given, re.findall(r"'([^']*)'", wanted)) if isinstance(given, str) else ()

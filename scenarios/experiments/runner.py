@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from voxdepth.errors import no_such
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import Provenance
 from voxdepth.tools.table import Table
@@ -125,9 +126,7 @@ def find_experiments(names: Sequence[str]) -> list[Experiment]:
     wanted = [found for name in names for found in (paper if name == ALL else [name])]
     for name in wanted:
         if name not in EXPERIMENTS:
-            raise ScenarioError(
-                f"there is no experiment {name!r}; choose one or more of: {', '.join(EXPERIMENTS)}, {ALL}"
-            )
+            raise ScenarioError(no_such("experiment", name, [*EXPERIMENTS, ALL]))
         if wanted.count(name) > 1:
             raise ScenarioError(f"the experiment {name!r} is named twice: once is enough")
     return [EXPERIMENTS[name] for name in wanted]

@@ -133,7 +133,7 @@ def test_a_run_writes_what_it_promises_and_its_repetition_the_same_down_to_the_r
         (["evaluate", "--data", "no-such-folder"], "there is no no-such-folder"),
         (["evaluate", "--methods", "raw,magic"], "there is no corrector 'magic'; choose one of: raw"),
         (["evaluate", "--methods", "nowhere:make"], "the corrector 'nowhere:make' cannot be loaded"),
-        (["experiment", "rq5"], "there is no experiment 'rq5'; choose one or more of: rq1, rq2"),
+        (["experiment", "rq5"], "there is no experiment 'rq5' (did you mean rq"),
         (["experiment", "rq1", "--out", "/dev/null/below"], "cannot write /dev/null/below/recordings/"),
     ],
 )

@@ -162,7 +162,7 @@ def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
     """Return a corrector with the configuration in its text or in a TOML file, perhaps that of an earlier result."""
     from ..corrector_spec import CorrectorSpec, parse_corrector
     from ..model import explained
-    from ..registry import config_of
+    from ..registry import config_of, require_known
     from .files import read_toml
 
     name, given = parse_corrector(corrector)
@@ -177,6 +177,7 @@ def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
             if made_by != name:
                 raise ToolError(f"{config} configures the corrector {made_by!r}: ask for that with --corrector")
             given = given["config"]
+    require_known(name)
     with explained(CorrectorSpec, ToolError, f"{config or '--corrector'}: "):
         return CorrectorSpec(name=name, config=given)
 

@@ -132,6 +132,8 @@ def requested_of(folder: Path, opened: "Opened") -> "list[Requested]":
 
 def _shipped(names: Sequence[str], seed: int | None) -> "list[Requested]":
     """Find shipped sequences by name; the library alone has none."""
+    if folders := [name for name in names if Path(name).is_dir()]:
+        raise ToolError(f"{folders[0]} is a folder: name a recording as --data {folders[0]}")
     found = [each for extension in extensions() for each in extension.sequences(names, seed)] if names else []
     if names and not found:
         raise ToolError(
