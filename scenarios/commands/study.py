@@ -90,34 +90,32 @@ def run(
 
 
 @app.command()
-def status(out: Folder) -> None:
-    """Print the progress of a study, which may be running."""
-    from ..study.store import read_study
-
-    _print_status(read_study(out))
-
-
-@app.command()
-def export(
+def report(
     out: Folder,
-    to: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the tables. Default: OUT.")] = None,
+    progress: Annotated[
+        bool, typer.Option("--progress", help="Print the progress alone, also of a study that is running.")
+    ] = False,
+    effect: Annotated[
+        float | None, typer.Option(min=1, max=99, help="Also print how many pairs would find so many points.")
+    ] = None,
 ) -> None:
-    """Write all runs with a result as runs.csv and runs.parquet, and their drones as drones.csv and drones.parquet."""
-    from ..study.report import export as write_tables
-    from ..study.store import read_study
+    """Print the progress of a study, and write its results so far into OUT.
 
-    for path in write_tables(read_study(out), to or out):
-        typer.echo(f"written to {path}")
-
-
-@app.command()
-def report(out: Folder) -> None:
-    """Write report.html with the results so far, its tables as Markdown, and its figures in figures/."""
-    from ..study.report import write_report
+    These are report.html, its tables as report.md, its figures in figures/, all runs with a result as runs.csv and
+    runs.parquet, and their drones as drones.csv and drones.parquet. --effect is by how many points the first arm of a
+    comparison shall be better; the pairs that find it follow from the rates of the runs.
+    """
+    from ..study.report import export, write_report
     from ..study.store import read_study
 
     data = read_study(out)
-    typer.echo(f"{len(data.records)} of {len(data.runs)} runs; written to {write_report(data, out)}")
+    _print_status(data)
+    if progress:
+        return
+    for path in (write_report(data, out), *(export(data, out) if data.records else ())):
+        typer.echo(f"written to {path}")
+    if effect is not None:
+        _print_pairs(data, effect)
 
 
 @app.command()
@@ -167,20 +165,13 @@ def replay(
         raise typer.Exit(1)
 
 
-@app.command()
-def power(
-    out: Folder,
-    effect: Annotated[float, typer.Option(min=1, max=99, help="Points by which the first arm is better.")] = 10,
-) -> None:
-    """Print how many pairs would find an effect, by the rates of the runs of a study."""
+def _print_pairs(data: "StudyData", effect: float) -> None:
     from ..errors import ScenarioError
     from ..study.analysis import compare_arms, headline, pairs_to_find
-    from ..study.store import read_study
 
-    data = read_study(out)
     comparisons = compare_arms(data, data.study.endpoint)
     if not comparisons:
-        raise ScenarioError(f"{out} has no pair of runs of two arms yet: fly it first")
+        raise ScenarioError(f"the study {data.study.name!r} has no pair of runs of two arms yet: fly it first")
     for found in headline(comparisons):
         needed = pairs_to_find(found, data.study.endpoint, effect / 100)
         typer.echo(f"{found.first} - {found.second}: {effect:g} points need about {needed} pairs, for a power of 80 %")

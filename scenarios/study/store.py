@@ -152,7 +152,8 @@ class Store:
             ScenarioError: Another process writes to the store, it belongs to another version or study, or it contains
                 runs and `resume` is not set.
         """
-        busy = f"another process is flying the study: wait for it, or look at it with voxdepth study status {folder}"
+        look = f"voxdepth study report {folder} --progress"
+        busy = f"another process is flying the study: wait for it, or look at it with {look}"
         with locked(folder, busy), cls._connected(folder) as store:
             with store._writing():
                 if store._is_empty():

@@ -142,16 +142,17 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     assert "4 of 4 runs" in flown.stdout
     assert "go on with --resume, or use another --out" in str(study_command(tiny, "--out", out).exception)
     assert study_command("run", tiny, "--out", out, "--resume").exit_code == 0
-    assert "4 of 4 runs" in study_command("status", out).stdout
-    exported = study_command("export", out)
-    assert exported.exit_code == 0, exported.output
+    before = set(out.iterdir())
+    assert "4 of 4 runs" in study_command("report", out, "--progress").stdout
+    assert set(out.iterdir()) == before, "the progress alone writes nothing"
+    reported = study_command("report", out, "--effect", "20")
+    assert reported.exit_code == 0, reported.output
+    assert "truth - blind: 20 points need about" in reported.output
     table = pyarrow.parquet.read_table(out / "runs.parquet").to_pylist()
     records = results_of(out)
     assert {row["key"]: Outcome(row["outcome"]) for row in table} == {k: r.outcome for k, r in records.items()}
     for row in table:
         assert row["min_clearance_m"] == records[row["key"]].metrics["min_clearance_m"]
-    reported = study_command("report", out)
-    assert reported.exit_code == 0, reported.output
     page = (out / "report.html").read_text()
     assert "This study is not complete" not in page
     assert "scenario city, arm blind, seed 0</td>" in page

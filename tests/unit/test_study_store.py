@@ -173,7 +173,7 @@ def test_what_is_no_store_is_refused(tmp_path: Path) -> None:
 
 def test_a_second_study_on_the_same_store_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
-    busy = r"wait for it, or look at it with voxdepth study status"
+    busy = r"wait for it, or look at it with voxdepth study report .* --progress"
     with Store.begin(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ToolError, match=busy):
         run_study(tiny, tmp_path, Serial(fake), unseen)
     run_study(tiny, tmp_path, Serial(fake), unseen)
