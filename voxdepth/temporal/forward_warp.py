@@ -54,7 +54,7 @@ def reprojection(resolution: WorkingResolution, T_target_source: FloatArray) -> 
     """
     K_R = resolution.K @ T_target_source[:3]
     matrix = np.empty((3, 4), np.float32)
-    matrix[:, :3] = K_R[:, :3] @ np.linalg.inv(resolution.K)
+    matrix[:, :3] = K_R[:, :3] @ resolution.K_inverse
     matrix[:, 3] = K_R[:, 3] / resolution.focal_baseline_px_m
     return matrix
 
