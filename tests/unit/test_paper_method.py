@@ -51,11 +51,12 @@ def test_a_hole_is_filled_from_the_template_within_a_voxel() -> None:
     assert (result.confidence[hole] < 1).all()
 
 
-def test_flicker_is_removed() -> None:
+def test_flicker_is_removed_and_small_holes_are_closed() -> None:
     spotted = flat(10.0)
-    spotted[::15, ::15] = 3.0
+    spotted[::15, ::15], spotted[7::15, ::15] = 3.0, 0.0
     result = feed(VoxDepth(CAMERA, CONFIG), [spotted], texture(0))[0]
     assert np.abs(result.depth_m[5:-5, 5:-5] - 10.0).max() == 0
+    np.testing.assert_array_equal(result.source == Source.INPAINTED, spotted == 0)
 
 
 def test_scaling_depth_and_voxels_together_scales_the_output() -> None:

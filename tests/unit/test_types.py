@@ -243,3 +243,9 @@ def test_metres_with_some_sky_get_no_warning() -> None:
 def test_an_image_that_is_resized_after_matching_keeps_the_error_of_its_depth(size: tuple[int, int]) -> None:
     camera = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=80, baseline_m=0.1)
     assert camera.scaled(*size).focal_baseline_px_m == pytest.approx(camera.focal_baseline_px_m)
+
+
+@pytest.mark.parametrize(("max_width_px", "shape"), [(320, (182, 320)), (1, (1, 1)), (1000, (363, 640))])
+def test_an_image_is_reduced_to_a_width_with_its_aspect_ratio(max_width_px: int, shape: tuple[int, int]) -> None:
+    camera = Intrinsics.from_hfov(width_px=640, height_px=363, hfov_deg=80)
+    assert camera.reduced(max_width_px).shape == shape

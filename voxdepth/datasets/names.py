@@ -71,7 +71,7 @@ def in_order(paths: Sequence[Path]) -> Named:
 def _read(stems: Sequence[str], pattern: re.Pattern[str], read: Reader) -> list[int] | None:
     """The times [ns] of a pattern in names that are alike around it; None if they are not, or are no such times."""
     found = [match for stem in stems if (match := pattern.search(stem))]
-    times_ns = read(found) if len(found) == len(stems) else None
+    times_ns = read(found) if found and len(found) == len(stems) else None
     around = [f"{match.string[: match.start()]}\0{match.string[match.end() :]}" for match in found]
     return times_ns if times_ns is not None and _is_alike(around, times_ns) else None
 

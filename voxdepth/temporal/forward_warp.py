@@ -39,12 +39,6 @@ class Warped(NamedTuple):
     source_y: FloatImage
     """Row in the source image that each pixel comes from."""
 
-    @classmethod
-    def buffer(cls, shape: tuple[int, ...]) -> "Warped":
-        """Images of a shape, without values yet."""
-        disparity_px, source_x, source_y = (np.empty(shape, np.float32) for _ in range(3))
-        return cls(disparity_px, np.empty(shape, np.uint8), source_x, source_y)
-
 
 WARPED_TYPE = named_tuple(Warped, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
 Row = tuple[float, float, float, float]
@@ -60,7 +54,7 @@ def reprojection(resolution: WorkingResolution, T_target_source: FloatArray) -> 
     """
     K_R = resolution.K @ T_target_source[:3]
     matrix = np.empty((3, 4), np.float32)
-    matrix[:, :3] = K_R[:, :3] @ np.linalg.inv(resolution.K)
+    matrix[:, :3] = K_R[:, :3] @ resolution.K_inverse
     matrix[:, 3] = K_R[:, 3] / resolution.focal_baseline_px_m
     return matrix
 
@@ -90,7 +84,8 @@ class ForwardWarp:
         forward, backward = (
             reprojection(self._resolution, T) for T in (T_target_source, inverse_rigid(T_target_source))
         )
-        warped = Warped.buffer(disparity_px.shape)
+        kinds = np.float32, np.uint8, np.float32, np.float32
+        warped = Warped(*(np.empty(disparity_px.shape, kind) for kind in kinds))
         self._keys.fill(0)
         _splat(disparity_px, weight, forward, self._target, self._key, self._keys, self._marked_px)
         _read_keys(self._keys, warped.disparity_px, warped.weight)

@@ -96,13 +96,6 @@ class Fused(NamedTuple):
     """Factor by which the error of the memory has grown since it was measured, float32: the error of a depth stays, so
     that of its disparity is proportional to the square of the disparity. It is in 1..`MAX_MAGNIFICATION`."""
 
-    @classmethod
-    def buffer(cls, shape: tuple[int, int]) -> "Fused":
-        """Images of a shape, without values yet."""
-        disparity_px, remembered_px, magnification = np.empty((3, *shape), np.float32)
-        pixel_class, weight = np.empty((2, *shape), np.uint8)
-        return cls(disparity_px, pixel_class, weight, remembered_px, magnification)
-
     def as_measured(self, measurement: Measurement) -> "Fused":
         """Show the measurement where the memory agrees with it: without noise, nothing is gained by a mean."""
         is_fused = self.pixel_class == PixelClass.FUSED
@@ -182,7 +175,10 @@ def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig)
     rules = Rules.of(config)
     max_gray_change = max(config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * max(1, _sparse_median(gray_change)))
     comparison, drift_px = _compare(memory, measurement, rules, config)
-    fused, updated = Fused.buffer(gray_change.shape), Memory.empty(measurement.gray)._replace(drift_px=drift_px)
+    disparity_px, remembered_px, magnification = np.empty((3, *gray_change.shape), np.float32)
+    pixel_class, weight = np.empty((2, *gray_change.shape), np.uint8)
+    fused = Fused(disparity_px, pixel_class, weight, remembered_px, magnification)
+    updated = Memory.empty(measurement.gray)._replace(drift_px=drift_px)
     _fuse_pixels(memory, measurement, comparison, gray_change, max_gray_change, rules, fused, updated)
     return fused, updated
 

@@ -1,5 +1,6 @@
 """The output of the method: depth, source and confidence of every pixel of the frame, from its working pixel."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import cv2
@@ -71,9 +72,8 @@ class Upsampler:
             size = 2 * resolution.width_px, 2 * resolution.height_px
             disparity_px = np.asarray(cv2.resize(disparity_px, size, interpolation=cv2.INTER_LINEAR), np.float32)
             _separate(measured_m, estimate, np.asarray(span_px, np.float32), focal_baseline_px_m, disparity_px)
-        _show(
-            measured_m, disparity_px, estimate, resolution.decimation, focal_baseline_px_m, min_fill_confidence, shown
-        )
+        show = _SHOW[resolution.decimation]
+        show(measured_m, disparity_px, estimate, focal_baseline_px_m, min_fill_confidence, shown)
         height, width = disparity_px.shape
         for image in shown:  # A last odd row or column has no working pixel.
             image[height:] = image[height - 1]
@@ -140,27 +140,35 @@ def _separate(
                     disparity_px[full_row, full_col] = measured_px if measured_px > 0 and is_same else value_px
 
 
-@compiled(void(READABLE_IMAGE, FLOAT_IMAGE, ESTIMATE_TYPE, int64, float32, float32, SHOWN_TYPE))
-def _show(
-    measured_m: FloatImage,
-    disparity_px: FloatImage,
-    estimate: Estimate,
-    decimation: int,
-    focal_baseline_px_m: float,
-    min_fill_confidence: float,
-    # output
-    shown: Shown,
-) -> None:
-    """The output for the disparity of the pixels of the frame, each of which is in a working pixel."""
-    least_m, shift = focal_baseline_px_m / MAX_DISPARITY_PX, decimation - 1
-    for row in range(disparity_px.shape[0]):
-        classes, confidences = estimate.pixel_class[row >> shift], estimate.confidence[row >> shift]
-        for col in range(disparity_px.shape[1]):
-            of_col = np.uint32(col) >> np.uint32(shift)
-            depth_m = depth_of(disparity_px[row, col], focal_baseline_px_m)
-            is_measured = measured_m[row, col] >= least_m
-            pixel_class, confidence = classes[of_col], confidences[of_col]
-            _show_pixel(shown, row, col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence)
+def _shower(decimation: int) -> Callable[[FloatImage, FloatImage, Estimate, float, float, Shown], None]:
+    """The loop for a decimation, which is a constant in it."""
+
+    @compiled(void(READABLE_IMAGE, FLOAT_IMAGE, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
+    def show(
+        measured_m: FloatImage,
+        disparity_px: FloatImage,
+        estimate: Estimate,
+        focal_baseline_px_m: float,
+        min_fill_confidence: float,
+        # output
+        shown: Shown,
+    ) -> None:
+        """The output for the disparity of the pixels of the frame, each of which is in a working pixel."""
+        least_m = focal_baseline_px_m / MAX_DISPARITY_PX
+        for row in range(disparity_px.shape[0]):
+            for of_col in range(estimate.confidence.shape[1]):
+                pixel_class = estimate.pixel_class[row // decimation, of_col]
+                confidence = estimate.confidence[row // decimation, of_col]
+                for side in range(decimation):
+                    col = decimation * of_col + side
+                    depth_m = depth_of(disparity_px[row, col], focal_baseline_px_m)
+                    is_measured = measured_m[row, col] >= least_m
+                    _show_pixel(shown, row, col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence)
+
+    return show
+
+
+_SHOW = {decimation: _shower(decimation) for decimation in (1, 2)}
 
 
 @compiled(void(PLACES, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))

@@ -1,6 +1,7 @@
 """The resolution that the method works at, and the conversion between depth and disparity."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import float32
@@ -65,6 +66,11 @@ class WorkingResolution:
     def shape(self) -> tuple[int, int]:
         """Shape (h, w) of the working images."""
         return self.height_px, self.width_px
+
+    @cached_property
+    def K_inverse(self) -> FloatArray:  # noqa: N802
+        """Inverse of the camera matrix, shape (3, 3)."""
+        return np.asarray(np.linalg.inv(self.K), np.float64)
 
     def disparity(self, depth_m: FloatImage) -> FloatImage:
         """Disparity [px] of depth [m], both of shape (H, W); 0 = invalid in both."""
