@@ -190,11 +190,11 @@ def _print_status(data: "StudyData") -> None:
     from rich.console import Console
 
     from ..study.report import result
-    from ..study.run import Progress
+    from ..study.run import status_table
 
     typer.echo(f"study {data.study.name}: {data.study.description}".removesuffix(": "))
     typer.echo(result(data))
-    Progress(data).table().print(Console())
+    status_table(data).print(Console())
     for failure in list(data.failures.values())[:5]:
         typer.echo(f"{failure.kind} in run {data.runs[failure.key].short_key}: {failure.last_line}")
     kinds = {failure.kind for failure in data.failures.values()}

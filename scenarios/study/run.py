@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -25,8 +26,8 @@ class Progress:
     """Counts of a study while it runs. A run that several arms share counts once in total, and once for each arm."""
 
     def __init__(self, data: StudyData) -> None:
-        self._data = data
         self._records = dict(data.records)
+        self._data = replace(data, records=self._records)
         self.total = len(data.runs)
         self.failed = set(data.failures)
         """Keys of the runs that failed and have no result."""
@@ -35,8 +36,6 @@ class Progress:
         self._flown_wall_s = 0.0
         self.elapsed_s = 0.0
         """Wall-clock time since this call began."""
-        self.left_s: float | None = None
-        """Estimate of the wall-clock time that is left; None before the first result of this call."""
 
     @property
     def done(self) -> int:
@@ -44,33 +43,27 @@ class Progress:
         return len(self._records)
 
     @property
-    def arms(self) -> pd.DataFrame:
-        """Counts of each arm by its name: `planned`, `done`, `arrived`, `collisions`, their `ratio`, and `mean_wall_s`.
+    def is_over(self) -> bool:
+        """Whether every run has ended."""
+        return self.done + len(self.failed) == self.total
 
-        The ratio of collisions and the mean time of a run are NaN without runs.
+    @property
+    def left_s(self) -> float | None:
+        """Estimate of the wall-clock time that is left, by the mean times of the arms and the runs side by side.
+
+        None before the first result of this call.
         """
-        records = [self._records.get(spec.key) for spec in self._data.specs]
-        runs = pd.DataFrame(
-            {
-                "arm": [self.name_of(spec) for spec in self._data.specs],
-                "wall_s": [math.nan if record is None else record.wall_s for record in records],
-                "arrived": [record is not None and record.outcome is Outcome.SUCCESS for record in records],
-                "collided": [record is not None and record.outcome is Outcome.COLLISION for record in records],
-            }
-        )
-        counts = {"planned": ("arm", "size"), "done": ("wall_s", "count")}
-        counts |= {"arrived": ("arrived", "sum"), "collisions": ("collided", "sum")}
-        arms = runs.groupby("arm", sort=False).agg(**counts, mean_wall_s=("wall_s", "mean"))
-        return arms.assign(ratio=arms["collisions"] / arms["done"])
+        if not self._flown_wall_s or not self.elapsed_s:
+            return None
+        mean_s = arm_counts(self._data)["mean_wall_s"]
+        waiting = [s for key, s in self._data.runs.items() if key not in self._records and key not in self.failed]
+        work_s = mean_s.fillna(mean_s.mean())[[_name_of(self._data, spec) for spec in waiting]].sum()
+        return float(work_s) * self.elapsed_s / self._flown_wall_s
 
-    def name_of(self, spec: RunSpec) -> str:
-        """Return the arm of a run with its noise ratio, and with the scenario if the study has several."""
-        scenario = f"{spec.scenario}, " if len(self._data.study.scenarios) > 1 else ""
-        return scenario + arm_label(spec.arm, spec.level)
-
-    def add(self, done: Completion) -> None:
+    def add(self, done: Completion, elapsed_s: float) -> None:
         """Count a run that has just ended."""
         self.flown += 1
+        self.elapsed_s = elapsed_s
         if isinstance(done, Failure):
             self.failed.add(done.key)
         else:
@@ -78,30 +71,9 @@ class Progress:
             self._records[done.key] = done
             self._flown_wall_s += done.wall_s
 
-    def set_time(self, elapsed_s: float, waiting: list[RunSpec]) -> None:
-        """Set the elapsed time, and estimate the time left from the mean times of the arms and the runs in parallel."""
-        self.elapsed_s, self.left_s = elapsed_s, None
-        if self._flown_wall_s > 0 and elapsed_s > 0:
-            mean_s = self.arms["mean_wall_s"]
-            work_s = mean_s.fillna(mean_s.mean())[[self.name_of(spec) for spec in waiting]].sum()
-            self.left_s = float(work_s) / (self._flown_wall_s / elapsed_s)
-
-    def table(self) -> Table:
-        """Return a table with a row for each arm in each scenario at each level."""
-        columns = ("arm", "runs", "arrived", "collisions", "collision ratio", Column("time of a run", "s", ".1f"))
-        rows = [
-            [arm.Index, f"{arm.done} of {arm.planned}", arm.arrived, arm.collisions, arm.ratio, arm.mean_wall_s]
-            for arm in self.arms.itertuples()
-        ]
-        return Table.of(self.headline(), columns, rows)
-
     def line(self) -> str:
-        """Return the time of day and the headline."""
-        return f"{time.strftime('%H:%M:%S')} {self.headline()}"
-
-    def headline(self) -> str:
-        """Return the number of runs, the speed, the time left and the number of errors."""
-        parts = [f"{self.done} of {self.total} runs"]
+        """Return the time of day, the number of runs, the speed, the time left and the number of errors."""
+        parts = [f"{time.strftime('%H:%M:%S')} {self.done} of {self.total} runs"]
         if self.flown and self.elapsed_s > 0:
             parts.append(f"{3600 * self.flown / self.elapsed_s:.0f} runs per hour")
         if self.left_s is not None:
@@ -109,6 +81,43 @@ class Progress:
         if self.failed:
             parts.append(f"{len(self.failed)} errors")
         return ", ".join(parts)
+
+
+def arm_counts(data: StudyData) -> pd.DataFrame:
+    """Return `planned`, `done`, `arrived`, `collisions`, their `ratio`, and `mean_wall_s` of each arm at each level.
+
+    The index has their names. The ratio of collisions and the mean time of a run are NaN without runs.
+    """
+    records = [data.records.get(spec.key) for spec in data.specs]
+    runs = pd.DataFrame(
+        {
+            "arm": [_name_of(data, spec) for spec in data.specs],
+            "wall_s": [math.nan if record is None else record.wall_s for record in records],
+            "arrived": [record is not None and record.outcome is Outcome.SUCCESS for record in records],
+            "collided": [record is not None and record.outcome is Outcome.COLLISION for record in records],
+        }
+    )
+    counts = {"planned": ("arm", "size"), "done": ("wall_s", "count")}
+    counts |= {"arrived": ("arrived", "sum"), "collisions": ("collided", "sum")}
+    arms = runs.groupby("arm", sort=False).agg(**counts, mean_wall_s=("wall_s", "mean"))
+    return arms.assign(ratio=arms["collisions"] / arms["done"])
+
+
+def _name_of(data: StudyData, spec: RunSpec) -> str:
+    """Return the arm of a run with its level, and with the scenario if the study has several."""
+    scenario = f"{spec.scenario}, " if len(data.study.scenarios) > 1 else ""
+    return scenario + arm_label(spec.arm, spec.level)
+
+
+def status_table(data: StudyData) -> Table:
+    """Return a table with a row for each arm in each scenario at each level."""
+    errors = f", {len(data.failures)} errors" if data.failures else ""
+    columns = ("arm", "runs", "arrived", "collisions", "collision ratio", Column("time of a run", "s", ".1f"))
+    rows = [
+        [arm.Index, f"{arm.done} of {arm.planned}", arm.arrived, arm.collisions, arm.ratio, arm.mean_wall_s]
+        for arm in arm_counts(data).itertuples()
+    ]
+    return Table.of(f"{len(data.records)} of {len(data.runs)} runs{errors}", columns, rows)
 
 
 def duration(seconds: float) -> str:
@@ -123,12 +132,12 @@ Display = Callable[[Progress], None]
 
 @contextmanager
 def display_on(console: Console) -> Iterator[Display]:
-    """Give a display: a live table on a terminal; otherwise a line at the start, at the end and every half minute."""
+    """Give a display of one line: it is renewed on a terminal, and otherwise printed anew every half minute."""
     next_s = 0.0
 
     def print_line(progress: Progress) -> None:
         nonlocal next_s
-        if progress.elapsed_s >= next_s or progress.done + len(progress.failed) == progress.total:
+        if progress.elapsed_s >= next_s or progress.is_over:
             next_s = progress.elapsed_s + LINE_EVERY_S
             console.print(progress.line(), soft_wrap=True)
 
@@ -136,7 +145,7 @@ def display_on(console: Console) -> Iterator[Display]:
         yield print_line
         return
     with Live(console=console, refresh_per_second=2) as live:
-        yield lambda progress: live.update(progress.table().rich())
+        yield lambda progress: live.update(progress.line())
 
 
 def run_study(
@@ -156,16 +165,14 @@ def run_study(
         load_controller(controller)
     with Store.begin(out, study, specs, resume=resume) as store:
         data = store.read()
-        waiting = {spec.key: spec for spec in data.missing(retry_errors=retry_errors)}
+        waiting = data.missing(retry_errors=retry_errors)
         if not waiting:
             return data
         progress, start_s = Progress(data), time.perf_counter()
         display(progress)
-        with closing(executor.run(by_importance(study, specs, waiting.values()))) as runs:
+        with closing(executor.run(by_importance(study, specs, waiting))) as runs:
             for done in runs:
                 store.add(done)
-                del waiting[done.key]
-                progress.add(done)
-                progress.set_time(time.perf_counter() - start_s, list(waiting.values()))
+                progress.add(done, time.perf_counter() - start_s)
                 display(progress)
         return store.read()

@@ -1,5 +1,6 @@
 """From outcomes to points, comparisons and a page."""
 
+import io
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +23,7 @@ from scenarios.study.analysis import (
 )
 from scenarios.study.design import expand
 from scenarios.study.report import Findings, export, render, run_table, write_report
-from scenarios.study.run import Progress, display_on, duration
+from scenarios.study.run import Progress, display_on, duration, status_table
 from scenarios.study.statistics import (
     Estimate,
     Interval,
@@ -262,40 +263,33 @@ def test_tables_have_a_row_for_each_cell_with_a_result(tmp_path: Path) -> None:
 
 def test_progress_counts_what_was_there_and_what_comes() -> None:
     data = two_arms("xo ", "o  ")
-    progress = Progress(data)
-    assert (progress.done, progress.total) == (6, 9)
-    missing = data.missing(retry_errors=False)
-    progress.set_time(10.0, missing)
-    assert progress.left_s is None, "nothing was flown in this call"
-    progress.add(replace(record(missing[0], HIT), wall_s=4.0))
-    progress.add(Failure(key=missing[1].key, kind="died", text="gone"))
-    assert (progress.done, progress.flown, len(progress.failed)) == (7, 2, 1)
-    assert progress.arms["collisions"][["a", "b"]].sum() == 2
+    progress, missing = Progress(data), data.missing(retry_errors=False)
+    assert (progress.done, progress.total, progress.left_s) == (6, 9, None)
+    progress.add(replace(record(missing[0], HIT), wall_s=4.0), 1.0)
+    progress.add(Failure(key=missing[1].key, kind="died", text="gone"), 2.0)
+    assert (progress.done, progress.flown, len(progress.failed), progress.is_over) == (7, 2, 1, False)
     # Two runs at a time: 4 s of flying in 2 s. The waiting run takes the mean time of its arm.
-    mean_s = progress.arms["mean_wall_s"][progress.name_of(missing[2])]
-    progress.set_time(2.0, missing[2:])
-    assert progress.left_s == pytest.approx(mean_s / 2)
-    progress.elapsed_s, progress.left_s = 3600.0, 5400.0
-    assert progress.line().endswith("7 of 9 runs, 2 runs per hour, 1 h 30 min left, 1 errors")
-    assert duration(125) == "2 min"
+    flown = replace(data, records=data.records | {missing[0].key: replace(record(missing[0]), wall_s=4.0)})
+    mean_s = dict(zip(status_table(flown).column("arm"), status_table(flown).column("time of a run"), strict=True))
+    assert progress.left_s == pytest.approx(mean_s[missing[2].arm] / 2)
+    assert progress.line().endswith("7 of 9 runs, 3600 runs per hour, 0 min left, 1 errors")
+    assert (duration(125), duration(5400)) == ("2 min", "1 h 30 min")
 
 
-def test_progress_is_a_line_every_half_minute_without_a_terminal() -> None:
-    progress = Progress(two_arms("xo ", "o  "))
-    console = Console(record=True, force_terminal=False, width=200)
+@pytest.mark.parametrize(("is_terminal", "lines"), [(False, 2), (True, 1)])
+def test_progress_is_one_short_line_however_many_arms_there_are(is_terminal: bool, lines: int) -> None:
+    """Printed every half minute, or renewed on a terminal."""
+    progress = Progress(noise_study())
+    console = Console(record=True, force_terminal=is_terminal, width=200, color_system=None, file=io.StringIO())
     with display_on(console) as display:
-        for elapsed_s in (0.0, 10.0, 20.0, 31.0, 40.0):
-            progress.elapsed_s = elapsed_s
+        for progress.elapsed_s in (0.0, 10.0, 20.0, 31.0, 40.0):
             display(progress)
-    assert console.export_text().count("6 of 9 runs") == 2
+    shown = [line.rstrip() for line in console.export_text().splitlines()]
+    assert [line.partition(" ")[2] for line in shown] == ["23 of 24 runs"] * lines
 
 
-def test_progress_is_a_table_on_a_terminal() -> None:
-    progress = Progress(two_arms("xo ", "o  "))
-    console = Console(record=True, force_terminal=True, width=120)
-    with display_on(console) as display:
-        display(progress)
-    assert "6 of 9 runs" in console.export_text()
-    assert len(progress.table()) == 3
-    assert progress.table().column("collision ratio") == [0.5, 0.0, 0.0]
-    assert list(Progress(noise_study()).arms.index) == [f"raw at {theta:g}" for theta in (0, 0.4, 0.7, 1)]
+def test_the_status_has_a_row_for_each_arm_at_each_level() -> None:
+    table = status_table(two_arms("xo ", "o  "))
+    assert (table.title, table.column("runs")) == ("6 of 9 runs", ["2 of 3", "1 of 3", "3 of 3"])
+    assert table.column("collision ratio") == [0.5, 0.0, 0.0]
+    assert status_table(noise_study()).column("arm") == [f"raw at {theta:g}" for theta in (0, 0.4, 0.7, 1)]
