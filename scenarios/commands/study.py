@@ -51,7 +51,9 @@ def run(
     ] = 2,
     cluster: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Fly on the workers of a Dask scheduler; `local` makes one here."),
+        typer.Option(
+            metavar="ADDRESS", help="Fly on the workers of a Dask scheduler instead, as in tcp://10.0.0.1:8786."
+        ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on: fly what is missing.")] = False,
     retry_errors: Annotated[
@@ -74,7 +76,7 @@ def run(
     study = load_study(file)
     folder = out or DEFAULT_OUT / study.name
     if cluster is not None:
-        executor: Executor = Cluster(cluster, workers, study.time_limit_s)
+        executor: Executor = Cluster(cluster, study.time_limit_s)
     else:
         executor = Processes(workers, study.time_limit_s) if workers else Serial()
     try:

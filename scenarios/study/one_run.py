@@ -1,8 +1,10 @@
 """Flying one run of a study, wherever that is."""
 
 import math
+import signal
 import traceback
 from collections.abc import Callable
+from typing import Any
 
 from voxdepth.errors import PluginError
 
@@ -38,3 +40,8 @@ def attempt(fly_one: FlyOne, spec: RunSpec) -> Completion:
     except Exception as error:  # Any error belongs to this run and must not stop the others.
         kind: FailureKind = "plugin error" if isinstance(error, PluginError) else "error"
         return Failure(key=spec.key, kind=kind, text=traceback.format_exc())
+
+
+def dask_setup(worker: Any) -> None:
+    """Let a worker of Dask ignore Ctrl-C, which a terminal sends to all processes: the study stops its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
