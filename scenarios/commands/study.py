@@ -16,7 +16,11 @@ if TYPE_CHECKING:
 
 DEFAULT_OUT = Path("runs/studies")
 
-Folder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a study.")]
+To = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help=f"Folder of what is written. Default: OUT, of an archive {DEFAULT_OUT}/NAME."),
+]
+Folder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a study, or an archive of one.")]
 
 
 class RunByDefault(TyperGroup):
@@ -100,26 +104,25 @@ def status(out: Folder) -> None:
 
 
 @app.command()
-def export(
-    out: Folder,
-    to: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the tables. Default: OUT.")] = None,
-) -> None:
+def export(out: Folder, to: To = None) -> None:
     """Write all runs with a result as runs.csv and runs.parquet, and their drones as drones.csv and drones.parquet."""
     from ..study.report import export as write_tables
     from ..study.store import read_study
 
-    for path in write_tables(read_study(out), to or out):
+    data = read_study(out)
+    for path in write_tables(data, to or _folder_of(out, data)):
         typer.echo(f"written to {path}")
 
 
 @app.command()
-def report(out: Folder) -> None:
+def report(out: Folder, to: To = None) -> None:
     """Write report.html with the results so far, its tables as Markdown, and its figures in figures/."""
     from ..study.report import write_report
     from ..study.store import read_study
 
     data = read_study(out)
-    typer.echo(f"{len(data.records)} of {len(data.runs)} runs; written to {write_report(data, out)}")
+    page = write_report(data, out, to or _folder_of(out, data))
+    typer.echo(f"{len(data.records)} of {len(data.runs)} runs; written to {page}")
 
 
 @app.command()
@@ -151,7 +154,7 @@ def replay(
     key: Annotated[str, typer.Argument(metavar="KEY", help="Key of a run, or how it begins.")],
     to: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder in which the run gets a new folder. Default: OUT/replays."),
+        typer.Option(metavar="DIR", help="Folder in which the run gets a new folder. Default: replays in OUT."),
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="Write a Rerun recording.")] = False,
 ) -> None:
@@ -162,7 +165,7 @@ def replay(
     data = read_study(out)
     spec = find(data, key)
     typer.echo(f"run {spec.short_key}: {spec.label}")
-    folder, is_same, verdict = fly_again(data, spec, to or out / "replays", record=record)
+    folder, is_same, verdict = fly_again(data, spec, to or _folder_of(out, data) / "replays", record=record)
     typer.echo(verdict)
     typer.echo(f"its files are in {folder}")
     if is_same is False:
@@ -186,6 +189,11 @@ def power(
     for found in headline(comparisons):
         needed = pairs_to_find(found, data.study.endpoint, effect / 100)
         typer.echo(f"{found.first} - {found.second}: {effect:g} points need about {needed} pairs, for a power of 80 %")
+
+
+def _folder_of(out: Path, data: "StudyData") -> Path:
+    """Return the folder of what is made of a study, which may be an archive."""
+    return out if out.is_dir() else DEFAULT_OUT / data.study.name
 
 
 def _print_status(data: "StudyData") -> None:

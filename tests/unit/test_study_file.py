@@ -8,7 +8,7 @@ import pytest
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import shipped_names
-from scenarios.study.design import Arm, Study, by_importance, digest, expand, key_of, load_study
+from scenarios.study.design import Arm, Study, by_importance, expand, identity, key_of, load_study
 from tests.studies import ONE_DRONE, arm, noisy, study
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.temporal.config import TemporalConfig
@@ -84,7 +84,7 @@ def test_a_key_is_the_same_tomorrow() -> None:
 
 
 def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
-    digests = []
+    identities = []
     for name in ("here", "there"):
         folder = tmp_path / name
         folder.mkdir()
@@ -93,9 +93,9 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
         specs = expand(found)
         assert specs[0].scenario == "own"
         assert specs[0].run.scenario.mission.drones == 2
-        digests.append(digest(found, specs))
-    assert digests[0] == digests[1]
-    assert digests[0] != digest(load_study(saved(tmp_path)), expand(load_study(saved(tmp_path))))
+        identities.append(identity(found, specs))
+    assert identities[0] == identities[1]
+    assert identities[0] != identity(load_study(saved(tmp_path)), expand(load_study(saved(tmp_path))))
 
 
 @pytest.mark.parametrize(

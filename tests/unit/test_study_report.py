@@ -174,7 +174,7 @@ def test_the_page_loads_nothing_and_says_what_there_is() -> None:
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files of a report, drawn once."""
     folder = tmp_path_factory.mktemp("report")
-    write_report(two_arms("xxol ", "ooooo", **DECLARED), folder)
+    write_report(two_arms("xxol ", "ooooo", **DECLARED), folder, folder)
     return folder
 
 
@@ -194,7 +194,7 @@ def test_the_tables_are_the_same_in_markdown_and_stand_beside_the_page(report: P
 
 
 def test_the_same_results_give_the_same_files(report: Path, tmp_path: Path) -> None:
-    write_report(two_arms("xxol ", "ooooo", **DECLARED), tmp_path)
+    write_report(two_arms("xxol ", "ooooo", **DECLARED), report, tmp_path)
     files = sorted(path.relative_to(report) for path in (report / "figures").iterdir())
     assert len(files) == 1
     for name in [*files, Path("report.md")]:

@@ -1,8 +1,11 @@
 """The store of a study: nothing lost, nothing twice, and nothing mixed."""
 
-import shutil
-import sqlite3
-from contextlib import closing
+import errno
+import json
+import os
+import stat
+import subprocess
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +15,7 @@ from scenarios.errors import ScenarioError
 from scenarios.study.design import expand
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
-from scenarios.study.store import FILE, Failure, Store, read_study
+from scenarios.study.store import Failure, Store, read_study
 from swarm.types import Outcome
 from tests.studies import HIT, Scripted, arm, fake, noisy, record, results_of, study, unseen
 from voxdepth.tools.errors import ToolError
@@ -40,36 +43,65 @@ def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     ]
 
 
+def edited(name: str, **values: object) -> Callable[[Path], Path]:
+    """Change the values of a file of a study, of the first that has such a name."""
+
+    def edit(folder: Path) -> Path:
+        path = sorted(folder.glob(name))[0]
+        path.write_text(json.dumps(json.loads(path.read_text()) | values))
+        return path
+
+    return edit
+
+
+def cut(name: str) -> Callable[[Path], Path]:
+    def cut_in_the_middle(folder: Path) -> Path:
+        path = sorted(folder.glob(name))[0]
+        path.write_bytes(path.read_bytes()[:100])
+        return path
+
+    return cut_in_the_middle
+
+
 @pytest.mark.parametrize(
-    "change",
+    "damage",
     [
-        "DROP TABLE cells",
-        "UPDATE results SET outcome = 'flown' WHERE rowid = 1",
-        "UPDATE results SET metrics = '{' WHERE rowid = 1",
-        "UPDATE results SET contacts = '[{}]' WHERE rowid = 1",
-        "DELETE FROM meta WHERE name = 'study'",
-        "UPDATE meta SET value = '[' WHERE name = 'versions'",
-        "DELETE FROM runs",
-        "DELETE FROM cells WHERE rowid = 1",
+        cut("study.json"),
+        edited("study.json", study={}),
+        edited("study.json", cells=[]),
+        cut("runs/*"),
+        edited("runs/*", outcome="flown"),
+        edited("runs/*", metrics="none"),
+        edited("runs/*", contacts=[{}]),
+        edited("runs/*", key="another"),
     ],
 )
-def test_a_damaged_study_is_told_in_one_line(change: str, tmp_path: Path) -> None:
+def test_a_damaged_file_is_named_in_one_line(damage: Callable[[Path], Path], tmp_path: Path) -> None:
     run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
-    changed(tmp_path, change)
-    with pytest.raises(ScenarioError, match="is damaged") as told:
+    path = damage(tmp_path)
+    with pytest.raises(ScenarioError, match=r"is damaged.*: restore a copy of it") as told:
         read_study(tmp_path)
     assert "\n" not in str(told.value)
+    assert str(path) in str(told.value)
 
 
-def test_a_result_cannot_be_there_twice(tmp_path: Path) -> None:
+def test_a_damaged_run_can_be_deleted_and_flown_again(tmp_path: Path) -> None:
     tiny = study(arm("a"))
-    specs = expand(tiny)
-    with Store.begin(tmp_path, tiny, specs, resume=False) as store:
-        store.add(record(specs[0]))
-        with pytest.raises(sqlite3.IntegrityError):
-            store.add(record(specs[0]))
-        store.add(record(specs[1]))
-    assert len(results_of(tmp_path)) == 2
+    before = run_study(tiny, tmp_path, Serial(fake), unseen)
+    cut("runs/*")(tmp_path).unlink()
+    assert run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN) == before
+
+
+def test_an_archive_of_a_study_is_read_as_it_is(tmp_path: Path) -> None:
+    tiny, out = study(arm("a"), arm("raises")), tmp_path / "out"
+    flown = run_study(tiny, out, Serial(fake), unseen)
+    subprocess.run(["tar", "-cJf", tmp_path / "tiny.tar.xz", "-C", out, "."], check=True)
+    assert read_study(tmp_path / "tiny.tar.xz") == flown
+    packed = (tmp_path / "tiny.tar.xz").read_bytes()
+    for damaged in (packed[:-200], b"something else " * 1000):
+        (tmp_path / "tiny.tar.xz").write_bytes(damaged)
+        with pytest.raises(ScenarioError, match=r"cannot read .*tiny\.tar\.xz"):
+            read_study(tmp_path / "tiny.tar.xz")
 
 
 def test_arms_that_set_the_same_share_their_runs(tmp_path: Path) -> None:
@@ -99,8 +131,7 @@ def test_only_what_is_missing_is_flown_again(tmp_path: Path) -> None:
     mended = run_study(tiny, tmp_path, Serial(record), unseen, **RETRY)
     assert not mended.failures
     assert len(mended.records) == 4
-    with closing(sqlite3.connect(tmp_path / FILE)) as database:
-        assert database.execute("SELECT count(*) FROM failures").fetchone() == (2,), "what went wrong stays on record"
+    assert len(list(tmp_path.glob("failures/*.json"))) == 2, "what went wrong stays on record"
 
 
 def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
@@ -125,50 +156,42 @@ def test_a_study_goes_on_with_more_time_for_each_run(tmp_path: Path) -> None:
     run_study(study(arm("a"), time_limit_s=90.0, description="The same."), tmp_path, Serial(fake), unseen, **AGAIN)
 
 
-def changed(folder: Path, statement: str) -> None:
-    with closing(sqlite3.connect(folder / FILE)) as database, database:
-        database.execute(statement)
-
-
-def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
+def test_a_study_of_another_version_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
     run_study(tiny, tmp_path, Serial(fake), unseen)
-    changed(tmp_path, "UPDATE runs SET run = json_set(run, '$.scenario.wings', 2)")
+    edited("study.json", wings=2)(tmp_path)
     with pytest.raises(ScenarioError, match=r"other keys \(unknown key 'wings'\)"):
         read_study(tmp_path)
-    changed(tmp_path, "UPDATE meta SET value = '99' WHERE name = 'schema'")
-    with pytest.raises(ScenarioError, match="has the format 99, this version reads 3: use another --out"):
+    edited("study.json", format=99)(tmp_path)
+    with pytest.raises(ScenarioError, match="has the format 99, this version reads 1: use another --out"):
         run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN)
-    with pytest.raises(ScenarioError, match="has the format 99"):
-        read_study(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("json_set(value, '$.numpy', '1.0')", r"\(numpy 1\.0 -> 2"),
-        ("json_set(value, '$.code', 'abc')", r"\(code abc -> [0-9a-f]{12}\)"),
-        ("json_remove(value, '$.code')", r"\(code unknown -> [0-9a-f]{12}\)"),
+        ({"numpy": "1.0"}, r"\(numpy 1\.0 -> 2"),
+        ({"code": "abc"}, r"\(code abc -> [0-9a-f]{12}\)"),
+        ({"code": None}, r"\(code unknown -> [0-9a-f]{12}\)"),
     ],
 )
-def test_a_store_of_other_packages_or_code_is_refused(tmp_path: Path, change: str, message: str) -> None:
+def test_a_study_of_other_packages_or_code_is_refused(
+    tmp_path: Path, change: dict[str, str | None], message: str
+) -> None:
     tiny = study(arm("a"))
-    run_study(tiny, tmp_path, Serial(fake), unseen)
-    changed(tmp_path, f"UPDATE meta SET value = {change} WHERE name = 'versions'")
+    versions = dict(run_study(tiny, tmp_path, Serial(fake), unseen).versions)
+    other = {name: version for name, version in (versions | change).items() if version is not None}
+    edited("study.json", versions=other)(tmp_path)
     with pytest.raises(ScenarioError, match=f"begun with other versions {message}"):
         run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN)
 
 
-def test_what_is_no_store_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match="there is no study in"):
+def test_what_is_no_study_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"there is no study in .*: expected a folder with study\.json"):
         read_study(tmp_path)
-    (tmp_path / FILE).write_bytes(b"something else " * 1000)
-    with pytest.raises(ScenarioError, match="use another --out"):
-        run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
-    shutil.rmtree(tmp_path)
-    tmp_path.write_text("a file")
+    (tmp_path / "file").write_text("a file")
     with pytest.raises(ToolError, match="cannot write to"):
-        run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
+        run_study(study(arm("a")), tmp_path / "file", Serial(fake), unseen)
 
 
 def test_a_second_study_on_the_same_store_is_refused(tmp_path: Path) -> None:
@@ -179,16 +202,19 @@ def test_a_second_study_on_the_same_store_is_refused(tmp_path: Path) -> None:
     run_study(tiny, tmp_path, Serial(fake), unseen)
 
 
-def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path) -> None:
-    tiny = study(arm("a"), seeds=40)
-    specs = expand(tiny)
-    with Store.begin(tmp_path, tiny, specs, resume=False) as store:
-        store.add(record(specs[0]))
-        pages = store._database.execute("PRAGMA page_count").fetchone()[0]
-        store._database.execute(f"PRAGMA max_page_count = {pages}")
-        with pytest.raises(ScenarioError, match="cannot write"):
-            for spec in specs[1:]:
-                store.add(record(spec))
-        kept = store.read().records
-    assert results_of(tmp_path) == kept
-    assert 0 < len(kept) < 40
+def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tiny = study(arm("a"), seeds=6)
+    keys = [spec.key for spec in expand(tiny)]
+    synced = os.fsync
+
+    def fsync(handle: int) -> None:
+        if stat.S_ISREG(os.fstat(handle).st_mode) and len(list(tmp_path.glob("runs/*.json"))) == 3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        synced(handle)
+
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", fsync)
+        with pytest.raises(ToolError, match=rf"cannot write .*{keys[3]}\.json: No space left"):
+            run_study(tiny, tmp_path, Serial(fake), unseen)
+    assert set(results_of(tmp_path)) == set(keys[:3])
+    assert len(run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN).records) == 6
