@@ -200,7 +200,7 @@ def _print_status(data: "StudyData") -> None:
     from rich.console import Console
 
     from ..study.report import result
-    from ..study.run import status_table
+    from ..study.tables import status_table
 
     typer.echo(f"study {data.study.name}: {data.study.description}".removesuffix(": "))
     typer.echo(result(data))

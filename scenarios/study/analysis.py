@@ -142,6 +142,11 @@ class ArmSummary:
         """Collision ratio: runs with a collision divided by runs; None without runs."""
         return self.collisions / self.n if self.n else None
 
+    @property
+    def mean_wall_s(self) -> float | None:
+        """Mean wall-clock time of a run; None without runs."""
+        return sum(record.wall_s for record in self.records) / self.n if self.n else None
+
     def count(self, *outcomes: Outcome) -> int:
         """Return the number of runs with one of some outcomes."""
         return sum(record.outcome in outcomes for record in self.records)

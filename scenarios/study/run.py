@@ -1,21 +1,18 @@
 """Running a study: missing runs go to the executor, completed runs go into the store, and the progress is shown."""
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-import pandas as pd
 from rich.console import Console
 from rich.live import Live
 
 from swarm.controllers import load_controller
-from swarm.types import Outcome
-from voxdepth.tools.table import Column, Table
 
-from .design import RunSpec, Study, arm_label, by_importance, expand
+from .analysis import summarise_arms
+from .design import Study, by_importance, expand
 from .executors import Executor
 from .store import Completion, Failure, Store, StudyData
 
@@ -55,10 +52,9 @@ class Progress:
         """
         if not self._flown_wall_s or not self.elapsed_s:
             return None
-        mean_s = arm_counts(self._data)["mean_wall_s"]
-        waiting = [s for key, s in self._data.runs.items() if key not in self._records and key not in self.failed]
-        work_s = mean_s.fillna(mean_s.mean())[[_name_of(self._data, spec) for spec in waiting]].sum()
-        return float(work_s) * self.elapsed_s / self._flown_wall_s
+        mean_s = sum(record.wall_s for record in self._records.values()) / self.done
+        left = [(arm.planned - arm.n) * (arm.mean_wall_s or mean_s) for arm in summarise_arms(self._data)]
+        return sum(left) * self.elapsed_s / self._flown_wall_s
 
     def add(self, done: Completion, elapsed_s: float) -> None:
         """Count a run that has just ended."""
@@ -81,43 +77,6 @@ class Progress:
         if self.failed:
             parts.append(f"{len(self.failed)} errors")
         return ", ".join(parts)
-
-
-def arm_counts(data: StudyData) -> pd.DataFrame:
-    """Return `planned`, `done`, `arrived`, `collisions`, their `ratio`, and `mean_wall_s` of each arm at each level.
-
-    The index has their names. The ratio of collisions and the mean time of a run are NaN without runs.
-    """
-    records = [data.records.get(spec.key) for spec in data.specs]
-    runs = pd.DataFrame(
-        {
-            "arm": [_name_of(data, spec) for spec in data.specs],
-            "wall_s": [math.nan if record is None else record.wall_s for record in records],
-            "arrived": [record is not None and record.outcome is Outcome.SUCCESS for record in records],
-            "collided": [record is not None and record.outcome is Outcome.COLLISION for record in records],
-        }
-    )
-    counts = {"planned": ("arm", "size"), "done": ("wall_s", "count")}
-    counts |= {"arrived": ("arrived", "sum"), "collisions": ("collided", "sum")}
-    arms = runs.groupby("arm", sort=False).agg(**counts, mean_wall_s=("wall_s", "mean"))
-    return arms.assign(ratio=arms["collisions"] / arms["done"])
-
-
-def _name_of(data: StudyData, spec: RunSpec) -> str:
-    """Return the arm of a run with its level, and with the scenario if the study has several."""
-    scenario = f"{spec.scenario}, " if len(data.study.scenarios) > 1 else ""
-    return scenario + arm_label(spec.arm, spec.level)
-
-
-def status_table(data: StudyData) -> Table:
-    """Return a table with a row for each arm in each scenario at each level."""
-    errors = f", {len(data.failures)} errors" if data.failures else ""
-    columns = ("arm", "runs", "arrived", "collisions", "collision ratio", Column("time of a run", "s", ".1f"))
-    rows = [
-        [arm.Index, f"{arm.done} of {arm.planned}", arm.arrived, arm.collisions, arm.ratio, arm.mean_wall_s]
-        for arm in arm_counts(data).itertuples()
-    ]
-    return Table.of(f"{len(data.records)} of {len(data.runs)} runs{errors}", columns, rows)
 
 
 def duration(seconds: float) -> str:

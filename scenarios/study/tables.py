@@ -19,6 +19,7 @@ from .analysis import (
     Threshold,
     headline,
     pairs_to_find,
+    summarise_arms,
 )
 from .design import EndpointName, Study
 from .statistics import (
@@ -31,6 +32,7 @@ from .statistics import (
     told,
     wilson,
 )
+from .store import StudyData
 
 ENDPOINT_TITLES: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "collisions"}
 EFFECT = 0.1
@@ -103,6 +105,24 @@ def gain_verdict(gain: Gain, unit: str) -> str:
     if gain.estimate is None:
         return f"{what}: a curve may come down to half of the full goal speed {BEYOND}."
     return f"{what}: half of the full goal speed is kept {_estimate(gain.estimate, '+.2f')} {unit} farther."
+
+
+def status_table(data: StudyData) -> Table:
+    """Return the counts of each arm at each level in each scenario."""
+    errors = f", {len(data.failures)} errors" if data.failures else ""
+    columns = ("scenario", "arm", "runs", "arrived", "collisions", Column("time of a run", "s", ".1f"))
+    rows: list[list[Value]] = [
+        [
+            arm.scenario,
+            arm.label,
+            f"{arm.n} of {arm.planned}",
+            arm.count(Outcome.SUCCESS),
+            arm.collisions,
+            arm.mean_wall_s,
+        ]
+        for arm in summarise_arms(data)
+    ]
+    return Table.of(f"{len(data.records)} of {len(data.runs)} runs{errors}", columns, rows)
 
 
 def end_table(arms: Iterable[ArmSummary]) -> Table:
