@@ -5,14 +5,13 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from scenarios.study.design import RunSpec, Study, expand
 from scenarios.study.executors import Processes
 from scenarios.study.run import Progress, run_study
-from scenarios.study.store import Completion, RunRecord, StudyData, read_study
+from scenarios.study.store import RunRecord, StudyData, read_study
 from sim.types import Contact
 from swarm.types import Outcome
 
@@ -78,19 +77,6 @@ def slow_fake(spec: RunSpec) -> RunRecord:
 
 def unseen(progress: Progress) -> None:
     """A display that shows nothing."""
-
-
-class Scripted:
-    """An executor that gives what it was told to."""
-
-    def __init__(self, done: Sequence[Completion | BaseException]) -> None:
-        self._done = done
-
-    def run(self, specs: Any) -> Iterator[Completion]:
-        for done in self._done:
-            if isinstance(done, BaseException):
-                raise done
-            yield done
 
 
 def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outcome]) -> StudyData:
