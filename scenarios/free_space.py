@@ -16,11 +16,13 @@ from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.types import Capture
 from sim.world import World
+from swarm.braking import BrakingConfig
 from swarm.evidence import EvidenceConfig, InverseSensorModel
 from swarm.perception import frame_of
 from swarm.recorder import Recorder
 from swarm.team import Team
 from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.datasets import Dataset
 from voxdepth.tools.table import Column, Table
 from voxdepth.types import CorrectedDepth, MaskImage, Source
 
@@ -32,6 +34,8 @@ WATCHED = (0, 3)
 NEAR_M, TOLERANCE_M, ALARM, WEAK_TEXTURE = 6.0, 0.25, 0.7, 0.3
 """Range of near surfaces, error of a claim that is no lie, share of the range of a false alarm, and texture below which
 a surface is hard to match, as mirrors are."""
+AHEAD_DEG = 7.5
+"""Directions around the optical axis that must be free for a drone to fly where it looks."""
 THRESHOLDS = (0.2, 0.5, 0.7)
 """Confidences from which a pixel is trusted."""
 CORRECTORS = ("raw", "realsense", "voxdepth", "temporal")
@@ -113,3 +117,30 @@ def shares(counts: pd.DataFrame) -> Table:
     note = f"Surfaces within {NEAR_M:g} m, and far ones; hard: texture below {WEAK_TEXTURE:g}, or a mirror."
     rows = list(total.reset_index().itertuples(index=False))
     return Table.of("Claims of free space, and warnings of surfaces", columns, rows, note=note, name="free-space")
+
+
+def horizons(dataset: Dataset, correctors: Sequence[str]) -> Table:
+    """Say how far the frames of a recording prove that the direction of view is free, with each corrector.
+
+    It is the least free range of the cells within `AHEAD_DEG` of the optical axis. A drone that flies where it looks
+    may be as fast as it can brake within that.
+
+    Args:
+        dataset: The recording.
+        correctors: Names of correctors, which may have settings.
+    """
+    evidence, braking = EvidenceConfig(), BrakingConfig()
+    reader = InverseSensorModel(dataset.intrinsics, evidence)
+    ahead = reader.rays_cam[..., 2] >= np.cos(np.radians(AHEAD_DEG))
+    rows = []
+    for name in correctors:
+        corrector = CorrectorSpec.of(name).create(dataset.intrinsics)
+        depths = (corrector.process(dataset[index]) for index in range(len(dataset)))
+        free_m = [float(reader.read(depth).free_m[ahead].min()) for depth in depths]
+        low_m, median_m, high_m = np.quantile(free_m, (0.1, 0.5, 0.9)).tolist()
+        proven_share = float(np.mean(np.greater(free_m, 0)))
+        rows.append((name, 100 * proven_share, low_m, median_m, high_m, float(braking.speed_m_s(median_m))))
+    ranges = (Column(name, "m", ".2f") for name in ("10 % of frames", "median", "90 %"))
+    columns = [Column("corrector"), Column("frames with any", "%", ".0f"), *ranges, Column("safe speed", "m/s", ".2f")]
+    note = f"Range to which all within {AHEAD_DEG:g} degrees of the optical axis is proven free by one image."
+    return Table.of("Provable horizon", columns, rows, note=note, name="horizon")

@@ -116,22 +116,30 @@ def threshold(
 
 
 def freespace(
-    scenario: Scenario,
+    scenario: Annotated[str, typer.Argument(help="Folder of a recording, or a scenario by its name or TOML file.")],
     corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated. Default: some.")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds.")] = 10,
     first: Annotated[int, typer.Option(help="First seed; pilots have 1000 and up.", min=0)] = 1000,
     workers: Workers = 2,
 ) -> None:
-    """Measure how often depth images claim free space that is not free, on flights by true depth."""
+    """Measure how far depth images prove free space, in the folder of a recording.
+
+    For a scenario, measure how often they claim free space that is not free, on flights by true depth.
+    """
     from functools import partial
 
     import pandas as pd
     from rich.console import Console
 
+    from voxdepth.datasets import open_dataset
+
     from .. import free_space
     from ..batch import in_processes
     from ..config import load_run
 
+    if Path(scenario).is_dir():
+        table = free_space.horizons(open_dataset(Path(scenario)), corrector or free_space.CORRECTORS)
+        return table.print(Console())
     measure = partial(free_space.measure, correctors=corrector or free_space.CORRECTORS)
     runs = [load_run(scenario, seed, {}) for seed in range(first, first + seeds)]
     table = free_space.shares(pd.concat(list(in_processes(measure, runs, workers=workers))))
