@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -19,30 +19,30 @@ from .store import Completion, Failure, Store, StudyData
 LINE_EVERY_S = 30.0
 
 
+@dataclass
 class Progress:
-    """Counts of a study while it runs. A run that several arms share counts once in total, and once for each arm."""
+    """What there is of a study while it runs."""
 
-    def __init__(self, data: StudyData) -> None:
-        self._records = dict(data.records)
-        self._data = replace(data, records=self._records)
-        self.total = len(data.runs)
-        self.failed = set(data.failures)
-        """Keys of the runs that failed and have no result."""
-        self.flown = 0
-        """Number of runs that ended in this call, with or without a result."""
-        self._flown_wall_s = 0.0
-        self.elapsed_s = 0.0
-        """Wall-clock time since this call began."""
+    data: StudyData
+    """All that has ended, in this call or before."""
+    flown: int = 0
+    """Number of runs that ended in this call, with or without a result."""
+    flown_wall_s: float = 0.0
+    """Sum of the wall-clock times of their flights."""
+    elapsed_s: float = 0.0
+    """Wall-clock time since this call began."""
 
-    @property
-    def done(self) -> int:
-        """Number of runs with a result."""
-        return len(self._records)
+    def add(self, done: Completion, elapsed_s: float) -> None:
+        """Count a run that has just ended."""
+        self.data = self.data.after(done)
+        self.flown += 1
+        self.flown_wall_s += 0.0 if isinstance(done, Failure) else done.wall_s
+        self.elapsed_s = elapsed_s
 
     @property
     def is_over(self) -> bool:
         """Whether every run has ended."""
-        return self.done + len(self.failed) == self.total
+        return not self.data.missing(retry_errors=False)
 
     @property
     def left_s(self) -> float | None:
@@ -50,32 +50,22 @@ class Progress:
 
         None before the first result of this call.
         """
-        if not self._flown_wall_s or not self.elapsed_s:
+        if not self.flown_wall_s or not self.elapsed_s:
             return None
-        mean_s = sum(record.wall_s for record in self._records.values()) / self.done
-        left = [(arm.planned - arm.n) * (arm.mean_wall_s or mean_s) for arm in summarise_arms(self._data)]
-        return sum(left) * self.elapsed_s / self._flown_wall_s
-
-    def add(self, done: Completion, elapsed_s: float) -> None:
-        """Count a run that has just ended."""
-        self.flown += 1
-        self.elapsed_s = elapsed_s
-        if isinstance(done, Failure):
-            self.failed.add(done.key)
-        else:
-            self.failed.discard(done.key)
-            self._records[done.key] = done
-            self._flown_wall_s += done.wall_s
+        records = self.data.records.values()
+        mean_s = sum(record.wall_s for record in records) / len(records)
+        left = [(arm.planned - arm.n) * (arm.mean_wall_s or mean_s) for arm in summarise_arms(self.data)]
+        return sum(left) * self.elapsed_s / self.flown_wall_s
 
     def line(self) -> str:
         """Return the time of day, the number of runs, the speed, the time left and the number of errors."""
-        parts = [f"{time.strftime('%H:%M:%S')} {self.done} of {self.total} runs"]
+        parts = [f"{time.strftime('%H:%M:%S')} {len(self.data.records)} of {len(self.data.runs)} runs"]
         if self.flown and self.elapsed_s > 0:
             parts.append(f"{3600 * self.flown / self.elapsed_s:.0f} runs per hour")
         if self.left_s is not None:
             parts.append(f"{duration(self.left_s)} left")
-        if self.failed:
-            parts.append(f"{len(self.failed)} errors")
+        if self.data.failures:
+            parts.append(f"{len(self.data.failures)} errors")
         return ", ".join(parts)
 
 
@@ -134,4 +124,4 @@ def run_study(
                 store.add(done)
                 progress.add(done, time.perf_counter() - start_s)
                 display(progress)
-        return store.read()
+        return progress.data

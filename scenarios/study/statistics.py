@@ -83,6 +83,11 @@ class Pairs:
         """Share of runs of the first that reached the endpoint minus that of the second; n > 0."""
         return (self.first_only - self.second_only) / self.n
 
+    @property
+    def interval(self) -> Interval:
+        """Newcombe's interval of the difference; n > 0."""
+        return newcombe(self)
+
 
 def pairs_of(outcomes: Sequence[tuple[bool, bool]]) -> Pairs:
     """Count pairs of (first reached the endpoint, second reached it)."""

@@ -10,7 +10,7 @@ import os
 import tarfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal, Self, TypeVar
 
@@ -120,6 +120,13 @@ class StudyData:
         """Return one spec for each run that has not been flown."""
         passed = self.records.keys() if retry_errors else self.records.keys() | self.failures.keys()
         return [spec for key, spec in self.runs.items() if key not in passed]
+
+    def after(self, done: Completion) -> Self:
+        """Return the content when one more run has ended."""
+        failures = {key: failure for key, failure in self.failures.items() if key != done.key}
+        if isinstance(done, Failure):
+            return replace(self, failures=failures | {done.key: done})
+        return replace(self, failures=failures, records={**self.records, done.key: done})
 
 
 class Cell(Model):

@@ -28,7 +28,6 @@ from .statistics import (
     DoseResponse,
     Estimate,
     Interval,
-    newcombe,
     told,
     wilson,
 )
@@ -87,7 +86,7 @@ def verdict(comparisons: Sequence[Comparison], endpoint: EndpointName) -> str:
         return "Nothing to compare: that takes two arms with results."
     found, what = comparisons[0], ENDPOINT_TITLES[endpoint]
     pairs, p = found.pairs, found.p if found.p_holm is None else found.p_holm
-    low, high = (100 * end for end in found.difference)
+    low, high = (100 * end for end in pairs.interval)
     points = f"{100 * pairs.difference:+.0f} points [{low:.0f}, {high:.0f}]"
     if p < 1 - LEVEL:
         return f"{found.first} against {found.second}: {what} {points}, by {pairs.n} pairs, p = {_p_text(p)}."
@@ -173,9 +172,9 @@ def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> T
     columns = ("first - second", "scenario", "pairs", "b", "c", Column("difference", number="+.3f"), "95 % interval")
     rows: list[list[Value]] = []
     for found in headline(comparisons):
-        for name, pairs in {**found.cells, "all": found.pairs}.items() if len(found.cells) > 1 else ():
+        for name, pairs in found.by_scenario.items():
             label, counts = f"{found.first} - {found.second}", (pairs.n, pairs.first_only, pairs.second_only)
-            rows.append([label, name, *counts, pairs.difference, _interval(newcombe(pairs), "+.3f")])
+            rows.append([label, name, *counts, pairs.difference, _interval(pairs.interval, "+.3f")])
     return Table.of(f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=EFFECT_NOTE)
 
 
@@ -259,7 +258,7 @@ def comparison_table(comparisons: Iterable[Comparison], endpoint: EndpointName) 
         [
             *(f"{found.first} - {found.second}", "declared" if found.primary else "other"),
             *(found.pairs.n, found.pairs.first_only, found.pairs.second_only, found.pairs.difference),
-            *(_interval(found.difference, "+.3f"), found.p, found.p_holm),
+            *(_interval(found.pairs.interval, "+.3f"), found.p, found.p_holm),
         ]
         for found in comparisons
     ]

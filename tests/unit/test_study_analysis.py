@@ -76,7 +76,7 @@ def test_arrivals_are_no_reverse_of_collisions_and_a_study_against_itself_has_no
     for endpoint in ENDPOINTS:
         (none,) = compare_arms(same, endpoint)
         assert (none.pairs.difference, none.p) == (0, 1)
-        assert none.difference.low == pytest.approx(-none.difference.high)
+        assert none.pairs.interval.low == pytest.approx(-none.pairs.interval.high)
     (means,) = compare_means(same, (GOAL_SPEED, TIME_TO_GOAL))
     assert set(means.estimates.values()) == {(0.0, Interval(0.0, 0.0))}
 

@@ -58,6 +58,14 @@ def edited(name: str, **values: object) -> Damage:
     return edit
 
 
+def of_another_study(folder: Path) -> Path:
+    """Add a run that is none of the study."""
+    content = json.loads(next(folder.glob("runs/*")).read_text())
+    path = folder / "runs" / "another.json"
+    path.write_text(json.dumps(content | {"key": "another"}))
+    return path
+
+
 @pytest.mark.parametrize(
     "damage",
     [
@@ -69,6 +77,7 @@ def edited(name: str, **values: object) -> Damage:
         edited("runs/*", metrics="none"),
         edited("runs/*", contacts=[{}]),
         edited("runs/*", key="another"),
+        of_another_study,
     ],
 )
 def test_a_damaged_file_is_named_in_one_line_and_a_run_can_be_flown_again(damage: Damage, tmp_path: Path) -> None:
@@ -107,8 +116,11 @@ def test_only_what_is_missing_is_flown_again(tmp_path: Path) -> None:
     assert [failure.kind for failure in first.failures.values()] == ["error", "error"]
     assert "ZeroDivisionError: seed 0" in next(iter(first.failures.values())).text
     assert len(first.records) == 2, "a failure is no outcome"
-    with pytest.raises(ScenarioError, match="go on with --resume, or use another --out"):
-        run_study(tiny, tmp_path, Serial(counted), unseen)
+    only_failures, fails = tmp_path / "failures only", study(arm("raises"))
+    run_study(fails, only_failures, Serial(fake), unseen)
+    for planned, folder in ((tiny, tmp_path), (fails, only_failures)):
+        with pytest.raises(ScenarioError, match="go on with --resume, or use another --out"):
+            run_study(planned, folder, Serial(counted), unseen)
     assert len(flown) == 4
     assert run_study(tiny, tmp_path, Serial(counted), unseen, **AGAIN) == first
     assert len(flown) == 4
