@@ -1,6 +1,7 @@
 """Studies of which the arms fly along an axis, such as the light."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pydantic
@@ -114,6 +115,12 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
         assert seeds == 8
         assert half_speed.value == pytest.approx(place, abs=0.1)
         assert half_arrive.value == pytest.approx(place, abs=0.25)
+
+
+def test_curves_of_two_scenarios_are_not_compared(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text('name = "own"\ndescription = "Mine."\n')
+    data = flown(light(seeds=2, scenarios=["city", str(tmp_path / "own.toml")]), {"a": -1.7, "b": -2.4})
+    assert [(gain.scenario, gain.first, gain.second) for gain in gains(data)] == [("city", "b", "a"), ("own", "b", "a")]
 
 
 @pytest.mark.parametrize("half_at", [{"a": -1.7, "b": -6.0}, {"a": 1.0, "b": -2.4}])

@@ -69,6 +69,7 @@ UNTRUSTED, AWAY = seen(1.0, trusted=False), seen(1.0, shows=OTHER)
         ([seen(0.0)] * 3 + [seen(1.0)] * 2, Cause.NO_DEPTH),
         ([seen(0.0)] * 2 + [seen(1.0)] * 3, Cause.CORRECT),
         ([UNTRUSTED] * 2 + [seen(1.3)] * 3, Cause.TOO_FAR),
+        ([UNTRUSTED] * 3 + [seen(1.3)] * 2, Cause.UNTRUSTED),
         ([AWAY] * 9 + [seen(1.0)], Cause.NOT_IN_VIEW),
         ([AWAY] * 7 + [seen(1.0)] * 3, Cause.CORRECT),
         ([], Cause.NOT_IN_VIEW),
