@@ -1,24 +1,26 @@
 """How runs are flown: in this process, or by workers of Dask, on this machine or on several."""
 
 import logging
+import math
 import platform
 import signal
 import time
+import traceback
 import uuid
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Protocol
 
+from voxdepth.errors import PluginError
 from voxdepth.tools.options import use_one_thread
 
 from ..errors import ScenarioError
+from ..flight import fly
 from ..provenance import simulation_versions
-from . import one_run
-from .design import RunSpec
-from .one_run import FlyOne, attempt, run_one
-from .store import Completion, Failure
+from .design import RunSpec, key_of
+from .store import Completion, Failure, FailureKind, RunRecord
 
 LOCAL_SETTINGS = {
     # A run that ends its worker would also end the next one.
@@ -30,6 +32,33 @@ LOCAL_SETTINGS = {
 """Settings of Dask for workers of this machine."""
 NO_WORKER_TIMEOUT_S = 60.0
 """Longest time for which a cluster may be without workers."""
+FlyOne = Callable[[RunSpec], RunRecord]
+
+
+def run_one(spec: RunSpec) -> RunRecord:
+    """Fly one run on one thread. Except for its wall-clock time, the record depends on `spec.run` alone.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
+        ScenarioError: The key is not that of the run, or a number of the result is not finite.
+    """
+    if key_of(spec.run) != spec.key:
+        raise ScenarioError("the code of a controller or corrector has changed since the study began: see --resume")
+    record = RunRecord.of(spec.key, fly(spec.run, threads=1))
+    for figures in (record.metrics, *record.drones, *map(vars, record.contacts)):
+        for name, value in figures.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ScenarioError(f"expected finite numbers, or None, got {name} = {value}")
+    return record
+
+
+def attempt(fly_one: FlyOne, spec: RunSpec) -> Completion:
+    """Fly one run; an exception becomes a failure with its traceback."""
+    try:
+        return fly_one(spec)
+    except Exception as error:  # Any error belongs to this run and must not stop the others.
+        kind: FailureKind = "plugin error" if isinstance(error, PluginError) else "error"
+        return Failure(key=spec.key, kind=kind, text=traceback.format_exc())
 
 
 class Executor(Protocol):
@@ -156,7 +185,7 @@ class Processes:
         from distributed import LocalCluster
 
         unreachable = {"host": "127.0.0.1", "dashboard_address": None}
-        alone = {"threads_per_worker": 1, "memory_limit": None, "preload": one_run.__name__}
+        alone = {"threads_per_worker": 1, "memory_limit": None, "preload": __name__}
         try:
             return LocalCluster(n_workers=self.workers, silence_logs=logging.CRITICAL, **unreachable, **alone)
         except RuntimeError as error:
@@ -201,3 +230,8 @@ def _attempt_on_worker(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, vers
         return attempt(fly_one, spec)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def dask_setup(worker: Any) -> None:
+    """Let a worker of Dask ignore Ctrl-C, which a terminal sends to all processes: the study stops its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -14,7 +14,7 @@ from swarm.controllers import load_controller
 from .analysis import summarise_arms
 from .design import Study, by_importance, expand
 from .executors import Executor
-from .store import Completion, Failure, Store, StudyData
+from .store import Completion, Failure, StudyData, add, begun
 
 LINE_EVERY_S = 30.0
 
@@ -112,8 +112,7 @@ def run_study(
     specs = expand(study)
     for controller in sorted({spec.run.scenario.mission.controller for spec in specs}):
         load_controller(controller)
-    with Store.begin(out, study, specs, resume=resume) as store:
-        data = store.read()
+    with begun(out, study, specs, resume=resume) as data:
         waiting = data.missing(retry_errors=retry_errors)
         if not waiting:
             return data
@@ -121,7 +120,7 @@ def run_study(
         display(progress)
         with closing(executor.run(by_importance(study, specs, waiting))) as runs:
             for done in runs:
-                store.add(done)
+                add(out, done)
                 progress.add(done, time.perf_counter() - start_s)
                 display(progress)
         return progress.data

@@ -179,37 +179,27 @@ class Manifest(Model):
         return [cell.spec(seed) for seed in seeds for cell in self.cells if seed in cell.keys]
 
 
-class Store:
-    """The folder of a study, open for writing; `begin` opens it."""
+@contextmanager
+def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> Iterator[StudyData]:
+    """Begin a study in a folder, or go on with the one that is there, as the only writer; yields what is there.
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    Raises:
+        ScenarioError: It belongs to another version or study, or it contains runs and `resume` is not set.
+        ToolError: Another process flies the study, or the folder cannot be written.
+    """
+    busy = f"another process is flying the study: wait for it, or look at it with voxdepth study status {folder}"
+    with locked(folder, busy):
+        if not (folder / MANIFEST).exists():
+            _write(folder / MANIFEST, Manifest.of(study, specs).model_dump_json(indent=1))
+        data = read_study(folder)
+        _require_same(folder, data, study, specs, resume=resume)
+        yield data
 
-    @classmethod
-    @contextmanager
-    def begin(cls, folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> Iterator[Self]:
-        """Begin a study in a folder, or open one that was begun, as its only writer.
 
-        Raises:
-            ScenarioError: It belongs to another version or study, or it contains runs and `resume` is not set.
-            ToolError: Another process flies the study, or the folder cannot be written.
-        """
-        busy = f"another process is flying the study: wait for it, or look at it with voxdepth study status {folder}"
-        with locked(folder, busy):
-            if (folder / MANIFEST).exists():
-                _require_same(folder, read_study(folder), study, specs, resume=resume)
-            else:
-                _write(folder / MANIFEST, Manifest.of(study, specs).model_dump_json(indent=1))
-            yield cls(folder)
-
-    def add(self, done: Completion) -> None:
-        """Store one run that has ended, so that a crash leaves its file whole or absent; else it is a `ToolError`."""
-        kind = FAILURES if isinstance(done, Failure) else RUNS
-        _write(self._folder / kind / f"{done.key}.json", json.dumps(asdict(done), allow_nan=False, indent=1))
-
-    def read(self) -> StudyData:
-        """Read the whole content; see `read_study`."""
-        return read_study(self._folder)
+def add(folder: Path, done: Completion) -> None:
+    """Store one run that has ended, so that a crash leaves its file whole or absent; failing is a `ToolError`."""
+    kind = FAILURES if isinstance(done, Failure) else RUNS
+    _write(folder / kind / f"{done.key}.json", json.dumps(asdict(done), allow_nan=False, indent=1))
 
 
 def read_study(place: Path) -> StudyData:

@@ -15,10 +15,9 @@ import pytest
 from distributed import LocalCluster
 
 from scenarios.errors import ScenarioError
-from scenarios.study import executors, one_run
+from scenarios.study import executors
 from scenarios.study.design import RunSpec, expand
-from scenarios.study.executors import Cluster, Processes, Serial
-from scenarios.study.one_run import attempt
+from scenarios.study.executors import Cluster, Processes, Serial, attempt, run_one
 from scenarios.study.store import Failure, RunRecord
 from sim.types import Contact
 from tests.studies import PIDS, arm, fake, slow_fake, study
@@ -38,9 +37,9 @@ def test_a_number_that_is_not_finite_is_a_failure_of_its_run(where: str, monkeyp
     contact = Contact(time_s=1.0, drone=0, other="wall", kind="building", speed_m_s=np.nan)
     values = {"metrics": {"a": np.nan}, "drones": ({"path_length_m": np.inf},), "contacts": (contact,)}
     damaged = replace(fake(spec), **{where: values[where]})
-    monkeypatch.setattr(one_run, "fly", lambda run, threads: None)
+    monkeypatch.setattr(executors, "fly", lambda run, threads: None)
     monkeypatch.setattr(RunRecord, "of", lambda key, finished: damaged)
-    failure = one_run.attempt(one_run.run_one, spec)
+    failure = attempt(run_one, spec)
     assert "expected finite numbers" in failure.text
 
 
@@ -121,8 +120,9 @@ def test_a_cluster_is_found_by_its_address_and_lost_with_its_last_worker(monkeyp
             list(Cluster(cluster.scheduler_address, 600.0, fake).run(specs))
 
 
+@pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
 def test_workers_that_cannot_start_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors.one_run, "__name__", "no_such_module")
+    monkeypatch.setattr(executors, "__name__", "no_such_module")
     with pytest.raises(ScenarioError, match="worker processes could not be started"):
         list(Processes(1, 60.0, fake).run(expand(study(arm("a")))))
 

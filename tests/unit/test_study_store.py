@@ -15,7 +15,7 @@ from scenarios.errors import ScenarioError
 from scenarios.study.design import expand
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
-from scenarios.study.store import Failure, Store, read_study
+from scenarios.study.store import Failure, add, begun, read_study
 from swarm.types import Outcome
 from tests.studies import HIT, arm, fake, noisy, record, results_of, study, unseen
 from voxdepth.tools.errors import ToolError
@@ -29,9 +29,10 @@ def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     odd = record(specs[0], Outcome.COLLISION, min_clearance_m=0.1 + 0.2, dropped_frames=3, depth_mae_m=None)
     odd = replace(odd, drones=({"drone": 0, "path_length_m": 0.1 + 0.7}, {"drone": 1, "path_length_m": None}))
     failure = Failure(key=specs[1].key, kind="error", text="Traceback\nZeroDivisionError: a % ' \" one")
-    with Store.begin(tmp_path, tiny, specs, resume=False) as store:
-        store.add(odd)
-        store.add(failure)
+    with begun(tmp_path, tiny, specs, resume=False) as nothing:
+        assert not nothing.flown
+        add(tmp_path, odd)
+        add(tmp_path, failure)
     contents = read_study(tmp_path)
     assert contents.study == tiny
     assert list(contents.specs) == specs
@@ -179,7 +180,7 @@ def test_a_folder_without_a_study_and_one_that_cannot_be_written_are_told(tmp_pa
 def test_a_second_study_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
     busy = r"wait for it, or look at it with voxdepth study status"
-    with Store.begin(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ToolError, match=busy):
+    with begun(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ToolError, match=busy):
         run_study(tiny, tmp_path, Serial(fake), unseen)
 
 
