@@ -92,8 +92,8 @@ class Cluster:
     """Flies runs on the workers of a Dask scheduler, one at a time on each: `dask worker ADDRESS --nthreads 1`.
 
     A run that exceeds its time limit ends its worker, which Dask replaces. The scheduler repeats a run whose worker
-    ended as often as its `allowed-failures` says; then the run becomes a failure. Closing the iterator cancels the runs
-    that wait; workers finish their run, and its result is discarded.
+    ended as often as its `allowed-failures` says; then the run becomes a failure, by its time limit if that is over.
+    Closing the iterator cancels the runs that wait; workers finish their run, and its result is discarded.
     """
 
     address: str

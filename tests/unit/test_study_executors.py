@@ -9,6 +9,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+import dask.config
 import numpy as np
 import psutil
 import pytest
@@ -107,11 +108,12 @@ def test_workers_listen_to_this_machine_alone_and_end_with_their_run_in_the_air(
 @pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
 def test_a_cluster_is_found_by_its_address_and_lost_with_its_last_worker(monkeypatch: pytest.MonkeyPatch) -> None:
     specs = expand(study(arm("a"), arm("dies"), arm("hangs"), seeds=1))
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    one_try = dask.config.set(executors.LOCAL_SETTINGS)
+    with one_try, LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         runs = Cluster(cluster.scheduler_address, 600.0, fake).run(specs)
         done = {one.key: one for one in (next(runs), next(runs))}
         assert done[specs[0].key] == fake(specs[0])
-        assert done[specs[1].key].kind == "died", "by default, Dask tries it again some times"
+        assert done[specs[1].key].kind == "died"
         monkeypatch.setattr(executors, "NO_WORKER_TIMEOUT_S", 1.0)
         cluster.scale(0)
         with pytest.raises(ScenarioError, match=r"no worker is left: .* go on with --resume"):
