@@ -386,7 +386,8 @@ def blueprint(
     )
     states = rrb.StateTimelineView(name="states", contents=[f"drone/{i}/state" for i in range(n_drones)])
     events = rrb.TextLogView(name="events", origin="events", columns=EVENT_COLUMNS)
-    below = rrb.Horizontal(states, rrb.Vertical(*curves), rrb.Vertical(formation, events), column_shares=[3, 3, 2])
+    last = rrb.Vertical(formation, events) if n_drones > len(leaders) else events
+    below = rrb.Horizontal(states, rrb.Vertical(*curves), last, column_shares=[3, 3, 2])
     left = rrb.Vertical(_world_view(n_drones, leaders), below, row_shares=[5, 4])
     tabs = [
         rrb.Vertical(*rows(drone), name=f"leader {drone}" if drone in leaders else f"drone {drone}")

@@ -97,3 +97,15 @@ def test_the_headings_of_a_frame_say_how_its_numbers_are_written() -> None:
     assert table.rows[1] == ["b", None, 2, 2.0] and type(table.rows[1][2]) is int
     assert table.columns[1] == Column("error", "m", ".3f")
     pd.testing.assert_frame_equal(table.frame().astype(frame.dtypes), frame)
+
+
+def test_sentences_are_wrapped_and_each_stays_in_its_row() -> None:
+    said = "of the methods of the paper, it has the lowest error of all in four of six sequences"
+    table = Table.of("claims", ["name", "paper", "here"], [["quality", said, said], ["speed", "fast", "slow"]])
+    console = Console(file=io.StringIO(), width=80)
+    table.print(console)
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert max(map(len, lines)) <= 80
+    assert sum("name" in line for line in lines) == 1
+    (row,) = (line for line in lines if "quality" in line)
+    assert row.count("of the methods") == 2

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from .files import write
 
@@ -25,6 +25,8 @@ NUMBERS = {"": ".3f", "m": ".3f", "%": ".1f", "dB/%^2": ".4f"}
 """How numbers of a frame are written, by their unit; others have two decimal places."""
 TERMINAL_WIDTH = 400
 """Characters in a line of a printed table that are never reached: squeezing it would cut its numbers."""
+SENTENCE = 50
+"""Number of characters from which on a text is wrapped."""
 
 
 def is_missing(value: Value) -> bool:
@@ -164,9 +166,14 @@ class Table:
         return {"name": self.name, "title": self.title, "columns": self.headings, "rows": self.rows}
 
     def print(self, console: "Console") -> None:
-        """Print the table, in parts with the first column each where it is wider than the terminal."""
+        """Print the table, in parts with the first column each where it is wider than the terminal.
+
+        Sentences are wrapped instead.
+        """
         from rich.console import Console
 
+        if any(len(text) > SENTENCE for row in self.texts for text in row):
+            return console.print(self.rich(), highlight=False)
         wide = Console(file=console.file, force_terminal=console.is_terminal, width=TERMINAL_WIDTH)
         parts = [[0]]
         for place in range(1, len(self.columns)):
@@ -194,7 +201,8 @@ class Table:
         for place, column in enumerate(self.columns):
             widest = max(map(len, (*column.name.split(" "), *(row[place] for row in self.texts))), default=1)
             heading = fill(column.name, widest, break_on_hyphens=False) + (f"\n[{column.unit}]" if column.unit else "")
-            printed.add_column(escape(heading), justify="right" if self.is_numeric(place) else "left", no_wrap=True)
+            side: Literal["left", "right"] = "right" if self.is_numeric(place) else "left"
+            printed.add_column(escape(heading), justify=side, no_wrap=widest <= SENTENCE)
         for row in self.texts:
             printed.add_row(*(escape(text) for text in row))
         return printed
