@@ -107,7 +107,7 @@ def test_workers_listen_to_this_machine_alone_and_end_with_their_run_in_the_air(
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
 def test_a_cluster_is_found_by_its_address_and_lost_with_its_last_worker(monkeypatch: pytest.MonkeyPatch) -> None:
-    specs = expand(study(arm("a"), arm("dies"), arm("hangs"), seeds=1))
+    specs = expand(study(arm("a"), arm("dies"), arm("hangs"), seeds=2))
     one_try = dask.config.set(executors.LOCAL_SETTINGS)
     with one_try, LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         runs = Cluster(cluster.scheduler_address, 600.0, fake).run(specs)
@@ -116,10 +116,20 @@ def test_a_cluster_is_found_by_its_address_and_lost_with_its_last_worker(monkeyp
         assert done[specs[1].key].kind == "died"
         monkeypatch.setattr(executors, "NO_WORKER_TIMEOUT_S", 1.0)
         cluster.scale(0)
+        while cluster.scheduler.workers:
+            time.sleep(0.05)
         with pytest.raises(ScenarioError, match=r"no worker is left: .* go on with --resume"):
-            next(runs)
-        with pytest.raises(ScenarioError, match=r"there is no cluster with a worker at .*: start one with"):
-            list(Cluster(cluster.scheduler_address, 600.0, fake).run(specs))
+            list(runs)
+
+
+@pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
+def test_without_a_cluster_an_address_is_told_with_what_to_start() -> None:
+    nowhere = Cluster("tcp://127.0.0.1:1", 600.0, fake)
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "1s"}),
+        pytest.raises(ScenarioError, match=r"there is no cluster with a worker at tcp.*: start one with"),
+    ):
+        list(nowhere.run(expand(study(arm("a")))))
 
 
 @pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
