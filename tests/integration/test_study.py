@@ -162,6 +162,18 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     assert "there is no arm 'deaf'; choose one of: truth, blind" in str(deaf.exception)
 
 
+def test_an_archive_is_reported_and_exported_without_unpacking_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run_study(study(arm("a"), arm("b")), tmp_path / "out", Serial(fake), unseen)
+    subprocess.run(["tar", "-cJf", "tiny.tar.xz", "-C", "out", "study.json", "runs"], check=True)
+    assert study_command("report", "tiny.tar.xz").exit_code == 0
+    assert "voxdepth study replay tiny.tar.xz" in Path("runs/studies/tiny/report.html").read_text()
+    assert study_command("export", "tiny.tar.xz", "--to", "tables").exit_code == 0
+    assert len(pyarrow.parquet.read_table("tables/runs.parquet")) == 4
+
+
 @pytest.mark.slow
 def test_runs_that_failed_are_told_and_flown_again_when_asked(tiny: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
