@@ -67,13 +67,13 @@ acceptance: setup ## fly every scenario's acceptance check over 20 seeds
 
 picture: setup   ## make the pictures of docs/corrector.md and docs/scenes.md
 	$(BIN)/voxdepth picture city --seed 1 --drone 4 --at 7 --out docs/city.jpg
-	$(BIN)/voxdepth scenes --seed 1 --out docs/scenes.jpg
+	$(BIN)/voxdepth picture scenes --seed 1 --out docs/scenes.jpg
 
 sequences: setup ## record 60 frames of the reference and hard sequences into build/ and make the contact sheets in docs/
 	@for name in LN MB KTS KTC PLF PLW hover yaw cut cross ghost approach; do \
 		test -f build/sequences/sim-$$name.done || $(BIN)/voxdepth record sim-$$name --frames 60 --out build/sequences/sim-$$name || exit 1; \
 		touch build/sequences/sim-$$name.done; \
-		$(BIN)/voxdepth sheet build/sequences/sim-$$name --out docs/sim-$$name.jpg || exit 1; \
+		$(BIN)/voxdepth picture build/sequences/sim-$$name --out docs/sim-$$name.jpg || exit 1; \
 	done
 
 clean:           ## remove the virtual environment and caches

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.threshold, swarm.freespace, swarm.picture)),
-    ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
-    ("Corrector", (experiment.experiment, sensor.regress)),
+    ("Sensor", (sensor.record, sensor.regress)),
+    ("Corrector", (experiment.experiment,)),
     ("General", (general.list_,)),
 )
 

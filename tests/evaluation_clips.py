@@ -1,6 +1,6 @@
 """A small sequence whose depth can be computed by hand, and simple methods."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,13 @@ from sim import frames
 from sim.recording import RecordingWriter
 from sim.types import Capture
 from voxdepth.baselines.single_frame import Raw
-from voxdepth.tools.evaluation.groups import RANGES, TRUE_GROUPS
+from voxdepth.tools.evaluation.groups import RANGES, TRUE_GROUPS, Groups
+from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.methods import Method
-from voxdepth.tools.evaluation.result_cache import Key, SequenceInfo
+from voxdepth.tools.evaluation.result_cache import Key, Result, SequenceInfo, encoded_thumbnail
+from voxdepth.tools.evaluation.scoring import Score
 from voxdepth.tools.evaluation.sources import EvaluationFrame
+from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics, MaskImage
 
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.5)
@@ -103,6 +106,14 @@ def method(name: str, change: Change | None = None, *, sees_true_pose: bool = Fa
     return Method(name=name, make=make, sees_true_pose=sees_true_pose)
 
 
+def scores_of(groups: Groups, frames: Iterable[EvaluationFrame], change: Change) -> dict[tuple[str, ...], Measurement]:
+    """What is measured where a function makes the corrected depth of a frame, by metric, mask, range and pixels."""
+    score = Score(groups, CAMERA)
+    for frame in frames:
+        score.add(frame, CorrectedDepth.of(frame.frame, change(frame.frame.depth_m)))
+    return {found[:4]: found for found in score.measurements()}
+
+
 def key_of(sequence: str, method: str) -> Key:
     """The key of a made-up result."""
     return Key(sequence=sequence, method=method, frames=2, seed=0, digest="d", config=None, versions={"numpy": "2"})
@@ -111,9 +122,17 @@ def key_of(sequence: str, method: str) -> Key:
 def info_of(name: str, **changes: Any) -> SequenceInfo:
     """The description of a made-up sequence with the truth."""
     values: dict[str, Any] = {
-        "name": name, "digest": "d", "frames": 2, "seed": 0, "width_px": 12, "height_px": 9, "focal_px": 10.0,
-        "baseline_m": None, "hidden": "holes", "independent": "all", "reference_name": "the truth",
+        "name": name, "digest": "d", "frames": 2, "seed": 0, "camera": CAMERA.scaled(12, 9),
+        "hidden": "holes", "independent": "all", "reference_name": "the truth",
         "pixels": {mask: dict.fromkeys(RANGES, 1000) for mask in ("all", "holes")},
+        "reference": encoded_thumbnail(np.full((9, 12), 3, np.float32)),
+        "raw": encoded_thumbnail(np.zeros((9, 12), np.float32)),
         "holes": 1000,
     }  # fmt: skip
-    return SequenceInfo.model_validate(values | changes)
+    return SequenceInfo(**values | changes)
+
+
+def evaluation_of(*results: Result, **infos: SequenceInfo) -> Evaluation:
+    """Made-up results, with descriptions of those sequences that need another one than `info_of` gives."""
+    names = dict.fromkeys(result.key.sequence for result in results)
+    return Evaluation(results=results, sequences={name: infos.get(name, info_of(name)) for name in names}, reused=0)

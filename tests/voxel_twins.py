@@ -1,21 +1,15 @@
-"""NumPy twins of the loops over voxels, and what else tests ask of a grid."""
+"""What tests ask of a voxel grid, and its projection by NumPy."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.geometry import PointArray, RayMap
+from voxdepth.geometry import PointArray
 from voxdepth.paper.voxels import OccupiedVoxels, VoxelConfig, VoxelGrid, Words
-from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
+from voxdepth.types import FloatImage, Intrinsics, MaskImage
 
 Cells = npt.NDArray[np.int32]
-
-
-def integrate_numpy(grid: VoxelGrid, depth_m: FloatImage, intrinsics: Intrinsics, T_grid_cam: FloatArray) -> None:
-    """OR the voxels of an image into the grid: the twin of `VoxelGrid.integrate`."""
-    coordinates = ray_coordinates(RayMap.of(intrinsics, grid.config.T_cells_m @ T_grid_cam), depth_m)
-    set_bits(_numbers(coordinates, depth_m > 0, grid.config), grid.words)
 
 
 def integrate_points(grid: VoxelGrid, points: PointArray) -> None:
@@ -33,15 +27,6 @@ def cells_of_points(points: PointArray, config: VoxelConfig) -> Cells:
     T = config.T_cells_m.astype(np.float32)
     coordinates = [points[:, k] * T[k, k] + T[k, 3] for k in range(3)]
     return _numbers(coordinates, np.ones(len(points), np.bool_), config)
-
-
-def ray_coordinates(rays: RayMap, depth_m: FloatImage) -> list[FloatImage]:
-    """The three coordinates of each pixel in the frame of a map, each of shape (H, W); not finite ones are allowed."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        return [
-            (rows[:, None] + cols) * depth_m + offset
-            for rows, cols, offset in zip(rays.rows, rays.cols, rays.offset, strict=True)
-        ]
 
 
 def _numbers(coordinates: Sequence[npt.NDArray[np.float32]], inside: MaskImage, config: VoxelConfig) -> Cells:

@@ -1,6 +1,7 @@
 """Back-projection and rigid motion of points."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from .compiled import compiled
 from .types import FloatArray, FloatImage, Intrinsics
 
 PointArray = npt.NDArray[np.float32]
+Points = TypeVar("Points", PointArray, FloatArray)
 
 
 def back_project(depth_m: FloatImage, intrinsics: Intrinsics) -> PointArray:
@@ -55,10 +57,11 @@ class RayMap:
         )
 
 
-def transform(T_a_b: FloatArray, points_b: PointArray) -> PointArray:
-    """Points of frame b in the coordinates of frame a, shape (N, 3), float32."""
-    moved = points_b @ T_a_b[:3, :3].T.astype(np.float32) + T_a_b[:3, 3].astype(np.float32)
-    return np.ascontiguousarray(moved, dtype=np.float32)
+def transform(T_a_b: FloatArray, points_b: Points) -> Points:
+    """Points of frame b in the coordinates of frame a, shape (N, 3), in the precision of the points."""
+    kind = points_b.dtype
+    moved: Points = np.ascontiguousarray(points_b @ T_a_b[:3, :3].T.astype(kind) + T_a_b[:3, 3].astype(kind))
+    return moved
 
 
 def inverse_rigid(T_a_b: FloatArray) -> FloatArray:

@@ -145,12 +145,12 @@ def resolve_config(name: str, given: Mapping[str, Any]) -> "TemporalConfig | Vox
     Raises:
         ConfigError: The corrector takes no configuration, or a key or a value is wrong.
     """
-    from .model import explained
+    from .model import changed, explained
 
     default = config_of(name)
     if default is None:
         raise _takes_no_config(name)
-    merged, where = _merged(given, default.model_dump(mode="json")), f"config of the corrector {name!r}"
+    merged, where = changed(default.model_dump(mode="json"), given, "method"), f"config of the corrector {name!r}"
     try:  # As JSON, in which a list may stand for a tuple and a string for an enumeration.
         with explained(
             type(default), lambda told: ConfigError(f"{where}: {told}; `voxdepth config {name}` prints all")
@@ -235,18 +235,6 @@ def code_of(name: str) -> str | None:
 def _takes_no_config(name: str) -> ConfigError:
     configurable = ", ".join(other for other, entry in _REGISTRY.items() if entry.config is not None)
     return ConfigError(f"the corrector {name!r} takes no configuration; leave it out, or choose one of: {configurable}")
-
-
-def _merged(given: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
-    merged: dict[str, Any] = dict(default)
-    for key, value in given.items():
-        below: Any = default.get(key)
-        tables = isinstance(value, dict) and isinstance(below, dict)
-        if tables and value.get("method", below.get("method")) == below.get("method"):
-            merged[key] = _merged(value, below)
-        else:
-            merged[key] = value
-    return merged
 
 
 def _load(name: str) -> Callable[[Intrinsics], DepthCorrector]:

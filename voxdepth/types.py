@@ -182,6 +182,11 @@ class Intrinsics:
         lens = {"fx_px": fx, "fy_px": fy, "cx_px": cx, "cy_px": cy, "disparity_scale": matched}
         return replace(self, width_px=width_px, height_px=height_px, **lens)
 
+    def reduced(self, max_width_px: int) -> "Intrinsics":
+        """The camera of images of at most that width and of the same aspect ratio."""
+        width_px = min(self.width_px, max_width_px)
+        return self.scaled(width_px, max(round(self.height_px * width_px / self.width_px), 1))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:

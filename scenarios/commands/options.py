@@ -1,7 +1,6 @@
 """Options that several commands share, and what they change of a scenario."""
 
 from enum import Enum, StrEnum
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -20,7 +19,6 @@ Size = Annotated[str | None, typer.Option(help="Image size, as in 160x120.")]
 Renderer = Annotated[
     RendererName | None, typer.Option(help="How images are made; tiny and egl draw no haze, clouds or patterns.")
 ]
-Picture = Annotated[Path, typer.Option(help="JPEG or PNG file to write.")]
 
 
 def size_changes(text: str | None) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Commands for sequences, scenes and the regression of correctors."""
+"""Commands for sequences and the regression of correctors."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +7,7 @@ import typer
 
 from voxdepth.tools.options import CORRECTOR_HELP, DEFAULT_CORRECTOR, counter
 
-from .options import Picture, Renderer, Seed, Size, given, size_changes
+from .options import Renderer, Seed, Size, given, size_changes
 
 
 def record(
@@ -36,28 +36,7 @@ def record(
     title = f"{seeded.sequence.name}, seed {seeded.seed}: {done.frames} frames, surfaces within 30 m"
     print_quality(console, done.quality, title)
     typer.echo(f"{done.frames} frames in {out}, {done.frames / wall_s:.1f} frames per second")
-    typer.echo(f"look at it with: voxdepth sheet {out} --out sheet.jpg")
-
-
-def sheet(
-    recording: Annotated[Path, typer.Argument(help="Folder of a recording.")], out: Picture = Path("sheet.jpg")
-) -> None:
-    """Make a contact sheet of a recording: gray image, true and raw depth, occlusion, reasons for holes."""
-    from ..sensor_pictures import make_sheet
-
-    make_sheet(recording, out)
-    typer.echo(f"written to {out}")
-
-
-def scenes(
-    seed: Annotated[int, typer.Option(min=0, help="Master seed of the scenes.")] = 1,
-    out: Picture = Path("scenes.jpg"),
-) -> None:
-    """Make a picture of every kind of scene and print a Markdown table of their traversability."""
-    from ..sensor_pictures import make_gallery
-
-    typer.echo(make_gallery(seed, out).markdown(), nl=False)
-    typer.echo(f"written to {out}", err=True)
+    typer.echo(f"look at it with: voxdepth picture {out} --out sheet.jpg")
 
 
 def regress(

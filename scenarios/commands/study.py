@@ -16,10 +16,6 @@ if TYPE_CHECKING:
 
 DEFAULT_OUT = Path("runs/studies")
 
-To = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help=f"Folder of what is written. Default: OUT, of an archive {DEFAULT_OUT}/NAME."),
-]
 Folder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a study, or an archive of one.")]
 
 
@@ -96,33 +92,37 @@ def run(
 
 
 @app.command()
-def status(out: Folder) -> None:
-    """Print the progress of a study, which may be running."""
-    from ..study.store import read_study
+def report(
+    out: Folder,
+    progress: Annotated[
+        bool, typer.Option("--progress", help="Print the progress alone, also of a study that is running.")
+    ] = False,
+    effect: Annotated[
+        float | None, typer.Option(min=1, max=99, help="Also print how many pairs would find so many points.")
+    ] = None,
+    to: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help=f"Folder of the results. Default: OUT, of an archive {DEFAULT_OUT}/NAME."),
+    ] = None,
+) -> None:
+    """Print the progress of a study, and write its results so far.
 
-    _print_status(read_study(out))
-
-
-@app.command()
-def export(out: Folder, to: To = None) -> None:
-    """Write all runs with a result as runs.csv and runs.parquet, and their drones as drones.csv and drones.parquet."""
-    from ..study.report import export as write_tables
+    These are report.html, its tables as report.md, its figures in figures/, all runs with a result as runs.csv and
+    runs.parquet, and their drones as drones.csv and drones.parquet. --effect is by how many points the first arm of a
+    comparison shall be better; the pairs that find it follow from the rates of the runs.
+    """
+    from ..study.report import export, write_report
     from ..study.store import read_study
 
     data = read_study(out)
-    for path in write_tables(data, to or _folder_of(out, data)):
+    _print_status(data)
+    if progress:
+        return
+    folder = to or _folder_of(out, data)
+    for path in (write_report(data, out, folder), *(export(data, folder) if data.records else ())):
         typer.echo(f"written to {path}")
-
-
-@app.command()
-def report(out: Folder, to: To = None) -> None:
-    """Write report.html with the results so far, its tables as Markdown, and its figures in figures/."""
-    from ..study.report import write_report
-    from ..study.store import read_study
-
-    data = read_study(out)
-    page = write_report(data, out, to or _folder_of(out, data))
-    typer.echo(f"{len(data.records)} of {len(data.runs)} runs; written to {page}")
+    if effect is not None:
+        _print_pairs(data, effect)
 
 
 @app.command()
@@ -172,28 +172,21 @@ def replay(
         raise typer.Exit(1)
 
 
-@app.command()
-def power(
-    out: Folder,
-    effect: Annotated[float, typer.Option(min=1, max=99, help="Points by which the first arm is better.")] = 10,
-) -> None:
-    """Print how many pairs would find an effect, by the rates of the runs of a study."""
-    from ..errors import ScenarioError
-    from ..study.analysis import compare_arms, headline, pairs_to_find
-    from ..study.store import read_study
-
-    data = read_study(out)
-    comparisons = compare_arms(data, data.study.endpoint)
-    if not comparisons:
-        raise ScenarioError(f"{out} has no pair of runs of two arms yet: fly it first")
-    for found in headline(comparisons):
-        needed = pairs_to_find(found, data.study.endpoint, effect / 100)
-        typer.echo(f"{found.first} - {found.second}: {effect:g} points need about {needed} pairs, for a power of 80 %")
-
-
 def _folder_of(out: Path, data: "StudyData") -> Path:
     """Return the folder of what is made of a study, which may be an archive."""
     return out if out.is_dir() else DEFAULT_OUT / data.study.name
+
+
+def _print_pairs(data: "StudyData", effect: float) -> None:
+    from ..errors import ScenarioError
+    from ..study.analysis import compare_arms, headline, pairs_to_find
+
+    comparisons = compare_arms(data, data.study.endpoint)
+    if not comparisons:
+        raise ScenarioError(f"the study {data.study.name!r} has no pair of runs of two arms yet: fly it first")
+    for found in headline(comparisons):
+        needed = pairs_to_find(found, data.study.endpoint, effect / 100)
+        typer.echo(f"{found.first} - {found.second}: {effect:g} points need about {needed} pairs, for a power of 80 %")
 
 
 def _print_status(data: "StudyData") -> None:

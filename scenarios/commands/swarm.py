@@ -11,7 +11,7 @@ import typer
 from voxdepth.tools.options import CORRECTOR_HELP, INTERRUPTED
 from voxdepth.tools.viewer import RECORDING, open_viewer, require_display
 
-from .options import Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, given, size_changes
+from .options import Depth, Renderer, Scenario, Seed, Seeds, Size, Workers, given, size_changes
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -147,19 +147,35 @@ def freespace(
 
 
 def picture(
-    scenario: Scenario,
-    out: Picture = Path("picture.jpg"),
-    seed: Seed = None,
+    what: Annotated[
+        str, typer.Argument(metavar="WHAT", help="A scenario, the folder of a recorded sequence, or the word scenes.")
+    ],
+    out: Annotated[Path, typer.Option(help="JPEG or PNG file to write.")] = Path("picture.jpg"),
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Master seed. Default: the scenario's or 0; of scenes, 1.")
+    ] = None,
     drone: Annotated[int, typer.Option(min=0, help="Number of the drone; 0 is the leader.")] = 0,
     at: Annotated[float, typer.Option(min=0.1, help="Simulated time of the picture, in seconds.")] = 12.0,
     size: Size = "640x360",
 ) -> None:
-    """Render gray, true, raw and corrected depth of one drone side by side."""
-    from ..config import load_run
-    from ..mission_pictures import take_picture
+    """Make a picture of a scenario, of a recording, or of every kind of scene.
 
-    take_picture(load_run(scenario, seed, size_changes(size)), out, drone=drone, at_s=at)
-    typer.echo(f"written to {out}")
+    Of a scenario: gray, true, raw and corrected depth of one drone side by side. Of the folder of a recording: a
+    contact sheet of gray image, true and raw depth, occlusion and reasons for holes. Of scenes: every kind of scene,
+    with a Markdown table of their traversability. --drone, --at and --size are those of a scenario.
+    """
+    from ..config import load_run
+    from ..files import shipped_names
+    from ..mission_pictures import take_picture
+    from ..sensor_pictures import make_gallery, make_sheet
+
+    if what == "scenes":
+        typer.echo(make_gallery(1 if seed is None else seed, out).markdown(), nl=False)
+    elif Path(what).is_dir() and what not in shipped_names("scenarios"):
+        make_sheet(Path(what), out)
+    else:
+        take_picture(load_run(what, seed, size_changes(size)), out, drone=drone, at_s=at)
+    typer.echo(f"written to {out}", err=True)
 
 
 @contextmanager

@@ -3,12 +3,11 @@
 import pandas as pd
 
 from voxdepth.registry import DEFAULT
-from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.scoring import GHOSTS, SURVIVAL
 from voxdepth.tools.figure import panels, plotted
 
-from .default import FLICKER, HOLES, LATENCY, MEDIAN, OFF, PSNR_NEAR, RMSE, SEEN, Comparison
-from .experiment import Experiment, ExperimentContext, Findings
+from .default import FLICKER, HOLES, LATENCY, MEDIAN, OFF, PSNR_NEAR, RMSE, SEEN
+from .experiment import ExperimentContext, Findings, asks
 
 NEVER, ANY = 100_000, 1e-6
 """Thresholds that nothing reaches, and that everything passes."""
@@ -34,20 +33,34 @@ SETTINGS = {
     "decimation=1": "memory at full size, not half",
 }
 """What a setting switches off or changes. `voxdepth evaluate --methods` takes the same names."""
+QUANTITIES = {
+    "holes MAE [m]": (HOLES, 1), "seen holes MAE [m]": (SEEN, 1), "holes off [%]": (OFF, 100),
+    "measured RMSE [m]": (RMSE, 1), "measured median [mm]": (MEDIAN, 1000), "PSNR 20 m [dB]": (PSNR_NEAR, 1),
+    "flicker [mm]": (FLICKER, 1000), "p50 [ms]": (LATENCY, 1),
+}  # fmt: skip
+"""What is measured of a variant, and the factor to the unit of its heading."""
 VARIANTS = {DEFAULT: "nothing"} | {f"{DEFAULT}[{setting}]": off for setting, off in SETTINGS.items()}
 
 
-def ablate(context: ExperimentContext) -> Findings:
+@asks(
+    "What is each part of the default method worth, and what does it cost?",
+    sequences=SEQUENCES, frames=30, min_frames=2,
+)  # fmt: skip
+def ablation(context: ExperimentContext) -> Findings:
     """Evaluate every variant on the same frames."""
-    comparison = Comparison(context.evaluate(find_methods(list(VARIANTS))))
-    by_variant = {variant: quantities(comparison, variant) for variant in VARIANTS}
-    found = pd.concat(by_variant, names=["variant", "sequence"])
+    measured = context.evaluate(VARIANTS).measurements
+    found = measured.table({heading: selector for heading, (selector, _) in QUANTITIES.items()})
+    found *= pd.Series({heading: factor for heading, (_, factor) in QUANTITIES.items()})
+    for name, (own, raw) in {"survival": SURVIVAL, "ghosts": GHOSTS}.items():
+        shares = measured.table({"own": own, "raw": raw})
+        found.insert(found.shape[1] - 1, f"{name} less raw's [points]", 100 * (shares["own"] - shares["raw"]))
+    found = found.rename_axis(["sequence", "variant"])
     means = found.groupby("variant", sort=False).mean()
     means.insert(0, "what is off", pd.Series(VARIANTS))
     return Findings(
         tables={
             "table": means.reset_index(),
-            "by-sequence": found.swaplevel().loc[list(context.sequences)].reset_index(),
+            "by-sequence": found.reset_index(),
         },
         notes=(
             f"Means over {', '.join(context.sequences)}. Surfaces within 20 m. Errors in holes and PSNR (peak 40 m) "
@@ -64,26 +77,3 @@ def ablate(context: ExperimentContext) -> Findings:
             panel_in=(7.0, 4.6),
         ),
     )
-
-
-def quantities(comparison: Comparison, method: str) -> pd.DataFrame:
-    """What is measured of a method (columns), by sequence."""
-    values = {
-        "holes MAE [m]": (HOLES, 1), "seen holes MAE [m]": (SEEN, 1), "holes off [%]": (OFF, 100),
-        "measured RMSE [m]": (RMSE, 1), "measured median [mm]": (MEDIAN, 1000), "PSNR 20 m [dB]": (PSNR_NEAR, 1),
-        "flicker [mm]": (FLICKER, 1000),
-    }  # fmt: skip
-    survival, ghosts = (
-        100 * (comparison.values(own, method) - comparison.values(raw, method)) for own, raw in (SURVIVAL, GHOSTS)
-    )
-    return pd.DataFrame(
-        {heading: factor * comparison.values(selector, method) for heading, (selector, factor) in values.items()}
-        | {"survival less raw's [points]": survival, "ghosts less raw's [points]": ghosts}
-        | {"p50 [ms]": comparison.values(LATENCY, method)}
-    )
-
-
-ABLATION = Experiment(
-    "ablation", "What is each part of the default method worth, and what does it cost?",
-    ablate, SEQUENCES, frames=30, min_frames=2,
-)  # fmt: skip

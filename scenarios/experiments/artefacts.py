@@ -17,7 +17,7 @@ from voxdepth.types import FloatArray, FloatImage, Frame, Intrinsics
 
 from ..errors import ScenarioError
 from ..sequences import GROUPS
-from .experiment import Experiment, ExperimentContext, Findings
+from .experiment import ExperimentContext, Findings, asks
 
 STEP_PX, NARROWEST_PX = 4.0, 3
 """Least disparity step beside an occlusion shadow, and least width of a shadow."""
@@ -42,7 +42,11 @@ PANELS = {
 Places = npt.NDArray[np.intp]
 
 
-def compare_artefacts(context: ExperimentContext) -> Findings:
+@asks(
+    "How do the errors of rendered depth compare with those of real cameras?",
+    sequences=(*GROUPS["artefacts"], "sim-LN", "sim-hover"), frames=10, reads_data=True,
+)  # fmt: skip
+def artefacts(context: ExperimentContext) -> Findings:
     """Measure the artefacts of rendered sequences, and of recordings in folders if there are any."""
     rows: dict[str, dict[str, Any]] = {}
     for name in context.sequences:
@@ -177,9 +181,3 @@ def of_median_pixel(sizes: Any, pixels: Any) -> float:
     """The size of the part in which the median pixel lies; NaN without a pixel."""
     of_pixels = pd.Series(np.repeat(np.asarray(sizes, np.float64), np.asarray(pixels, np.int64)))
     return float(of_pixels.quantile(0.5, interpolation="lower"))
-
-
-ARTEFACTS = Experiment(
-    "artefacts", "How do the errors of rendered depth compare with those of real cameras?",
-    compare_artefacts, (*GROUPS["artefacts"], "sim-LN", "sim-hover"), frames=10, reads_data=True,
-)  # fmt: skip

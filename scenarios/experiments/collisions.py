@@ -12,7 +12,7 @@ from ..study.executors import Processes
 from ..study.run import run_study
 from ..study.statistics import DoseResponse
 from ..study.tables import arm_table, dose_response_table
-from .experiment import Claim, Experiment, ExperimentContext, Findings
+from .experiment import Claim, ExperimentContext, Findings, asks
 
 WHOLE, ARM = "noise", "one draw per object"
 """The whole study, and its arm that this one flies."""
@@ -22,11 +22,12 @@ GROWTH = 8.0
 """How many times as many collisions the paper finds at twice a noise ratio of 0.5."""
 
 
-def fly(context: ExperimentContext) -> Findings:
+@asks("How do collisions grow with the noise of the depth (Fig. collide)?", sequences=(), frames=SEEDS)
+def collide(context: ExperimentContext) -> Findings:
     """Fly the missions that are not in the folder of the results yet, and fit the collisions."""
     study = small_study(context.frames, context.seed)
     executor = Processes(os.cpu_count() or 1, study.time_limit_s)
-    folder = context.out / COLLISIONS.name / "study"
+    folder = context.out / "collide" / "study"
     data = run_study(study, folder, executor, lambda progress: context.report(progress.line()), resume=True)
     arms, responses = summarise_arms(data), list(dose_responses(data))
     ratios = pd.DataFrame({ARM: {arm.level: 100 * (arm.ratio or 0.0) for arm in arms}})
@@ -65,9 +66,3 @@ def _claims(response: DoseResponse | str) -> tuple[Claim, Claim]:
         Claim(shape, f"as theta^{curve.b:.2f}, {interval.format(*b)}", b.low > 1 if is_decided else None),
         Claim(size, f"{curve.ratio:.1f} times, {interval.format(*ratio)}", ratio.low <= GROWTH <= ratio.high),
     )
-
-
-COLLISIONS = Experiment(
-    "collide", "How do collisions grow with the noise of the depth (Fig. collide)?",
-    fly, (), frames=SEEDS,
-)  # fmt: skip

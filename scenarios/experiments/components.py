@@ -12,7 +12,7 @@ from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
-from .experiment import Claim, Experiment, ExperimentContext, Findings, pivot
+from .experiment import Claim, ExperimentContext, Findings, asks, pivot
 from .paper_results import COMPONENTS_MS
 
 PER_EPOCH = {"fusion": ["motion", "voxelise", "project"], "inpainting": ["inpaint"]}
@@ -24,7 +24,11 @@ ROUNDS, RATE_HZ = 5, 30.0
 """How often the frames are played forwards and backwards, and how fast by their times."""
 
 
-def time_components(context: ExperimentContext) -> Findings:
+@asks(
+    "How long does each component of the corrector take (Table componentlatency)?",
+    sequences=("sim-LN",), frames=30, width_px=640, min_frames=16,
+)  # fmt: skip
+def components(context: ExperimentContext) -> Findings:
     """Time the steps of the corrector over many frames and fusions."""
     rows = []
     for name in context.sequences:
@@ -89,9 +93,3 @@ def _claim(images: str, medians_ms: pd.Series) -> Claim:
         f"{images}: fusion takes {times:.1f} times as long as the next, {second}",
         bool(times > 1) and second == "inpainting",
     )
-
-
-COMPONENTS = Experiment(
-    "components", "How long does each component of the corrector take (Table componentlatency)?",
-    time_components, ("sim-LN",), frames=30, width_px=640, min_frames=16,
-)  # fmt: skip

@@ -22,7 +22,7 @@ from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Source
 
 from ..errors import ScenarioError
 from ..sequences import GROUPS
-from .experiment import Experiment, ExperimentContext, Findings
+from .experiment import ExperimentContext, Findings, asks
 
 TRAINING_SEED = 101
 """Seed of the sequences that confidences are fitted to; no reported result uses it."""
@@ -90,7 +90,8 @@ def shares(bins: FloatArray) -> dict[str, float]:
     }
 
 
-def compare_confidence(context: ExperimentContext) -> Findings:
+@asks("How probably is a depth right, by its source?", sequences=(*GROUPS["reference"], *GROUPS["hard"]), frames=20)
+def confidence(context: ExperimentContext) -> Findings:
     """Fit the confidence of all correctors with the training seed, and measure it with the seed of the context."""
     if context.seed == TRAINING_SEED:
         raise ScenarioError(f"--seed {TRAINING_SEED} is that of the fit: choose another one to measure with")
@@ -142,9 +143,3 @@ def _draw(found: dict[str, FloatArray], title: str, axes: Axes) -> None:
         n, confidence, correct = bins[:, bins[0] > 0]
         looks: dict[str, Any] = {"marker": "o", "ms": 3, "color": f"C{k % 10}", "ls": ("-", "--")[k // 10]}
         axes.plot(confidence / n, 100 * correct / n, label=name, **looks)
-
-
-CONFIDENCE = Experiment(
-    "confidence", "How probably is a depth right, by its source?",
-    compare_confidence, (*GROUPS["reference"], *GROUPS["hard"]), frames=20,
-)  # fmt: skip

@@ -1,7 +1,7 @@
 """An experiment: a question, the frames that it is asked of, and a function that answers it."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,9 @@ import pandas as pd
 from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.tools.evaluation.methods import Method
+from voxdepth import VoxDepth
+from voxdepth.paper.config import VoxDepthConfig
+from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.types import Frame
 
@@ -135,10 +137,17 @@ class ExperimentContext:
         """The first frames of a sequence as a corrector receives them."""
         return (frame_of(capture) for capture in self.captures(name))
 
-    def evaluate(self, methods: Sequence[Method]) -> Evaluation:
+    def diagnostics(self, name: str, config: VoxDepthConfig) -> pd.DataFrame:
+        """What the paper's method says of each of the first frames of a sequence (rows), with a configuration."""
+        corrector = VoxDepth(self.recording(name).intrinsics, config)
+        found = [corrector.align(frame).diagnostics.facts() for frame in self.frames_of(name)]
+        corrector.close()
+        return pd.DataFrame(found)
+
+    def evaluate(self, methods: Iterable[str]) -> Evaluation:
         """Evaluate methods on all sequences as `voxdepth evaluate` does; the first failure is a `ScenarioError`."""
         sequences = [shipped(self.sequence(name)) for name in self.sequences]
-        plan = Plan(sequences=sequences, methods=methods, frames=self.frames, out=self.out)
+        plan = Plan(sequences=sequences, methods=find_methods(list(methods)), frames=self.frames, out=self.out)
         evaluation = evaluate(plan, lambda what, results: self.report(f"{what}; {results} of {len(plan)} done"))
         for failed in evaluation.failures:
             raise ScenarioError(f"{failed.key.method} failed on {failed.key.sequence}: {failed.error}")
@@ -183,3 +192,8 @@ class Experiment:
                 raise ScenarioError(f"--sequences names {name!r} twice: once is enough")
             context.sequence(name)
         return context
+
+
+def asks(question: str, **how: Any) -> Callable[[Callable[[ExperimentContext], Findings]], Experiment]:
+    """Make an experiment of the function that answers a question, with its name; `how` are fields of `Experiment`."""
+    return lambda answer: Experiment(name=answer.__name__, question=question, answer=answer, **how)

@@ -1,7 +1,7 @@
 """Table fps: frames per second from files, pipelined and not, beside the paper's other methods."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -15,7 +15,7 @@ from voxdepth.registry import AUTHORS, create_corrector
 from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import Intrinsics
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, listed, pivot
+from .experiment import Claim, ExperimentContext, Findings, asks, listed, pivot
 from .paper_results import FRAMES_PER_S, SWARM
 
 RUNS, WARM_UP_FRAMES = 3, 16
@@ -38,33 +38,20 @@ SETUPS: Mapping[str, tuple[Callable[[Intrinsics], Any], str]] = {
 """A function that creates the corrector, and how it is run, by the paper's name. DS needs the extra `learned`."""
 
 
-def compare_frame_rates(context: ExperimentContext) -> Findings:
+@asks(
+    "How many frames per second does each method correct, reading included (Table fps)?",
+    sequences=("sim-LN",), frames=100, width_px=640, min_frames=WARM_UP_FRAMES,
+)  # fmt: skip
+def fps(context: ExperimentContext) -> Findings:
     """Time every setup on frames from files, in alternating runs."""
-    rows: list[dict[str, Any]] = []
-    for name in context.sequences:
-        dataset = open_dataset(context.recording(name).folder, "recording")
-        runs = []
-        for run in range(1 + RUNS):
-            context.report(f"{name}, run {run} of {RUNS}")
-            frames = context.frames if run else WARM_UP_FRAMES
-            runs.append({method: frame_rate(*setup, dataset, frames) for method, setup in SETUPS.items()})
-        rows += [
-            {
-                "sequence": name,
-                "method": method,
-                "how": SETUPS[method][1],
-                MEDIAN: rates.median(),
-                "lowest [frames/s]": rates.min(),
-                "highest [frames/s]": rates.max(),
-                "n runs": RUNS,
-                "n frames a run": context.frames,
-                PAPER: FRAMES_PER_S.get(method),
-            }
-            for method, rates in pd.DataFrame(runs[1:]).items()
-        ]
-        quoted = {"method": SWARM, "how": "not repeated here", "n runs": 0, "n frames a run": 0}
-        rows.append({"sequence": name, **quoted, PAPER: FRAMES_PER_S[SWARM]})
-    table = pd.DataFrame(rows)
+    rates = pd.DataFrame(_timed(context)).groupby(["sequence", "method"], sort=False)["rate"]
+    spread = rates.agg(**{MEDIAN: "median", "lowest [frames/s]": "min", "highest [frames/s]": "max"})
+    everyone = pd.MultiIndex.from_product([context.sequences, [*SETUPS, SWARM]], names=["sequence", "method"])
+    table = spread.reindex(everyone).reset_index()
+    is_ours, hows = table[MEDIAN].notna(), {method: how for method, (_, how) in SETUPS.items()}
+    table.insert(2, "how", table["method"].map(hows).fillna("not repeated here"))
+    table["n runs"], table["n frames a run"] = RUNS * is_ours, context.frames * is_ours
+    table[PAPER] = table["method"].map(FRAMES_PER_S)
     medians = pivot(table, "method", "sequence", MEDIAN)
     speed_up = 100 * (medians.loc["VD"] / medians.loc["VD-Nopipe"] - 1)
     orders = {name: ", ".join(of[["RS", "VD", "GS"]].sort_values()[::-1].index) for name, of in medians.items()}
@@ -94,6 +81,17 @@ def compare_frame_rates(context: ExperimentContext) -> Findings:
     )
 
 
+def _timed(context: ExperimentContext) -> Iterator[dict[str, Any]]:
+    """Yield the rate of every setup on every sequence in each run after the warm-up."""
+    for name in context.sequences:
+        dataset = open_dataset(context.recording(name).folder, "recording")
+        for run in range(1 + RUNS):
+            context.report(f"{name}, run {run} of {RUNS}")
+            frames = context.frames if run else WARM_UP_FRAMES
+            rates = {method: frame_rate(*setup, dataset, frames) for method, setup in SETUPS.items()}
+            yield from ({"sequence": name, "method": method, "rate": rate} for method, rate in rates.items() if run)
+
+
 def frame_rate(create: Callable[[Intrinsics], Any], how: str, dataset: Dataset, frames: int) -> float:
     """Throughput of a new corrector on the first frames of a dataset, reading included [frames/s]."""
     corrector, read = create(dataset.intrinsics), (dataset[index] for index in range(frames))
@@ -103,9 +101,3 @@ def frame_rate(create: Callable[[Intrinsics], Any], how: str, dataset: Dataset, 
     time_s = time.perf_counter() - start
     corrector.close()
     return frames / time_s
-
-
-FRAME_RATE = Experiment(
-    "fps", "How many frames per second does each method correct, reading included (Table fps)?",
-    compare_frame_rates, ("sim-LN",), frames=100, width_px=640, min_frames=WARM_UP_FRAMES,
-)  # fmt: skip

@@ -6,10 +6,9 @@ from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.registry import PAPER
 from voxdepth.tools.evaluation.groups import ALL
 from voxdepth.tools.evaluation.measurements import Selector
-from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.figure import panels, plotted
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed, pivot
+from .experiment import Claim, ExperimentContext, Findings, all_hold, asks, listed, pivot
 from .image_motion import BASELINE, by_registration, score_pairs
 
 CHOSEN, LARGEST = "200", "600"
@@ -23,16 +22,20 @@ PSNR = Selector("psnr16_mm", range=ALL)
 SIZE, GRAY, CORRECTED, TIME = "size [px]", "gray PSNR [dB]", "corrected PSNR [dB]", "p50 [ms]"
 
 
-def compare_sizes(context: ExperimentContext) -> Findings:
+@asks(
+    "Which frame size gives good registration in little time (RQ2)?",
+    sequences=("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"), frames=30, width_px=640, min_frames=16,
+)  # fmt: skip
+def rq2(context: ExperimentContext) -> Findings:
     """Register pairs of frames and correct whole sequences at each size."""
-    measurements = context.evaluate(find_methods(list(METHODS.values()))).measurements
+    corrected_db = context.evaluate(METHODS.values()).measurements.table({CORRECTED: PSNR})[CORRECTED]
     scores = {}
     for name in context.sequences:
         shape = context.recording(name).intrinsics.shape
         estimators = BASELINE | {size: by_registration(config, shape) for size, config in REGISTRATIONS.items()}
-        corrected_db = {size: measurements.value(name, method, PSNR) for size, method in METHODS.items()}
         of_sizes = score_pairs(context, name, estimators, DISTANCE, MAX_PAIRS)
-        scores[name] = of_sizes.assign(**{CORRECTED: pd.Series(corrected_db, dtype=float), "n frames": context.frames})
+        corrected = corrected_db[name].rename({method: size for size, method in METHODS.items()})
+        scores[name] = of_sizes.assign(**{CORRECTED: corrected, "n frames": context.frames})
     table = pd.concat(scores, names=["sequence", SIZE]).reset_index()
     gray_db, depth_db, times_ms = (
         pivot(table, SIZE, "sequence", values).drop(list(BASELINE)) for values in (GRAY, CORRECTED, TIME)
@@ -66,9 +69,3 @@ def compare_sizes(context: ExperimentContext) -> Findings:
             ],
         ),
     )
-
-
-FRAME_SIZE = Experiment(
-    "rq2", "Which frame size gives good registration in little time (RQ2)?",
-    compare_sizes, ("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"), frames=30, width_px=640, min_frames=16,
-)  # fmt: skip

@@ -20,7 +20,7 @@ from voxdepth.paper.steps import create_steps
 from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import FloatImage
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed, pivot
+from .experiment import Claim, ExperimentContext, Findings, all_hold, asks, listed, pivot
 from .paper_results import INPAINTING_RESULTS
 
 Fill = Callable[[FloatImage], FloatImage]
@@ -34,7 +34,11 @@ REPETITIONS, NEAR_M = 5, 20.0
 PSNR, TIME = "PSNR completed [dB]", "p50 [ms]"
 
 
-def compare_inpainting(context: ExperimentContext) -> Findings:
+@asks(
+    "Which inpainting method makes the best template of the sparse projection, and in what time (RQ3)?",
+    sequences=("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"), frames=30, width_px=640, min_frames=CONFIG.window_frames,
+)  # fmt: skip
+def rq3(context: ExperimentContext) -> Findings:
     """Make templates of the same windows with every method."""
     scores = {name: _measure(context, name) for name in context.sequences}
     table = pd.concat(scores, names=["sequence", "method"]).reset_index()
@@ -81,34 +85,32 @@ def compare_inpainting(context: ExperimentContext) -> Findings:
 
 def _measure(context: ExperimentContext, name: str) -> pd.DataFrame:
     """A row for each method on the windows of a sequence."""
+    scores = pd.DataFrame(score for window in _windows(context, name) for score in _scored(*window))
+    sums = scores.groupby("method", sort=False)[["near", "completed"]].sum()
+    return pd.DataFrame(
+        {
+            "filled [%]": 100 * sums["near"].map(lambda near: near.coverage),
+            "MAE filled [m]": sums["near"].map(lambda near: near.mae_m),
+            "too far [%]": 100 * sums["near"].map(lambda near: near.too_far_share),
+            PSNR: sums["completed"].map(lambda completed: completed.psnr_db(PEAK16_M)),
+            TIME: scores.explode("ms").astype({"ms": float}).groupby("method", sort=False)["ms"].median(),
+            "n pixels": sums["near"].map(lambda near: near.pixels),
+        }
+    ).join(pd.DataFrame(INPAINTING_RESULTS, ["PSNR, paper [dB]", "time, paper [ms]"]).T)
+
+
+def _scored(sparse_m: FloatImage, truth_m: FloatImage) -> Iterator[dict[str, Any]]:
+    """The errors of each method on one window near and after completion, and its times [ms]."""
     methods: dict[str, Fill] = {"as projected": np.array, **METHODS}
-    near, completed = dict.fromkeys(methods, Sums()), dict.fromkeys(methods, Sums())
-    times_ms: dict[str, list[float]] = {method: [] for method in methods}
-    for sparse_m, truth_m in _windows(context, name):
-        for method, fill in methods.items():
-            template_m = fill(sparse_m)
-            near[method] += Sums.of(template_m, truth_m, truth_m <= np.float32(NEAR_M))
-            completed[method] += Sums.of(fill_from_nearest(template_m), truth_m, truth_m <= np.float32(PEAK16_M))
-            for _ in range(REPETITIONS if method in METHODS else 0):
-                start = time.perf_counter()
-                fill(sparse_m)
-                times_ms[method].append(1000 * (time.perf_counter() - start))
-    rows = [_row(method, near[method], completed[method], times_ms[method]) for method in methods]
-    return pd.DataFrame(rows, list(methods))
-
-
-def _row(method: str, near: Sums, completed: Sums, times_ms: list[float]) -> dict[str, Any]:
-    psnr_db, time_ms = INPAINTING_RESULTS.get(method, (None, None))
-    return {
-        "filled [%]": None if near.coverage is None else 100 * near.coverage,
-        "MAE filled [m]": near.mae_m,
-        "too far [%]": None if near.too_far_share is None else 100 * near.too_far_share,
-        PSNR: completed.psnr_db(PEAK16_M),
-        TIME: float(np.median(times_ms)) if times_ms else None,
-        "n pixels": near.pixels,
-        "PSNR, paper [dB]": psnr_db,
-        "time, paper [ms]": time_ms,
-    }
+    for method, fill in methods.items():
+        template_m, times_ms = fill(sparse_m), []
+        for _ in range(REPETITIONS if method in METHODS else 0):
+            start = time.perf_counter()
+            fill(sparse_m)
+            times_ms.append(1000 * (time.perf_counter() - start))
+        near = Sums.of(template_m, truth_m, truth_m <= np.float32(NEAR_M))
+        completed = Sums.of(fill_from_nearest(template_m), truth_m, truth_m <= np.float32(PEAK16_M))
+        yield {"method": method, "near": near, "completed": completed, "ms": times_ms}
 
 
 def _windows(context: ExperimentContext, name: str) -> Iterator[tuple[FloatImage, FloatImage]]:
@@ -125,10 +127,3 @@ def _windows(context: ExperimentContext, name: str) -> Iterator[tuple[FloatImage
             if T_last_frame is not None:
                 steps.integrate(frame.depth_m, T_last_frame)
         yield steps.project(), captures[-1].depth_true_m
-
-
-INPAINTING = Experiment(
-    "rq3", "Which inpainting method makes the best template of the sparse projection, and in what time (RQ3)?",
-    compare_inpainting, ("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"),
-    frames=30, width_px=640, min_frames=CONFIG.window_frames,
-)  # fmt: skip

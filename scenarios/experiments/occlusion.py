@@ -14,7 +14,7 @@ from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.tools.figure import MARKERS, label_axes, panels, plotted
 from voxdepth.types import FloatImage, MaskImage
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, listed
+from .experiment import Claim, ExperimentContext, Findings, asks, listed
 from .paper_results import SEQUENCES
 
 GROWN_PX = (0, 2, 4, 8, 16, 32)
@@ -26,7 +26,11 @@ POINTS = 10.0
 LOSS, BEND, BEND_COMPLETED = f"PSNR lost by {POINTS:g} points more [%]", "bend [dB/%^2]", "bend completed [dB/%^2]"
 
 
-def relate_occlusion(context: ExperimentContext) -> Findings:
+@asks(
+    "How does the quality of depth fall with the share of occluded pixels (RQ1)?",
+    sequences=tuple(SEQUENCES), frames=30, width_px=640,
+)  # fmt: skip
+def rq1(context: ExperimentContext) -> Findings:
     """Relate the quality of raw depth to occlusion, with artificially grown patches."""
     rows, doses = [], {}
     for name in context.sequences:
@@ -129,9 +133,3 @@ def _draw_grown(doses: dict[str, pd.DataFrame], axes: Axes) -> None:
     title = f"patches grown by {', '.join(map(str, GROWN_PX))} px; dotted: completed"
     label_axes(axes, title, "occluded pixels [%]", "PSNR, peak 65535 mm [dB]")
     axes.legend(fontsize=7)
-
-
-OCCLUSION = Experiment(
-    "rq1", "How does the quality of depth fall with the share of occluded pixels (RQ1)?",
-    relate_occlusion, tuple(SEQUENCES), frames=30, width_px=640,
-)  # fmt: skip

@@ -6,7 +6,7 @@ from voxdepth.baselines.optical_flow import Dis, Farneback, HornSchunck
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.tools.figure import panels, plotted
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed, most_hold
+from .experiment import Claim, ExperimentContext, Findings, all_hold, asks, listed, most_hold
 from .image_motion import BASELINE, by_flow, by_registration, score_pairs
 from .paper_results import FLOW_S
 
@@ -18,7 +18,11 @@ BUDGET_MS = 50.0
 """The paper's limit for a frame: 20 frames per second."""
 
 
-def compare_flow(context: ExperimentContext) -> Findings:
+@asks(
+    "Does optical flow move a template better than registration, and what does it cost (RQ4)?",
+    sequences=("sim-LN", "sim-MB", "sim-PLF"), frames=30, width_px=640, min_frames=2,
+)  # fmt: skip
+def rq4(context: ExperimentContext) -> Findings:
     """Warp a perfect template, which is the true depth of a frame, to later frames with every method."""
     scores = {}
     for name in context.sequences:
@@ -69,9 +73,3 @@ def compare_flow(context: ExperimentContext) -> Findings:
             ],
         ),
     )  # fmt: skip
-
-
-OPTICAL_FLOW = Experiment(
-    "rq4", "Does optical flow move a template better than registration, and what does it cost (RQ4)?",
-    compare_flow, ("sim-LN", "sim-MB", "sim-PLF"), frames=30, width_px=640, min_frames=2,
-)  # fmt: skip

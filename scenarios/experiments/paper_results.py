@@ -8,22 +8,22 @@ METHODS = ("VD", "RS", "GS", "DS")
 """VoxDepth, RealSense, GSmooth, DeepSmooth."""
 SEQUENCES = {f"sim-{name}": name for name in ("LN", "MB", "KTS", "KTC", "PLF", "PLW")}
 """The paper's name of the dataset that a shipped sequence stands for, in the paper's order."""
-PSNR_DB = {
+PSNR_DB = pd.DataFrame.from_dict({
     "LN": (17.46, 13.04, 13.14, 14.16),
     "MB": (17.10, 13.17, 15.36, 10.51),
     "KTS": (17.69, 14.60, 18.59, 22.87),
     "KTC": (20.32, 17.66, 18.59, 14.89),
     "PLF": (15.81, 13.55, 12.97, 13.62),
     "PLW": (16.05, 13.73, 13.14, 13.37),
-}
-M_RMSE = {
+}, orient="index", columns=METHODS)  # fmt: skip
+M_RMSE = pd.DataFrame.from_dict({
     "LN": (112.25, 167.25, 179.08, 180.03),
     "MB": (177.61, 175.61, 176.75, 178.04),
     "KTS": (102.23, 139.69, 172.02, 175.68),
     "KTC": (126.15, 144.70, 177.93, 178.89),
     "PLF": (157.95, 159.15, 178.70, 178.38),
     "PLW": (169.79, 164.79, 177.59, 178.87),
-}
+}, orient="index", columns=METHODS)  # fmt: skip
 """Printed without a unit; see `voxdepth.metrics.m_rmse_u16_wrap` for why so many lie just below 180."""
 INPAINTING_RESULTS = {"bilinear": (16.35, 8), "convex": (34.39, 237), "dilation": (17.46, 94)}
 """RQ3: PSNR [dB] and time [ms] by method."""
@@ -50,10 +50,9 @@ SATURATION = 175.0
 
 def percentages_table() -> pd.DataFrame:
     """Every percentage of the text that follows from the tables, as printed and as computed."""
-    psnr_db, m_rmse = (pd.DataFrame(printed, METHODS).T for printed in (PSNR_DB, M_RMSE))
-    gains = 100 * (psnr_db["VD"] / psnr_db.drop(columns="VD").max(axis="columns") - 1)
-    over_rs = 100 * (psnr_db["VD"] / psnr_db["RS"] - 1)
-    ratios = m_rmse["VD"] / m_rmse.drop(columns="VD").min(axis="columns")
+    gains = 100 * (PSNR_DB["VD"] / PSNR_DB.drop(columns="VD").max(axis="columns") - 1)
+    over_rs = 100 * (PSNR_DB["VD"] / PSNR_DB["RS"] - 1)
+    ratios = M_RMSE["VD"] / M_RMSE.drop(columns="VD").min(axis="columns")
     ahead, behind = ratios[list(AHEAD)], ratios[list(BEHIND)]
     real_switches = mean(SWITCHES[name] for name in REAL)
     without_kts, all_four = (mean(SWITCHES[name] for name in names) for names in (SYNTHETIC[1:], SYNTHETIC))
@@ -81,5 +80,4 @@ def percentages_table() -> pd.DataFrame:
 
 def saturated() -> tuple[int, int]:
     """The number of printed masked errors above `SATURATION`, and the number of all."""
-    values = [value for row in M_RMSE.values() for value in row]
-    return sum(value > SATURATION for value in values), len(values)
+    return int((M_RMSE > SATURATION).sum(axis=None)), M_RMSE.size

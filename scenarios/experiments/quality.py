@@ -1,6 +1,5 @@
 """Table psnr: the quality of corrected depth by dataset and method, beside the paper's numbers."""
 
-from collections.abc import Mapping
 from functools import partial
 from itertools import product
 from typing import Any
@@ -8,17 +7,15 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 
-from voxdepth import VoxDepth
 from voxdepth.paper.epochs import EpochEnd, Phase
 from voxdepth.registry import AUTHORS, PAPER, config_of, installed_names
 from voxdepth.tools.evaluation.groups import ALL
 from voxdepth.tools.evaluation.measurements import AS_GIVEN, Selector
-from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 from voxdepth.tools.figure import Draw, panels, plotted
 
 from . import paper_results as paper
-from .experiment import Claim, Experiment, ExperimentContext, Findings, alike, listed, most_hold
+from .experiment import Claim, ExperimentContext, Findings, alike, asks, listed, most_hold
 from .paper_results import M_RMSE, PSNR_DB, REAL, percentages_table, saturated
 
 _METHODS = {"VD": PAPER, "VD-code": AUTHORS, "RS": "realsense-left", "GS": "lmeds", "DS": "learned", "raw": "raw"}
@@ -33,36 +30,35 @@ NAMES = {
     "raw": "raw: the depth as measured",
 }
 """What the names of the methods stand for, as the legend of the figure tells."""
+NOT_PRINTED = pd.DataFrame(columns=paper.METHODS, dtype=float)
 PSNR, MASKED = "PSNR after warm-up", "masked RMSE after warm-up"
-METRICS: tuple[tuple[str, str, Selector, Mapping[str, tuple[float, ...]]], ...] = (
-    (PSNR, "dB", Selector("psnr16_mm_settled", range=ALL), PSNR_DB),
-    ("PSNR", "dB", Selector("psnr16_mm", range=ALL), PSNR_DB),
-    (MASKED, "m", Selector("rmse_settled", "occluded"), {}),
-    ("masked RMSE", "m", Selector("rmse", "occluded"), {}),
-    ("m_rmse_u16_wrap", "1", Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN), M_RMSE),
-    ("psnr_minmax8", "dB", Selector("psnr_minmax8", "all", ALL, AS_GIVEN), PSNR_DB),
-)
-"""Name, unit, selected measurement, and the paper's numbers by dataset of each block of rows."""
+METRICS: dict[tuple[str, str], tuple[Selector, pd.DataFrame]] = {
+    (PSNR, "dB"): (Selector("psnr16_mm_settled", range=ALL), PSNR_DB),
+    ("PSNR", "dB"): (Selector("psnr16_mm", range=ALL), PSNR_DB),
+    (MASKED, "m"): (Selector("rmse_settled", "occluded"), NOT_PRINTED),
+    ("masked RMSE", "m"): (Selector("rmse", "occluded"), NOT_PRINTED),
+    ("m_rmse_u16_wrap", "1"): (Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN), M_RMSE),
+    ("psnr_minmax8", "dB"): (Selector("psnr_minmax8", "all", ALL, AS_GIVEN), PSNR_DB),
+}
+"""The selected measurement and the paper's numbers of each block of rows, by its name and unit."""
 
 
-def compare_quality(context: ExperimentContext) -> Findings:
+@asks(
+    "How near to the truth is the depth that each method gives (Table psnr)?",
+    sequences=tuple(paper.SEQUENCES), frames=100, width_px=640, min_frames=SETTLED_FRAMES + 1,
+)  # fmt: skip
+def quality(context: ExperimentContext) -> Findings:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
-    measurements = context.evaluate(find_methods(list(METHODS.values()))).measurements
-    rows = []
-    for (metric, unit, selector, printed), name in product(METRICS, context.sequences):
-        by_paper = printed.get(paper.SEQUENCES.get(name, ""), (None,) * len(paper.METHODS))
-        row: dict[str, Any] = {"metric": metric, "unit": unit, "sequence": name}
-        row |= {vd: measurements.value(name, method, selector) for vd, method in METHODS.items()}
-        row |= {f"{vd} (paper)": number for vd, number in zip(paper.METHODS, by_paper, strict=True)}
-        rows.append(row | {"n": max(measurements.count(name, method, selector) for method in METHODS.values())})
-    table = pd.DataFrame(rows, dtype=object)
+    measured = context.evaluate(METHODS.values()).measurements
+    blocks = {
+        name: _block(measured.select(selector), printed, context) for name, (selector, printed) in METRICS.items()
+    }
+    table = pd.concat(blocks, names=["metric", "unit", "sequence"])
+    psnrs_db, masked_m = (table.loc[metric].droplevel("unit")[list(METHODS)] for metric in (PSNR, MASKED))
     engaged_rows = [engaged(context, *case) for case in product(context.sequences, (PAPER, AUTHORS))]
-    psnrs_db, masked_m = (
-        table[table["metric"] == metric].set_index("sequence")[list(METHODS)].astype(float) for metric in (PSNR, MASKED)
-    )
     above, total = saturated()
     return Findings(
-        tables={"table": table, "engaged": pd.DataFrame(engaged_rows), "arithmetic": percentages_table()},
+        tables={"table": table.reset_index(), "engaged": pd.DataFrame(engaged_rows), "arithmetic": percentages_table()},
         claims=tuple(
             claim for vd in ("VD", "VD-code") for claim in (*_psnr_claims(psnrs_db, vd), *_masked_claims(masked_m, vd))
         ),
@@ -86,15 +82,21 @@ def compare_quality(context: ExperimentContext) -> Findings:
     )
 
 
+def _block(measured: pd.DataFrame, printed: pd.DataFrame, context: ExperimentContext) -> pd.DataFrame:
+    """One quantity of each sequence (rows): by each of our methods, as the paper prints it, and the sample size."""
+    found = measured.unstack("method").reindex(context.sequences)
+    ours = found["value"].reindex(columns=METHODS.values()).set_axis(METHODS, axis="columns")
+    quoted = printed.reindex([paper.SEQUENCES.get(name) for name in context.sequences]).set_axis(context.sequences)
+    return ours.join(quoted.add_suffix(" (paper)")).assign(n=found["n"].max(axis="columns").fillna(0).astype(int))
+
+
 def engaged(context: ExperimentContext, name: str, corrector: str) -> dict[str, Any]:
     """A row with the share of the frames of a sequence that a template corrected, and the ends of epochs."""
-    method = VoxDepth(context.recording(name).intrinsics, config_of(corrector))  # type: ignore[arg-type]
-    found = [method.align(frame).diagnostics for frame in context.frames_of(name)]
-    method.close()
-    share = sum(each.phase is not Phase.PASSTHROUGH for each in found) / len(found)
-    ends = sum(each.epoch_end is not EpochEnd.NONE for each in found)
-    row = {"sequence": name, "method": corrector, "by a template [%]": 100 * share}
-    return row | {"epochs that ended": ends, "n frames": len(found)}
+    found = context.diagnostics(name, config_of(corrector))  # type: ignore[arg-type]
+    by_template = 100 * (found["phase"] != Phase.PASSTHROUGH).mean()
+    n_ended = (found["epoch_end"] != EpochEnd.NONE).sum()
+    row = {"sequence": name, "method": corrector, "by a template [%]": by_template}
+    return row | {"epochs that ended": n_ended, "n frames": len(found)}
 
 
 def _psnr_claims(psnrs_db: pd.DataFrame, vd: str = "VD") -> tuple[Claim, Claim]:
@@ -164,9 +166,3 @@ def _draw_bars(values: pd.DataFrame, title: str, unit: str, number: str, axes: A
         axes.bar_label(bars, fmt=number, fontsize=6, padding=1)  # type: ignore[arg-type]
     axes.margins(y=0.15)
     axes.set_axisbelow(True)
-
-
-QUALITY = Experiment(
-    "quality", "How near to the truth is the depth that each method gives (Table psnr)?",
-    compare_quality, tuple(paper.SEQUENCES), frames=100, width_px=640, min_frames=SETTLED_FRAMES + 1,
-)  # fmt: skip

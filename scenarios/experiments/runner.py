@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import Provenance
@@ -12,35 +12,30 @@ from voxdepth.tools.table import Table
 
 from ..errors import ScenarioError
 from ..provenance import SIMULATION
-from .ablation import ABLATION
-from .artefacts import ARTEFACTS
-from .collisions import COLLISIONS
-from .components import COMPONENTS
-from .confidence import CONFIDENCE
-from .default import DEFAULT_METHOD
+from .ablation import ablation
+from .artefacts import artefacts
+from .collisions import collide
+from .components import components
+from .confidence import confidence
+from .default import default
 from .experiment import Claim, Experiment, ExperimentContext, Findings, verdict
-from .frame_rate import FRAME_RATE
-from .frame_size import FRAME_SIZE
-from .inpainting import INPAINTING
-from .occlusion import OCCLUSION
-from .optical_flow import OPTICAL_FLOW
-from .quality import QUALITY
-from .steps import STEPS
-from .switches import STATE_SWITCHES
-from .window import WINDOW
+from .frame_rate import fps
+from .frame_size import rq2
+from .inpainting import rq3
+from .occlusion import rq1
+from .optical_flow import rq4
+from .quality import quality
+from .steps import steps
+from .switches import switches
+from .window import window
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 ALL, INDEX = "all", "index.md"
-PAPER_EXPERIMENTS = (
-    OCCLUSION, FRAME_SIZE, INPAINTING, OPTICAL_FLOW, STEPS, QUALITY, FRAME_RATE, COMPONENTS, WINDOW, STATE_SWITCHES
-)  # fmt: skip
+PAPER_EXPERIMENTS = (rq1, rq2, rq3, rq4, steps, quality, fps, components, window, switches)
 """Questions of the paper, in its order."""
-EXPERIMENTS = {
-    experiment.name: experiment
-    for experiment in (*PAPER_EXPERIMENTS, COLLISIONS, DEFAULT_METHOD, ABLATION, ARTEFACTS, CONFIDENCE)
-}
+EXPERIMENTS = {one.name: one for one in (*PAPER_EXPERIMENTS, collide, default, ablation, artefacts, confidence)}
 """All experiments by name. `collide` is the paper's, too, but flies for many minutes; the last four are not about the
 paper, but about the correctors and the simulator."""
 
@@ -63,8 +58,6 @@ class ExperimentReport:
     def write(self) -> None:
         """Write the tables with their notes, the figure and `result.json` below `out`; a failure is a `ToolError`."""
         context, findings = self.context, self.findings
-        parts = [f"{verdict(findings.claims)}\n\n`{self.command}`\n"]
-        parts += [f"**{table.title}**\n\n{table.markdown()}" for table in self.tables]
         result = {
             "name": self.experiment.name,
             "question": self.experiment.question,
@@ -72,38 +65,39 @@ class ExperimentReport:
             **{name: getattr(context, name) for name in ("sequences", "frames", "width_px")},
             "seed": context.seed or 0,
             "data": list(map(str, context.data)),
-            "provenance": Provenance.here(SIMULATION).model_dump(mode="json"),
+            "provenance": vars(Provenance.here(SIMULATION)),
             "tables": [table.as_json() for table in self.tables],
             "claims": list(map(asdict, findings.claims)),
             "notes": findings.notes,
         }
-        files = {f"{table.name}.csv": table.csv() for table in self.tables} | dict(findings.files)
-        files["table.md"] = "\n".join([*parts, *(f"{note}\n" for note in findings.notes)]).encode()
-        files["figure.png"] = findings.figure
-        files["result.json"] = f"{json.dumps(result, indent=1)}\n".encode()
+        page = [f"{verdict(findings.claims)}\n\n`{self.command}`\n"]
+        page += [f"**{table.title}**\n\n{table.markdown()}" for table in self.tables]
+        page += [f"{note}\n" for note in findings.notes]
+        files = {
+            **{f"{table.name}.csv": table.csv() for table in self.tables},
+            **findings.files,
+            "table.md": "\n".join(page).encode(),
+            "figure.png": findings.figure,
+            "result.json": f"{json.dumps(result, indent=1)}\n".encode(),
+        }
         for name, content in files.items():
             write(context.out / self.experiment.name / name, content)
 
     def print(self, console: "Console") -> None:
         """Print the question, the verdict, the tables, the claims and the notes."""
-        from rich.markup import escape
-
         context, findings = self.context, self.findings
         width = "" if context.width_px is None else f" of {context.width_px} pixels width"
         frames = f"{context.frames} frames{width} of {', '.join(context.sequences)}; seed {context.seed or 0}"
         if not context.sequences:
             frames = f"missions with {context.frames} seeds"
-        remarks = [
-            text
-            for claim in findings.claims
-            for text in (f"paper: {claim.paper}", f"here:  {claim.found} ({claim.verdict})")
-        ] + [f"note:  {note}" for note in findings.notes]
-        question = f"[bold]{self.experiment.name}[/bold]: {escape(self.experiment.question)}"
-        heading = (question, verdict(findings.claims), escape(frames))
-        console.print(*heading, sep="\n", soft_wrap=True, highlight=False)
+        claims = [f"paper: {claim.paper}\nhere:  {claim.found} ({claim.verdict})" for claim in findings.claims]
+        remarks = [*claims, *(f"note:  {note}" for note in findings.notes), ""]
+        plain: dict[str, Any] = {"sep": "\n", "soft_wrap": True, "highlight": False, "markup": False}
+        console.print(f"{self.experiment.name}: {self.experiment.question}", style="bold", **plain)
+        console.print(verdict(findings.claims), frames, **plain)
         for table in self.tables:
             table.print(console)
-        console.print(*map(escape, remarks), "", sep="\n", soft_wrap=True, highlight=False)
+        console.print(*remarks, **plain)
 
 
 def write_index(out: Path) -> Table:
@@ -128,8 +122,9 @@ def find_experiments(names: Sequence[str]) -> list[Experiment]:
     wanted = [found for name in names for found in (paper if name == ALL else [name])]
     for name in wanted:
         if name not in EXPERIMENTS:
-            known = ", ".join((*EXPERIMENTS, ALL))
-            raise ScenarioError(f"there is no experiment {name!r}; choose one or more of: {known}")
+            raise ScenarioError(
+                f"there is no experiment {name!r}; choose one or more of: {', '.join(EXPERIMENTS)}, {ALL}"
+            )
         if wanted.count(name) > 1:
             raise ScenarioError(f"the experiment {name!r} is named twice: once is enough")
     return [EXPERIMENTS[name] for name in wanted]

@@ -10,6 +10,7 @@ import pandas as pd
 from swarm.perception import frame_of
 from voxdepth import VoxDepth
 from voxdepth.colors import colored, far_end_m
+from voxdepth.metrics import Sums
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.inpainting import Inpainting
 from voxdepth.paper.steps import HostSteps
@@ -18,7 +19,7 @@ from voxdepth.tools.figure import Draw, image_shown, panels
 from voxdepth.types import FloatImage
 
 from ..errors import ScenarioError
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, pivot
+from .experiment import Claim, ExperimentContext, Findings, all_hold, asks, pivot
 from .quality import METHODS
 
 CONFIG = VoxDepthConfig(fusion_lag_frames=0)
@@ -40,15 +41,17 @@ class Stage(NamedTuple):
     @property
     def row(self) -> dict[str, Any]:
         """What is known of the surfaces within 20 m."""
-        near = self.truth_m < NEAR_M
-        judged = near & (self.image > 0)
-        mae_m = float(np.abs(self.image[judged] - self.truth_m[judged]).mean()) if judged.any() else None
-        filled = 100 * float(judged.sum() / near.sum())
+        sums = Sums.of(self.image, self.truth_m, self.truth_m < NEAR_M)
+        filled = None if sums.coverage is None else 100 * sums.coverage
         row = {"stage": self.name, "frame": self.frame, "with depth [%]": filled}
-        return row | {"MAE [m]": mae_m, "n pixels": int(judged.sum())}
+        return row | {"MAE [m]": sums.mae_m, "n pixels": sums.filled}
 
 
-def draw_steps(context: ExperimentContext) -> Findings:
+@asks(
+    "What does each stage of the method do with a scene (Fig. flowwithimage)?",
+    sequences=("sim-LN",), frames=24, width_px=640, min_frames=CONFIG.window_frames + 1,
+)  # fmt: skip
+def steps(context: ExperimentContext) -> Findings:
     """Follow the last frame of each sequence that a template corrects back to the window of the template."""
     found = [(name, stage) for name in context.sequences for stage in stages(context, name)]
     table = pd.DataFrame([{"sequence": name, **of.row} for name, of in found if of.image.dtype != np.uint8])
@@ -105,9 +108,3 @@ def _drawn(stage: Stage) -> Draw:
     is_gray = stage.image.dtype == np.uint8
     image = stage.image if is_gray else colored(stage.image, far_end_m([stage.truth_m]))[..., ::-1]
     return image_shown(f"{stage.name} ({stage.frame})", image, cmap="gray", interpolation="nearest")
-
-
-STEPS = Experiment(
-    "steps", "What does each stage of the method do with a scene (Fig. flowwithimage)?",
-    draw_steps, ("sim-LN",), frames=24, width_px=640, min_frames=CONFIG.window_frames + 1,
-)  # fmt: skip

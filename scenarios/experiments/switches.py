@@ -1,19 +1,18 @@
 """State switches: the frequency of the ends of epochs, and the quality of registration as the camera moves."""
 
-from collections import Counter
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from voxdepth import VoxDepth
 from voxdepth.baselines.optical_flow import Dis
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.epochs import EpochEnd
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.tools.figure import panels, plotted
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, most_hold, pivot
+from .experiment import Claim, ExperimentContext, Findings, asks, most_hold, pivot
 from .image_motion import by_registration, pair_starts, score_pairs, true_displacement_px
 from .paper_results import MOVEMENT, SEQUENCES, SWITCHES, SWITCHES_FRAMES
 
@@ -27,11 +26,15 @@ RATE, PAPER_RATE = f"switches per {SWITCHES_FRAMES} frames", f"paper, {SWITCHES_
 FLOW, GRAY = "flow [px]", "gray PSNR [dB]"
 
 
-def count_switches(context: ExperimentContext) -> Findings:
+@asks(
+    "How often does the state switch, and how does registration fade with movement (Table switchfrequency)?",
+    sequences=tuple(SEQUENCES), frames=200, width_px=320, min_frames=11,
+)  # fmt: skip
+def switches(context: ExperimentContext) -> Findings:
     """Count the epochs of a long run, and score registration on pairs of frames at growing distances."""
-    switches = pd.DataFrame([_count_ends(context, name) for name in context.sequences], dtype=object)
+    switches = pd.DataFrame([_count_ends(context, name) for name in context.sequences])
     distances = [distance for distance in DISTANCES if distance < context.frames]
-    movement = pd.concat([_movement(context, name, distance) for name in context.sequences for distance in distances])
+    movement = pd.DataFrame([_movement(context, *case) for case in product(context.sequences, distances)])
     flows_px, psnrs_db = (pivot(movement, "distance [frames]", "sequence", name) for name in (FLOW, GRAY))
     rates = switches.set_index("sequence")[[RATE, PAPER_RATE]].astype(float)
     shown = rates.set_axis(["here, by matches alone", "paper"], axis="columns")
@@ -58,17 +61,13 @@ def count_switches(context: ExperimentContext) -> Findings:
 
 def _count_ends(context: ExperimentContext, name: str) -> dict[str, Any]:
     """A row with the ends of epochs by the rules about matches alone, and with the limit to their length."""
-    configs = (VoxDepthConfig(max_epoch_frames=UNLIMITED), VoxDepthConfig())
-    correctors = [VoxDepth(context.recording(name).intrinsics, config) for config in configs]
-    by_rule, limited = Counter[EpochEnd](), Counter[EpochEnd]()
-    for frame in context.frames_of(name):
-        for corrector, ends in zip(correctors, (by_rule, limited), strict=True):
-            ends[corrector.align(frame).diagnostics.epoch_end] += 1
-    n, n_limited = (ends.total() - ends[EpochEnd.NONE] for ends in (by_rule, limited))
+    configs = VoxDepthConfig(max_epoch_frames=UNLIMITED), VoxDepthConfig()
+    by_rule, limited = (context.diagnostics(name, config)["epoch_end"] for config in configs)
+    n, n_limited = ((ends != EpochEnd.NONE).sum() for ends in (by_rule, limited))
     return {
         "sequence": name,
-        "too few matches": by_rule[EpochEnd.FEW_MATCHES],
-        "map refused": by_rule[EpochEnd.DEGENERATE],
+        "too few matches": (by_rule == EpochEnd.FEW_MATCHES).sum(),
+        "map refused": (by_rule == EpochEnd.DEGENERATE).sum(),
         "switches": n,
         RATE: n * SWITCHES_FRAMES / context.frames,
         "with epochs of at most 60 frames": n_limited,
@@ -77,7 +76,7 @@ def _count_ends(context: ExperimentContext, name: str) -> dict[str, Any]:
     }
 
 
-def _movement(context: ExperimentContext, name: str, distance: int) -> pd.DataFrame:
+def _movement(context: ExperimentContext, name: str, distance: int) -> dict[str, Any]:
     """A row with the image motion between pairs of frames at a distance, and how registration follows it."""
     recording, flow = context.recording(name), Dis()
     starts = pair_starts(context.frames, distance, MAX_PAIRS)
@@ -85,11 +84,11 @@ def _movement(context: ExperimentContext, name: str, distance: int) -> pd.DataFr
     flows = [flow.between(later.gray_left, earlier.gray_left) for earlier, later in pairs]
     moved_px = pd.Series([true_displacement_px(*pair) for pair in pairs], dtype=float)
     estimators = {"registration": by_registration(RegistrationConfig(), recording.intrinsics.shape)}
-    scores = score_pairs(context, name, estimators, distance, MAX_PAIRS).reset_index(drop=True)
+    (scores,) = score_pairs(context, name, estimators, distance, MAX_PAIRS).to_dict("records")
     flow_px = float(np.mean([np.linalg.norm(each, axis=2).mean() for each in flows]))
     before = {"sequence": name, "distance [frames]": distance, FLOW: flow_px, "true movement [px]": moved_px.mean()}
     after = dict(zip(("flow, paper [px]", "gray PSNR, paper [dB]"), MOVEMENT.get(distance, (None, None)), strict=True))
-    return pd.concat([pd.DataFrame([before]), scores, pd.DataFrame([after], dtype=float)], axis="columns")
+    return {**before, **scores, **after}
 
 
 def _switches_claim(rates: pd.Series) -> Claim:
@@ -110,10 +109,3 @@ def _movement_claim(flows_px: pd.DataFrame, psnrs_db: pd.DataFrame) -> Claim:
         "; ".join("{} {:.1f} to {:.1f} px and {:.2f} to {:.2f} dB".format(*each) for each in ends),
         most_hold(((far_px > near_px) & (far_db < near_db))[known]),
     )
-
-
-STATE_SWITCHES = Experiment(
-    "switches",
-    "How often does the state switch, and how does registration fade with movement (Table switchfrequency)?",
-    count_switches, tuple(SEQUENCES), frames=200, width_px=320, min_frames=11,
-)  # fmt: skip

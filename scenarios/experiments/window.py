@@ -1,15 +1,12 @@
 """Fusion window size: the number of fused frames, against quality and time."""
 
-import pandas as pd
-
 from voxdepth.registry import PAPER
 from voxdepth.tools.evaluation.groups import ALL
 from voxdepth.tools.evaluation.measurements import Selector, of_frames
-from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 from voxdepth.tools.figure import panels, plotted
 
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, pivot
+from .experiment import Claim, ExperimentContext, Findings, all_hold, asks, pivot
 
 METHODS = {size: f"{PAPER}[window_frames={size}]" for size in (2, 4, 6, 8, 10, 12)}
 """By the number of frames in a window. After `SETTLED_FRAMES` every window has made its first template."""
@@ -18,21 +15,25 @@ CHOSEN, LARGEST = 10, 12
 SIMILAR_DB = 0.1
 """Difference below which two qualities are similar; the paper says no number."""
 QUALITY = Selector("psnr16_mm_settled", range=ALL)
-TIMES = {"p50 [ms]": "latency_p50", "p95 [ms]": "latency_p95", "fusing per frame [ms]": "latency_background"}
+TIMES = {
+    f"{what} [ms]": of_frames(f"latency_{metric}")
+    for what, metric in (("p50", "p50"), ("p95", "p95"), ("fusing per frame", "background"))
+}
 WINDOW_FRAMES, PSNR, TIME = "window [frames]", "PSNR [dB]", "time per frame [ms]"
 
 
-def compare_windows(context: ExperimentContext) -> Findings:
+@asks(
+    "How many frames should be fused into a template (Fig. winsize)?",
+    sequences=("sim-LN", "sim-MB", "sim-KTC"), frames=45, width_px=640, min_frames=SETTLED_FRAMES + 1,
+)  # fmt: skip
+def window(context: ExperimentContext) -> Findings:
     """Correct the same frames with every window size."""
-    measured = context.evaluate(find_methods(list(METHODS.values()))).measurements
-    rows = []
-    for name in context.sequences:
-        for size, method in METHODS.items():
-            times = {what: measured.value(name, method, of_frames(metric)) or 0.0 for what, metric in TIMES.items()}
-            row = {"sequence": name, WINDOW_FRAMES: size, PSNR: measured.value(name, method, QUALITY)}
-            time_ms = times["p50 [ms]"] + times["fusing per frame [ms]"]
-            rows.append(row | {TIME: time_ms} | times | {"n pixels": measured.count(name, method, QUALITY)})
-    table = pd.DataFrame(rows)
+    measured = context.evaluate(METHODS.values()).measurements
+    found = measured.table({PSNR: QUALITY, TIME: QUALITY} | TIMES).fillna(dict.fromkeys(TIMES, 0.0))
+    found[TIME] = found["p50 [ms]"] + found["fusing per frame [ms]"]
+    found["n pixels"] = measured.select(QUALITY)["n"]
+    sizes = {method: size for size, method in METHODS.items()}
+    table = found.rename(index=sizes, level="method").rename_axis(["sequence", WINDOW_FRAMES]).reset_index()
     psnrs_db, times_ms = (pivot(table, WINDOW_FRAMES, "sequence", values) for values in (PSNR, TIME))
     change_db = psnrs_db.loc[CHOSEN] - psnrs_db.loc[LARGEST]
     saved = 100 * (1 - times_ms.loc[CHOSEN] / times_ms.loc[LARGEST])
@@ -57,9 +58,3 @@ def compare_windows(context: ExperimentContext) -> Findings:
             ],
         ),
     )
-
-
-WINDOW = Experiment(
-    "window", "How many frames should be fused into a template (Fig. winsize)?",
-    compare_windows, ("sim-LN", "sim-MB", "sim-KTC"), frames=45, width_px=640, min_frames=SETTLED_FRAMES + 1,
-)  # fmt: skip

@@ -60,9 +60,7 @@ def find(data: StudyData, prefix: str) -> RunSpec:
     """
     found = [spec for key, spec in data.runs.items() if key.startswith(prefix.lower())]
     if not found:
-        raise ScenarioError(
-            f"no run's key begins with {prefix!r}: take one from the report, or from voxdepth study export"
-        )
+        raise ScenarioError(f"no run's key begins with {prefix!r}: take one from what voxdepth study report writes")
     if len(found) > 1:
         raise ScenarioError(f"{len(found)} runs' keys begin with {prefix!r}: give more digits")
     return found[0]

@@ -187,7 +187,8 @@ def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool)
         ScenarioError: It belongs to another version or study, or it contains runs and `resume` is not set.
         ToolError: Another process flies the study, or the folder cannot be written.
     """
-    busy = f"another process is flying the study: wait for it, or look at it with voxdepth study status {folder}"
+    look = f"voxdepth study report {folder} --progress"
+    busy = f"another process is flying the study: wait for it, or look at it with {look}"
     with locked(folder, busy):
         if not (folder / MANIFEST).exists():
             _write(folder / MANIFEST, Manifest.of(study, specs).model_dump_json(indent=1))

@@ -29,7 +29,6 @@ from voxdepth.paper.odometry import (
     _opencv_images,
     _opencv_solver,
     motion_from_priors,
-    reduced,
     view_of,
 )
 from voxdepth.temporal.method import TemporalCorrector
@@ -48,7 +47,7 @@ STEPS = (1, 2, 4, 6)
 """Frames from the first to the second of a pair."""
 GAINS = (1.0, 1.1)
 """Exposure of the first and of the second frame of a pair."""
-REDUCED = reduced(CAMERA, OdometryConfig().max_width_px)
+REDUCED = CAMERA.reduced(OdometryConfig().max_width_px)
 NO_LIMITS = OdometryConfig(max_residual_px=1e9, min_overlap=0)
 
 
@@ -139,7 +138,7 @@ def test_what_the_images_say_of_estimates(holes: float, noise_gray: float) -> No
 def test_what_the_images_say_of_falsified_motions(offset_mm: float, turn_mrad: float) -> None:
     T = np.eye(4)
     T[:3, :3], T[0, 3] = cv2.Rodrigues(np.array([0, turn_mrad / 1e3, 0]))[0], offset_mm / 1e3
-    camera, max_depth_m = reduced(CAMERA, OdometryConfig().max_width_px), OdometryConfig().max_depth_m
+    camera, max_depth_m = CAMERA.reduced(OdometryConfig().max_width_px), OdometryConfig().max_depth_m
     found = []
     for pair in good_pairs():
         comparison = Comparison(view_of(pair.source, camera), view_of(pair.target, camera), camera, max_depth_m)

@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from sim.testing import noisy_sequence
+from swarm.perception import frame_of
 from tests.helpers import CAMERA
 from tests.integration.test_cli import voxdepth
 from voxdepth.tools import commands
@@ -27,11 +28,7 @@ MACHINE = ("machine: ", "GPU: ", "load in the last minute", "numpy ", "opencv-py
 def loop() -> FrameLoop:
     """A short walk at 160x120. Read only."""
     walk = list(noisy_sequence("flicker", "medium", frames=N_IMAGES))
-    return FrameLoop(
-        intrinsics=walk[0].intrinsics,
-        grays=tuple(capture.gray_left for capture in walk),
-        depths_m=tuple(capture.depth_raw_m for capture in walk),
-    )
+    return FrameLoop(walk[0].intrinsics, [frame_of(capture) for capture in walk])
 
 
 def bench(*arguments: str | Path) -> Result:
@@ -43,8 +40,8 @@ def test_a_loop_is_played_back_and_forth_one_image_at_a_time(loop: FrameLoop) ->
     frames = list(loop.play(12))
     assert np.diff([frame.stamp_s for frame in frames]) == pytest.approx([1 / 30] * 11)
     for frame, index in zip(frames, [0, 1, 2, 3, 4, 3, 2, 1, 0, 1, 2, 3], strict=True):
-        assert frame.gray is loop.grays[index]
-        assert frame.depth_m is loop.depths_m[index]
+        assert frame.gray is loop.frames[index].gray
+        assert frame.depth_m is loop.frames[index].depth_m
 
 
 def test_a_resized_camera_sees_every_point_where_the_resized_image_has_it() -> None:
@@ -60,7 +57,7 @@ def test_a_resized_camera_sees_every_point_where_the_resized_image_has_it() -> N
 def test_a_resized_loop_has_no_depth_that_was_not_there(loop: FrameLoop) -> None:
     small = loop.resized(96, 64)
     assert small.size == "96x64"
-    assert np.isin(small.depths_m[0], loop.depths_m[0]).all()
+    assert np.isin(small.frames[0].depth_m, loop.frames[0].depth_m).all()
 
 
 @pytest.mark.slow

@@ -126,7 +126,15 @@ def test_a_run_writes_what_it_promises_and_its_repetition_the_same_down_to_the_r
         (["run", "city", "--seed", str(2**32)], "seed: expected less than 4294967296"),
         (["view", "nowhere"], "there is no recording at nowhere"),
         (["view", "nowhere", "--port", "9000"], "--port is the port of the page in a browser: give --web, too"),
-        (["sheet", "a" * 300], "File name too long: 'aaaa"),
+        (["picture", "a" * 300], "File name too long: 'aaaa"),
+        (["picture", ".", "--out", "x.gif"], "a picture must be a .jpg or .png file, got x.gif"),
+        (["record", "sim-XX", "--out", "r"], "there is no sequence 'sim-XX' (did you mean sim-"),
+        (["evaluate", "sim-XX"], "there is no sequence 'sim-XX' (did you mean sim-"),
+        (["evaluate", "--data", "no-such-folder"], "there is no no-such-folder"),
+        (["evaluate", "--methods", "raw,magic"], "there is no corrector 'magic'; choose one of: raw"),
+        (["evaluate", "--methods", "nowhere:make"], "the corrector 'nowhere:make' cannot be loaded"),
+        (["experiment", "rq5"], "there is no experiment 'rq5'; choose one or more of: rq1, rq2"),
+        (["experiment", "rq1", "--out", "/dev/null/below"], "cannot write /dev/null/below/recordings/"),
     ],
 )
 def test_bad_input_ends_in_one_line_and_writes_nothing(tmp_path: Path, arguments: list[str], message: str) -> None:

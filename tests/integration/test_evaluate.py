@@ -11,7 +11,6 @@ from typer.testing import CliRunner, Result
 from scenarios.files import shipped_names
 from scenarios.sequences import GROUPS
 from tests.evaluation_clips import write_recording
-from tests.integration.test_cli import voxdepth
 from voxdepth.datasets import open_dataset
 from voxdepth.tools.cli import create_app
 from voxdepth.tools.evaluate import _planned
@@ -129,20 +128,3 @@ def test_commas_in_a_setting_do_not_part_methods(tmp_path: Path) -> None:
     names = ["temporal[fill=all]", "voxdepth[voxels.cell_m=[0.2,0.2,0.1]]", "raw"]
     plan = _planned(["sim-LN"], [], open_dataset, ", ".join(names), 1, None, tmp_path)
     assert [method.name for method in plan.methods] == names
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--data", "no-such-folder"], "there is no no-such-folder"),
-        (["sim-XX"], "there is no sequence 'sim-XX' (did you mean sim-"),
-        (["--methods", "raw,magic"], "there is no corrector 'magic'; choose one of: raw"),
-        (["--methods", "nowhere:make"], "the corrector 'nowhere:make' cannot be loaded"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tmp_path: Path) -> None:
-    done = voxdepth("evaluate", *arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert not list(tmp_path.iterdir())

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.experiments.runner import find_experiments
+from scenarios.experiments.frame_rate import SETUPS
+from scenarios.experiments.runner import find_experiments, run
 from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
-from tests.integration.test_cli import voxdepth
 from voxdepth.calibration import read
 from voxdepth.networks import has_runtime
 from voxdepth.tools.cli import create_app
@@ -32,10 +32,10 @@ def experiment(*arguments: str | Path) -> Result:
 
 def asked(name: str, out: Path, frames: int = FRAMES) -> list[pd.DataFrame]:
     (one,) = find_experiments([name])
-    result = one.answer(small_context(out, frames))
-    assert result.figure.startswith(b"\x89PNG")
-    assert len(result.figure) < 500_000
-    return list(result.tables.values())
+    found = run(one, small_context(out, frames), "").findings
+    assert found.figure.startswith(b"\x89PNG")
+    assert len(found.figure) < 500_000
+    return list(found.tables.values())
 
 
 def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
@@ -45,27 +45,13 @@ def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
     for words in ("Which inpainting method", "dilation", "Farneback", "paper: "):
         assert words in done.output, words
     assert len(list((out / "recordings").iterdir())) == 1
+    methods = pd.read_csv(out / "rq3" / "table.csv")["method"]
+    assert list(methods[:3]) == ["as projected", "dilation", "bilinear"], "in the order of the paper"
     for name in ("rq3", "rq4"):
         assert {"table.csv", "figure.png", "result.json"} <= {path.name for path in (out / name).iterdir()}
         stored = json.loads((out / name / "result.json").read_text())
         assert (stored["name"], stored["frames"], stored["sequences"]) == (name, FRAMES, [SEQUENCE])
         assert stored["provenance"]["processor"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["rq5"], "there is no experiment 'rq5'; choose one or more of: rq1, rq2"),
-        (["rq1", "--out", "file/below"], "cannot write"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    done = voxdepth("experiment", *arguments, cwd=tmp_path)
-    assert done.returncode == 2, done.stderr
-    assert message in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_rq1_grows_what_is_occluded(out: Path) -> None:
@@ -140,11 +126,19 @@ def test_rq2_judges_every_size(out: Path) -> None:
 def test_quality_has_the_papers_layout(out: Path) -> None:
     table, engaged, arithmetic = asked("quality", out)
     printed = [17.10, 17.10, None, None, 177.61, 17.10]
-    assert list(table["VD (paper)"]) == printed, "of the dataset that sim-MB stands for"
+    pd.testing.assert_series_equal(table["VD (paper)"], pd.Series(printed, name="VD (paper)"))
     assert table["n"][0] < table["n"][1], "pixels after the warm-up, and all of them"
     assert list(engaged["method"]) == ["voxdepth", "voxdepth-authors"]
     assert table[["VD", "VD-code", "RS", "GS", *DEEP_SMOOTH]].notna().all(axis=None)
     assert len(arithmetic) == 14
+
+
+def test_fps_leaves_out_the_warm_up(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rates = (rate for rate in (1000.0, 3.0, 1.0, 2.0) for _ in SETUPS)
+    monkeypatch.setattr("scenarios.experiments.frame_rate.frame_rate", lambda *_: next(rates))
+    (table,) = asked("fps", out, 16)
+    spread = table.loc[0, ["median [frames/s]", "lowest [frames/s]", "highest [frames/s]", "n runs"]]
+    assert list(spread) == [2.0, 1.0, 3.0, 3]
 
 
 @pytest.mark.slow

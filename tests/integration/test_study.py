@@ -138,16 +138,17 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     assert "4 of 4 runs" in flown.stdout
     assert "go on with --resume, or use another --out" in str(study_command(tiny, "--out", out).exception)
     assert study_command("run", tiny, "--out", out, "--resume").exit_code == 0
-    assert "4 of 4 runs" in study_command("status", out).stdout
-    exported = study_command("export", out)
-    assert exported.exit_code == 0, exported.output
+    before = set(out.iterdir())
+    assert "4 of 4 runs" in study_command("report", out, "--progress").stdout
+    assert set(out.iterdir()) == before, "the progress alone writes nothing"
+    reported = study_command("report", out, "--effect", "20")
+    assert reported.exit_code == 0, reported.output
+    assert "truth - blind: 20 points need about" in reported.output
     table = pyarrow.parquet.read_table(out / "runs.parquet").to_pylist()
     records = results_of(out)
     assert {row["key"]: (row["outcome"], row["min_clearance_m"]) for row in table} == {
         key: (record.outcome, record.metrics["min_clearance_m"]) for key, record in records.items()
     }
-    reported = study_command("report", out)
-    assert reported.exit_code == 0, reported.output
     page = (out / "report.html").read_text()
     assert "This study is not complete" not in page
     assert "scenario city, arm blind, seed 0</td>" in page
@@ -162,16 +163,14 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     assert "there is no arm 'deaf'; choose one of: truth, blind" in str(deaf.exception)
 
 
-def test_an_archive_is_reported_and_exported_without_unpacking_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_archive_is_reported_without_unpacking_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     run_study(study(arm("a"), arm("b")), tmp_path / "out", Serial(fake), unseen)
     subprocess.run(["tar", "-cJf", "tiny.tar.xz", "-C", "out", "study.json", "runs"], check=True)
     assert study_command("report", "tiny.tar.xz").exit_code == 0
     assert "voxdepth study replay tiny.tar.xz" in Path("runs/studies/tiny/report.html").read_text()
-    assert study_command("export", "tiny.tar.xz", "--to", "tables").exit_code == 0
-    assert len(pyarrow.parquet.read_table("tables/runs.parquet")) == 4
+    assert study_command("report", "tiny.tar.xz", "--to", "mine").exit_code == 0
+    assert len(pyarrow.parquet.read_table("mine/runs.parquet")) == 4
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from hypothesis.extra import numpy as numpy_st
 from sim import frames
 from tests.voxel_twins import project_nearest
 from voxdepth.geometry import back_project, compose, exp_se3, inverse_rigid, log_se3, solve_symmetric, transform
-from voxdepth.temporal.pose_fit import _median
 from voxdepth.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=40, height_px=30, hfov_deg=70)
@@ -51,12 +50,6 @@ def test_the_solution_of_equations_solves_them(seed: int, n: int) -> None:
     half, b = rng.normal(size=(n, n)), rng.normal(size=n)
     A = half @ half.T + 0.1 * np.eye(n)
     np.testing.assert_allclose(A @ solve_symmetric(np.tril(A), b.copy()), b, atol=1e-9)
-
-
-@given(st.integers(0, 2**31), st.integers(1, 40), st.sampled_from([1, 3, 1000]))
-def test_half_of_the_values_are_below_the_median(seed: int, n: int, n_values: int) -> None:
-    values = np.random.default_rng(seed).integers(0, n_values, n) / 8
-    assert _median(values.copy()) == np.median(values)
 
 
 @given(angle, angle, length, length)

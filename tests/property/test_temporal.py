@@ -6,15 +6,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.temporal_scenes import CAMERA, method, pose, run
-from voxdepth.geometry import inverse_rigid
-from voxdepth.temporal.forward_warp import ForwardWarp
+from tests.temporal_scenes import CAMERA, pose
 from voxdepth.temporal.fusion import PixelClass, TemporalFusionConfig, fuse
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.temporal.pose_fit import fit_pose, project
 from voxdepth.temporal.working_resolution import WorkingResolution
-from voxdepth.types import FloatImage, Frame, Intrinsics, Source
+from voxdepth.types import FloatImage, Intrinsics
 
 seeds = st.integers(0, 10_000)
 angle = st.floats(-6, 6)
@@ -43,30 +41,6 @@ def test_depth_survives_the_way_through_disparity(
     depth_m = rng.uniform(resolution.focal_baseline_px_m / 900, 200, CAMERA.shape).astype(np.float32)
     depth_m[rng.random(depth_m.shape) < 0.2] = 0
     np.testing.assert_allclose(resolution.depth(resolution.disparity(depth_m)), depth_m, rtol=1e-6)
-
-
-@given(angle, angle, angle, length, length, length)
-@settings(max_examples=15)
-def test_a_plane_that_moves_stays_that_plane(
-    yaw: float, pitch: float, roll: float, x: float, y: float, z: float
-) -> None:
-    there, normal, offset_m = pose(x, y, z, yaw=yaw, pitch=pitch, roll=roll), np.array([0.2, -0.3, 1.0]), 5.0
-
-    def seen_from(T_world_cam: np.ndarray) -> np.ndarray:
-        """Disparity is linear in the pixel: `f B n . K^-1 (u, v, 1) / d`, with the plane in the camera's frame."""
-        col, row = np.meshgrid(np.arange(RESOLUTION.width_px), np.arange(RESOLUTION.height_px))
-        rays = np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(RESOLUTION.K).T
-        facing = T_world_cam[:3, :3].T @ normal
-        return RESOLUTION.focal_baseline_px_m * (rays @ facing) / (offset_m - normal @ T_world_cam[:3, 3])
-
-    here_px = seen_from(pose()).astype(np.float32)
-    warped = ForwardWarp(RESOLUTION).warp(here_px, np.full(here_px.shape, 16, np.uint8), inverse_rigid(there))
-    # The outermost samples are taken half beside the image, and mixed with nothing.
-    x_px, y_px = warped.source_x, warped.source_y
-    inside = (x_px >= 0) & (x_px <= RESOLUTION.width_px - 1) & (y_px >= 0) & (y_px <= RESOLUTION.height_px - 1)
-    known = (warped.weight > 0) & inside
-    assert known.mean() > 0.4
-    np.testing.assert_allclose(warped.disparity_px[known], seen_from(there)[known], atol=5e-3)
 
 
 @given(seeds, st.floats(0, 0.9), st.floats(0, 0.9))
@@ -120,30 +94,3 @@ def test_a_third_of_wrong_points_does_not_move_the_camera(
     found_px = project(points_m @ fit.T_target_source[:3, :3].T + fit.T_target_source[:3, 3], camera)
     assert np.hypot(*(found_px - right_px).T).mean() < 0.05
     assert fit.n_inliers == 60
-
-
-@given(
-    seeds, st.integers(8, 70), st.integers(8, 60), st.sampled_from([1, 2]), st.sampled_from(["none", "likely", "all"])
-)
-@settings(max_examples=25)
-def test_whatever_comes_in_what_comes_out_is_well_formed(
-    seed: int, width_px: int, height_px: int, decimation: int, fill: str
-) -> None:
-    rng = np.random.default_rng(seed)
-    camera = Intrinsics.from_hfov(
-        width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=[None, 0.1][int(rng.integers(2))]
-    )
-    frames = []
-    for index in range(4):
-        depth_m = rng.choice([1e-3, 0.5, 3.0, 80.0, 1e5], camera.shape) * rng.uniform(0.5, 2, camera.shape)
-        depth_m[rng.random(camera.shape) < rng.choice([0, 0.5, 1])] = 0
-        gray = rng.integers(0, 256, camera.shape, np.uint8) // np.uint8(rng.choice([1, 200]))
-        frames.append(Frame(stamp_s=float(index), gray=gray, depth_m=depth_m.astype(np.float32)))
-    for result in run(method(camera, decimation=decimation, fill=fill), frames):
-        assert result.depth_m.shape == camera.shape
-        assert np.isfinite(result.depth_m).all()
-        assert (result.depth_m >= 0).all()
-        assert 0 <= result.confidence.min() <= result.confidence.max() <= 1
-        np.testing.assert_array_equal(result.source == Source.INVALID, result.depth_m == 0)
-        np.testing.assert_array_equal(result.confidence == 0, result.depth_m == 0)
-        assert not (fill == "none" and (result.source == Source.INPAINTED).any())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.experiments.confidence import BINS, compare_confidence, fit, shares
+from scenarios.experiments.confidence import BINS, confidence, fit, shares
 from tests.experiment_context import small_context
 from voxdepth.calibration import FILE, Fills, read
 from voxdepth.errors import ConfigError
@@ -95,4 +95,4 @@ def test_the_calibration_error_is_the_distance_to_the_share_of_correct_pixels() 
 
 def test_it_is_not_measured_with_the_sequences_of_the_fit(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="--seed 101 is that of the fit"):
-        compare_confidence(replace(small_context(tmp_path, 1), seed=101))
+        confidence.answer(replace(small_context(tmp_path, 1), seed=101))

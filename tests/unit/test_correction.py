@@ -216,15 +216,6 @@ def test_a_bug_in_a_corrector_shows_its_place(tmp_path: Path) -> None:
     assert caught.traceback[-1].name == "combine"
 
 
-def test_a_folder_that_exists_is_not_touched(tmp_path: Path) -> None:
-    (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(ToolError, match="exists already"):
-        planned().run(tmp_path, None, ignore)
-    with pytest.raises(ToolError, match="exists already"):
-        planned().run(tmp_path / "thesis.txt", None, ignore)
-    assert (tmp_path / "thesis.txt").read_text() == "mine"
-
-
 def test_an_empty_folder_is_taken_and_progress_counts_every_frame(whole: Path, tmp_path: Path) -> None:
     told: list[int] = []
     planned().run(tmp_path, None, told.append)
@@ -242,18 +233,23 @@ def test_of_two_writers_of_one_folder_the_later_one_fails(tmp_path: Path) -> Non
     assert len(list((tmp_path / "out" / "depth").iterdir())) == N_FRAMES
 
 
-def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(ToolError, match=r"cannot write .*file/out"):
-        planned().run(tmp_path / "file" / "out", None, ignore)
-    assert (tmp_path / "file").read_text() == "mine"
-
-
-def test_a_recording_that_fails_leaves_no_folder(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(ToolError, match="recording"):
-        planned().run(tmp_path / "out", tmp_path / "file" / "out.rrd", ignore)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+@pytest.mark.parametrize(
+    ("out", "record", "message"),
+    [
+        (".", None, "exists already"),
+        ("mine.txt", None, "exists already"),
+        ("mine.txt/out", None, r"cannot write .*mine\.txt/out"),
+        ("out", "mine.txt/out.rrd", r"cannot write .*mine\.txt/out\.rrd"),
+    ],
+)
+def test_what_exists_is_not_touched_and_what_cannot_be_written_is_named_and_nothing_is_left(
+    out: str, record: str | None, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(ToolError, match=message):
+        planned().run(tmp_path / out, None if record is None else tmp_path / record, ignore)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+    assert (tmp_path / "mine.txt").read_text() == "mine"
 
 
 def test_depth_is_stored_in_millimetres_and_stays_valid_or_invalid_and_confidence_from_none_to_full() -> None:

@@ -21,9 +21,6 @@ from voxdepth import (
 )
 from voxdepth.corrector import StreamCorrector
 from voxdepth.errors import ConfigError, FrameError
-from voxdepth.paper.epochs import Phase, VoxDepthDiagnostics
-from voxdepth.paper.registration import RegistrationStatus
-from voxdepth.temporal.odometry import TrackingResult
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
 DEPTH_M = 4.0
@@ -59,26 +56,6 @@ def require_equal(got: Sequence[CorrectedDepth], want: Sequence[CorrectedDepth])
         for image in ("depth_m", "source", "confidence"):
             np.testing.assert_array_equal(getattr(a, image), getattr(b, image))
         assert a.diagnostics.facts() == b.diagnostics.facts()
-
-
-def test_the_default_method_is_the_rigid_one() -> None:
-    results = [
-        TemporalCorrector(CAMERA).process(walk(1)[0]),
-        TemporalCorrector(CAMERA, TemporalConfig()).process(walk(1)[0]),
-    ]
-    require_equal(results[:1], results[1:])
-    corrector = TemporalCorrector(CAMERA)
-    found = [corrector.process(frame).diagnostics for frame in walk(3)]
-    assert all(isinstance(one, TrackingResult) for one in found)
-    assert [one.T_frame_keyframe is not None for one in found] == [False, True, True]
-
-
-def test_the_papers_corrector_uses_the_papers_method_and_parameters() -> None:
-    corrector = VoxDepth(CAMERA)
-    results = [corrector.process(frame) for frame in walk(13)]
-    assert [one.diagnostics.phase for one in results] == [Phase.PASSTHROUGH] * 12 + [Phase.CORRECTING]
-    assert isinstance(results[0].diagnostics, VoxDepthDiagnostics)
-    assert results[0].diagnostics.registration.status is RegistrationStatus.NOT_TRIED
 
 
 @each

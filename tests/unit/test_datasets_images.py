@@ -48,10 +48,6 @@ def huge_jpeg() -> bytes:
     return data[:at] + struct.pack(">HH", 65_500, 65_500) + data[at + 4 :]
 
 
-def test_sixteen_bits_read_back_exactly(tmp_path: Path) -> None:
-    assert np.array_equal(read_depth_16(written(tmp_path, DEPTH_16), SHAPE), DEPTH_16)
-
-
 def test_raw_sixteen_bits_read_back_exactly(tmp_path: Path) -> None:
     path = tmp_path / "depth.raw"
     path.write_bytes(DEPTH_16.astype("<u2").tobytes())
@@ -68,9 +64,9 @@ def test_gray_reads_back_exactly_and_colour_as_opencv_makes_it_gray(tmp_path: Pa
     assert gray.dtype == np.uint8 and np.array_equal(gray, cv2.cvtColor(COLOUR, cv2.COLOR_BGR2GRAY))
 
 
-@pytest.mark.parametrize("image", [DEPTH_M, DEPTH_16])
-def test_depth_in_a_tiff_reads_back_exactly(tmp_path: Path, image: Any) -> None:
-    assert np.array_equal(read_depth(written(tmp_path, image, ".tiff"), SHAPE), image)
+@pytest.mark.parametrize(("image", "suffix"), [(DEPTH_M, ".tiff"), (DEPTH_16, ".tiff"), (DEPTH_16, ".png")])
+def test_depth_reads_back_exactly(tmp_path: Path, image: Any, suffix: str) -> None:
+    assert np.array_equal(read_depth(written(tmp_path, image, suffix), SHAPE), image)
 
 
 @pytest.mark.parametrize("kind", ["<f2", ">f2", ">f4", ">f8", "<u2", ">u2", "<i4", ">u4"])

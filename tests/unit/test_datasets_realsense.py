@@ -83,15 +83,6 @@ def test_times_are_those_of_the_file_names(
     assert given == sorted(set(given))
 
 
-def test_streams_with_different_times_are_matched_by_the_nearest(tmp_path: Path) -> None:
-    write(tmp_path, ["100.000", "100.033", "100.066"], ["100.034", "100.068", "100.400"])
-    with pytest.warns(UserWarning, match="1 of 3 depth images have no gray image within 20 ms"):
-        dataset = open_dataset(tmp_path)
-    assert [dataset[index].stamp_s for index in range(len(dataset))] == [100.033, 100.066]
-    assert np.array_equal(dataset[0].gray, gray_of(0))
-    assert np.array_equal(dataset[1].depth_m, (depth_of(2) / 1000).astype(np.float32))
-
-
 @pytest.mark.parametrize(
     ("suffix", "stored"),
     [
@@ -129,18 +120,6 @@ def test_a_unit_that_makes_no_sense_is_refused(tmp_path: Path, value: object) ->
     (tmp_path / "calibration.toml").write_text(f"units_per_m = {value}\n")
     with pytest.raises(DatasetError, match=r"calibration\.toml: units_per_m must be a number of 1 to 1,000,000"):
         open_dataset(tmp_path)
-
-
-def test_a_linked_folder_is_read_and_one_that_leads_nowhere_is_named(tmp_path: Path) -> None:
-    place = tmp_path / "walk"
-    place.mkdir()
-    write(place, ["7"], ["7"])
-    (place / "color").rename(tmp_path / "disk")
-    (place / "color").symlink_to(tmp_path / "disk")
-    assert np.array_equal(open_dataset(place)[0].gray, gray_of(0))
-    (tmp_path / "disk").rename(tmp_path / "unmounted")
-    with pytest.raises(DatasetError, match=r"walk/color is a link to .*disk, which is not there"):
-        open_dataset(place)
 
 
 def test_images_that_are_not_aligned_are_refused(tmp_path: Path) -> None:

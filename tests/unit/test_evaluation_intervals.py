@@ -45,7 +45,7 @@ def test_one_frame_has_no_interval_and_no_pixel_no_row() -> None:
 
 
 def test_frames_without_a_pixel_do_not_count() -> None:
-    assert np.nanmin(drawn_means([(1, 2), (0, 0)])) == 0.5
+    assert np.nanmin(drawn_means({"raw": [(1, 2), (0, 0)]})) == 0.5
 
 
 def test_the_change_of_the_error_is_that_of_pairs_of_frames() -> None:

@@ -13,11 +13,11 @@ from markupsafe import escape
 from matplotlib.colors import to_hex
 from rich.console import Console
 
-from tests.evaluation_clips import info_of, key_of
+from tests.evaluation_clips import evaluation_of, info_of, key_of
 from tests.pages import require_self_contained
 from voxdepth.registry import title
 from voxdepth.tools import figure
-from voxdepth.tools.evaluation.figures import all_figures, error_map, error_maps, pareto_front
+from voxdepth.tools.evaluation.figures import all_figures, calibrated_methods, error_map, error_maps, pareto_front
 from voxdepth.tools.evaluation.groups import RANGES
 from voxdepth.tools.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, Selector, of_frames
 from voxdepth.tools.evaluation.methods import ORACLE
@@ -42,19 +42,8 @@ def result(sequence: str, method: str, mae: float, n: int = 1000) -> Result:
     return Result(key=key_of(sequence, method), measurements=tuple(figures), thumbnail=thumbnail)
 
 
-def evaluation_of(*results: Result, **infos: SequenceInfo) -> Evaluation:
-    """Results with the descriptions of their sequences."""
-    names = dict.fromkeys(result.key.sequence for result in results)
-    return Evaluation(results=results, sequences={name: infos.get(name, info(name)) for name in names}, reused=0)
-
-
 def with_measurements(result: Result, *measurements: Measurement) -> Result:
-    return result.model_copy(update={"measurements": (*result.measurements, *measurements)})
-
-
-def info(name: str) -> SequenceInfo:
-    depth_m = np.full((9, 12), 3, np.float32)
-    return info_of(name, reference=encoded_thumbnail(depth_m), raw=encoded_thumbnail(0 * depth_m))
+    return replace(result, measurements=(*result.measurements, *measurements))
 
 
 @pytest.fixture(scope="module")
@@ -107,14 +96,14 @@ def test_the_best_is_marked_in_each_sequence_and_an_oracle_does_not_compete(done
 @pytest.mark.slow
 def test_a_method_that_failed_everywhere_is_listed_once_and_has_no_row(done: Evaluation) -> None:
     bad = done.results[3]
-    again = bad.model_copy(update={"key": bad.key.model_copy(update={"sequence": "other"})})
+    again = replace(bad, key=replace(bad.key, sequence="other"))
     twice = replace(done, results=(*done.results, again))
     assert "bad" not in method_table(twice, mae()).column("method")
     assert "<td>sim-MB, other</td>" in rendered(twice)
 
 
 def test_a_sequence_without_a_number_has_no_column_beside_others(done: Evaluation) -> None:
-    silent = result("silent", "raw", 0.5).model_copy(update={"measurements": ()})
+    silent = replace(result("silent", "raw", 0.5), measurements=())
     assert method_table(replace(done, results=(*done.results, silent)), mae()).headings == ["method", "sim-MB", "other"]
 
 
@@ -152,8 +141,8 @@ def test_error_maps_tell_too_near_from_nothing_and_cut_to_the_scale() -> None:
 
 
 def test_error_maps_have_the_scale_of_their_scene_and_none_is_of_no_pixel() -> None:
-    near = info("near").model_copy(update={"reference": encoded_thumbnail(np.full((9, 12), 0.7, np.float32))})
-    empty = info("empty").model_copy(update={"reference": encoded_thumbnail(np.zeros((9, 12), np.float32))})
+    near = info_of("near", reference=encoded_thumbnail(np.full((9, 12), 0.7, np.float32)))
+    empty = info_of("empty", reference=encoded_thumbnail(np.zeros((9, 12), np.float32)))
     done = evaluation_of(*(result(name, "raw", 0.5) for name in ("near", "empty", "far")), near=near, empty=empty)
     near_map, far_map = error_maps(done)
     assert [near_map.title, far_map.title] == ["near, frame 1", "far, frame 1"]
@@ -215,8 +204,7 @@ def test_a_method_has_one_colour_in_all_figures(monkeypatch: pytest.MonkeyPatch)
 
 def held_out_info(name: str) -> SequenceInfo:
     pixels = {"all": dict.fromkeys(RANGES, 1000), "patches": dict.fromkeys(RANGES, 70)}
-    changed = {"hidden": "patches", "independent": "patches", "pixels": pixels}
-    return info(name).model_copy(update=changed)
+    return info_of(name, hidden="patches", independent="patches", pixels=pixels)
 
 
 def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -237,7 +225,7 @@ def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytes
 def test_what_was_not_measured_of_a_users_recording_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     held = Measurement("mae", "patches", "0-20 m", "completed", 0.7, "m", 70)
     psnr = Measurement("psnr16_mm", "all", "all", "completed", None, "dB", 0)
-    raw = result("real", "raw", 0.0).model_copy(update={"measurements": (held, psnr)})
+    raw = replace(result("real", "raw", 0.0), measurements=(held, psnr))
     done = evaluation_of(raw, real=held_out_info("real"))
     assert canvases_of(done, monkeypatch) == [], "neither an error by range, nor occluded pixels, nor a time"
     assert rendered(done).count("<section>") == 1
@@ -279,3 +267,30 @@ def test_the_terminal_shows_every_sequence_in_80_columns_and_what_failed(done: E
     assert f"sim-MB, bad failed: frame 0: {NASTY}" in text.getvalue()
     rows = [line for line in text.getvalue().splitlines() if re.match(r"\s*(method|good|raw|ip-basic)", line)]
     assert max(map(len, map(str.rstrip, rows))) <= 80
+
+
+def by_confidence(method: str, **shares: float) -> Result:
+    """Shares of correct pixels by the lower end of their bin, of 100 pixels and of 100 more in each next bin."""
+    where = "0-40 m", "filled"
+    bins = [
+        Measurement("correct", f"confidence {name}", *where, share, "share", 100 * (k + 1))
+        for k, (name, share) in enumerate(shares.items())
+    ]
+    sources = [Measurement("mae", f"source {name}", *where, 0.25, "m", 7) for name in ("sensor", "inpainted")]
+    return Result(key=key_of("s", method), measurements=(*bins, *sources))
+
+
+def test_only_a_calibrated_confidence_is_drawn_with_its_counts_and_sources_stand_side_by_side(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    two = by_confidence("two", **{"0.4-0.5": 0.2, "0.9-1": 0.9})
+    done = evaluation_of(two, by_confidence("calibrated", **{"0": 0.1, "0.4-0.5": 0.5, "0.9-1": 0.9}))
+    assert (calibrated_methods(done), calibrated_methods(evaluation_of(two))) == (["calibrated"], [])
+    (canvas,) = canvases_of(done, monkeypatch)
+    (axes,) = canvas.axes
+    correct, counts = axes.lines
+    np.testing.assert_allclose(correct.get_xydata(), [[0, 10], [0.45, 50], [0.95, 90]])
+    np.testing.assert_allclose(counts.get_ydata(), [100 / 6, 200 / 6, 300 / 6])
+    assert axes.get_xlabel() == "confidence, n = 600 pixels"
+    (quantity,) = (q for q in QUANTITIES if "sensor / memory / inpainted" in q.title)
+    assert method_table(done, quantity).column("s") == ["0.25 / - / 0.25", "0.25 / - / 0.25", "7"]

@@ -1,19 +1,19 @@
-"""Running a method: what it may give, what it may see, and what is scored."""
+"""Running a method: what it may give, what it may see, and its time."""
 
 import threading
 import time
-from dataclasses import replace
+from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
 
-from tests.evaluation_clips import CAMERA, WALL_M, N, evaluation_frames, method, truth_of
+from tests.evaluation_clips import CAMERA, N, evaluation_frames, method, truth_of
 from voxdepth import registry
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import ConfigError
-from voxdepth.geometry import fill_from_nearest
 from voxdepth.registry import ENTRY_POINTS
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.evaluation.groups import TRUE_GROUPS
@@ -29,95 +29,21 @@ from voxdepth.tools.evaluation.methods import (
 )
 from voxdepth.tools.evaluation.result_cache import Scores
 from voxdepth.tools.evaluation.running import MethodError, run
-from voxdepth.tools.evaluation.scoring import METRICS, Score
 from voxdepth.types import CorrectedDepth, Frame
 
 
-def scored(change: Any, frames: int = 4) -> Scores:
-    return run(method("stub", change), evaluation_frames(frames), TRUE_GROUPS, CAMERA)
+def ran(method: Method, frames: int = 4) -> Scores:
+    return run(method, evaluation_frames(frames), TRUE_GROUPS, CAMERA)
 
 
-def measurement(done: Scores, *wanted: str) -> Measurement:
-    (found,) = (f for f in done.measurements if (f.metric, f.mask, f.range, f.on) == wanted)
+def made(corrector: Callable[[], Any], **given: Any) -> Method:
+    """A method whose correctors are made by a function."""
+    return Method(name="x", make=lambda intrinsics: corrector(), **given)
+
+
+def of_frames(done: Scores, metric: str) -> Measurement:
+    (found,) = (one for one in done.measurements if one.metric == metric)
     return found
-
-
-def test_a_perfect_method_has_no_error() -> None:
-    frames = iter([*range(WARM_UP_FRAMES), *range(4)])
-    done = scored(lambda depth_m: truth_of(next(frames)))
-    for metric in METRICS:
-        expected = {"psnr_40m": np.inf, "close": 1}.get(metric, 0)
-        assert measurement(done, metric, "all", "all", "completed").value == expected
-    assert measurement(done, "m_rmse_u16_wrap", "occluded", "all", "as given").value == 0
-    assert measurement(done, "flicker", "static", "0-20 m", "filled").value == 0
-    assert measurement(done, "coverage", "holes", "0-20 m", "filled").value == 1
-
-
-def test_figures_are_those_of_the_whole_image_at_once() -> None:
-    done = scored(lambda depth_m: depth_m * np.float32(1.05))
-    given = [frame.frame.depth_m.astype(np.float32) * np.float32(1.05) for frame in evaluation_frames()]
-    truth = [frame.reference_m for frame in evaluation_frames()]
-    filled = np.concatenate([np.abs(g - t)[g > 0].astype(np.float64) for g, t in zip(given, truth, strict=True)])
-    everywhere = np.concatenate([np.abs(fill_from_nearest(g) - t).ravel() for g, t in zip(given, truth, strict=True)])
-    on_filled = measurement(done, "mae", "all", "0-20 m", "filled")
-    assert on_filled.value == pytest.approx(filled.mean(), rel=1e-6)
-    assert on_filled.n == filled.size
-    on_all = measurement(done, "mae", "all", "0-20 m", "completed")
-    assert on_all.value == pytest.approx(everywhere.mean(), rel=1e-6)
-    assert on_all.n == everywhere.size
-    assert measurement(done, "coverage", "all", "0-20 m", "filled").value == pytest.approx(
-        filled.size / everywhere.size
-    )
-
-
-def test_unfilled_pixels_do_not_hide() -> None:
-    def only_the_left_column(depth_m: np.ndarray) -> np.ndarray:
-        kept = np.zeros_like(depth_m)
-        kept[:, 0] = WALL_M
-        return kept
-
-    done = scored(only_the_left_column)
-    assert measurement(done, "mae", "all", "all", "filled").value == 0
-    assert measurement(done, "mae", "all", "all", "completed").value > 0.3
-    assert measurement(done, "mae", "holes", "all", "filled").value is None
-    assert measurement(done, "coverage", "holes", "all", "filled").value == 0
-
-
-def test_a_wrong_depth_that_stays_does_not_flicker_and_one_that_changes_does() -> None:
-    assert measurement(scored(lambda d: np.full_like(d, 9)), "switched", "static", "0-20 m", "filled").value == 0
-    signs = iter([1, -1] * N)
-    done = scored(lambda d: np.full_like(d, 9 + 0.5 * next(signs)))
-    assert measurement(done, "flicker", "static", "0-20 m", "filled").value > 0.9
-
-
-def test_flicker_of_measured_pixels_leaves_out_what_was_a_hole_in_either_frame() -> None:
-    def flickers_in_holes(depth_m: np.ndarray) -> np.ndarray:
-        filled: np.ndarray = np.where(depth_m > 0, np.float32(WALL_M), np.float32(next(depths_m)))
-        return filled
-
-    depths_m = iter([3, 9] * N)
-    done = scored(flickers_in_holes)
-    assert measurement(done, "flicker", "static", "0-20 m", "filled").value > 0.1
-    measured = measurement(done, "flicker", "static measured", "0-20 m", "filled")
-    raw = measurement(scored(lambda depth_m: depth_m), "flicker", "static", "0-20 m", "filled")
-    assert measured.n == raw.n, "raw has a change where both frames were measured, and nowhere else"
-    assert measured.n < measurement(done, "flicker", "static", "0-20 m", "filled").n
-
-
-def test_sequences_scored_by_measured_depth_count_the_change_of_depth() -> None:
-    from voxdepth.tools.evaluation.groups import held_out_groups
-
-    frame = evaluation_frames(1)[0]
-    groups = held_out_groups("patches")
-    labels = groups.label(frame.reference_m, np.zeros(CAMERA.shape, np.uint8))
-    score = Score(groups, CAMERA)
-    for k in range(3):
-        flickering_m = frame.reference_m + np.float32(0.1 * (k % 2))
-        changed = replace(frame, labels=labels, reference_m=flickering_m, static=np.ones(CAMERA.shape, bool))
-        score.add(changed, CorrectedDepth.of(changed.frame, flickering_m))
-    flicker = [f for f in score.measurements() if f.metric == "flicker"]
-    assert {f.range for f in flicker} == {"all", "0-20 m", "2-5 m", "5-10 m"}
-    assert all(f.value == pytest.approx(0.1, rel=1e-4) for f in flicker)
 
 
 @pytest.mark.parametrize(
@@ -131,57 +57,43 @@ def test_sequences_scored_by_measured_depth_count_the_change_of_depth() -> None:
 )
 def test_a_method_that_gives_no_depth_is_named_with_what_came(change: Any, message: str) -> None:
     with pytest.raises(MethodError, match=f"frame 0: {message}"):
-        scored(change)
+        ran(method("stub", change))
 
 
 @pytest.mark.parametrize("error", [ConfigError("needs a baseline"), SystemExit("needs a baseline")])
 def test_a_method_that_cannot_be_made_is_an_error_of_the_method(error: BaseException) -> None:
-    def make(intrinsics: object) -> Any:
-        raise error
-
     with pytest.raises(MethodError, match=r"cannot be made: .*: needs a baseline"):
-        run(Method(name="x", make=make), evaluation_frames(1), TRUE_GROUPS, CAMERA)
+        ran(made(mock.Mock(side_effect=error)))
 
 
 @pytest.mark.parametrize("error", [OSError("stuck"), SystemExit("stuck")])
-@pytest.mark.parametrize("fails_at", ["warm-up", "end"])
-def test_a_method_that_cannot_be_closed_is_an_error_of_the_method(error: BaseException, fails_at: str) -> None:
-    closed: list[object] = []
-
-    class Stuck(Raw):
-        def close(self) -> None:
-            closed.append(self)
-            if fails_at == "warm-up" or len(closed) == 2:
-                raise error
-
+@pytest.mark.parametrize("fails_at", [1, 2])
+def test_a_method_that_cannot_be_closed_is_an_error_of_the_method(error: BaseException, fails_at: int) -> None:
+    """It fails after the warm-up or at the end."""
+    corrector = Raw()
+    corrector.close = mock.Mock(side_effect=[None] * (fails_at - 1) + [error])  # type: ignore[attr-defined]
     with pytest.raises(MethodError, match=r"it cannot be closed: .*: stuck"):
-        run(Method(name="x", make=lambda intrinsics: Stuck()), evaluation_frames(2), TRUE_GROUPS, CAMERA)
-    assert len(closed) == (1 if fails_at == "warm-up" else 2)
+        ran(made(lambda: corrector))
+    assert corrector.close.call_count == fails_at  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(("fails_at", "instances"), [(0, 1), (WARM_UP_FRAMES, 2)])
 def test_every_instance_is_closed_and_the_first_error_is_told(fails_at: int, instances: int) -> None:
-    made, closed = [], []
+    correctors = [mock.Mock(wraps=Raw()) for _ in range(instances)]
     frames = iter(range(N))
 
-    class Breaks(Raw):
-        def __init__(self) -> None:
-            made.append(self)
+    def process(frame: Frame) -> CorrectedDepth:
+        if next(frames) == fails_at:
+            raise ValueError("broken")
+        return Raw().process(frame)
 
-        def process(self, frame: Frame) -> CorrectedDepth:
-            if next(frames) == fails_at:
-                raise ValueError("broken")
-            return super().process(frame)
-
-        def close(self) -> None:
-            closed.append(self)
-            if len(closed) == instances:
-                raise OSError("stuck")
-
+    for corrector in correctors:
+        corrector.process.side_effect = process
+        corrector.close = mock.Mock()
+    correctors[-1].close.side_effect = OSError("stuck")
     with pytest.raises(MethodError, match="frame 0: ValueError: broken"):
-        run(Method(name="x", make=lambda intrinsics: Breaks()), evaluation_frames(4), TRUE_GROUPS, CAMERA)
-    assert closed == made
-    assert len(made) == instances
+        ran(made(iter(correctors).__next__))
+    assert [corrector.close.call_count for corrector in correctors] == [1] * instances
 
 
 def test_work_of_other_threads_is_counted_apart_from_the_latency() -> None:
@@ -196,19 +108,23 @@ def test_work_of_other_threads_is_counted_apart_from_the_latency() -> None:
         worker.join()
         return depth_m
 
-    where = ("latency_background", "frames", "frames", "frames")
-    busy, idle = measurement(scored(in_a_thread), *where), measurement(scored(lambda d: d), *where)
+    busy, idle = (of_frames(ran(method("x", change)), "latency_background") for change in (in_a_thread, np.copy))
     assert (busy.unit, busy.n) == ("ms", 4)
     assert 20 <= busy.value < 40
     assert 0 <= idle.value < 5
 
 
 @pytest.mark.parametrize(("asked", "warmed_up"), [(1, 1), (3, 3), (9, 4)])
-def test_the_warm_up_is_as_long_as_the_method_asks_and_the_sequence_allows(asked: int, warmed_up: int) -> None:
+def test_the_warm_up_is_as_long_as_asked_and_possible_is_not_timed_and_leaves_nothing_behind(
+    asked: int, warmed_up: int
+) -> None:
     calls: list[int] = []
-    longer = replace(method("x", lambda d: calls.append(1) or d), warm_up_frames=asked)
-    run(longer, evaluation_frames(4), TRUE_GROUPS, CAMERA)
-    assert len(calls) == warmed_up + 4
+    instances = [method("x", lambda d, k=k: calls.append(k) or d).make(CAMERA) for k in range(2)]
+    done = ran(made(iter(instances).__next__, warm_up_frames=asked))
+    assert calls == [0] * warmed_up + [1] * 4
+    for name in ("latency_p50", "latency_p95", "latency_max"):
+        latency = of_frames(done, name)
+        assert (latency.n, latency.unit) == (4, "ms") and latency.value > 0
 
 
 def test_the_warm_up_of_the_paper_reaches_every_stage() -> None:
@@ -224,45 +140,13 @@ def test_only_methods_of_ours_are_not_foreign(monkeypatch: pytest.MonkeyPatch) -
     assert find_method("theirs").is_foreign
 
 
-def test_only_an_oracle_sees_the_pose_and_nothing_sees_the_truth() -> None:
-    seen = []
-
-    class Spy(Raw):
-        def process(self, frame: Frame) -> CorrectedDepth:
-            seen.append(frame)
-            return super().process(frame)
-
-    for oracle in (False, True):
-        seen.clear()
-        run(
-            Method(name="spy", make=lambda intrinsics: Spy(), sees_true_pose=oracle),
-            evaluation_frames(2),
-            TRUE_GROUPS,
-            CAMERA,
-        )
-        assert all((frame.T_world_cam is not None) == oracle for frame in seen)
-        assert not any(np.array_equal(frame.depth_m, truth_of(0)) for frame in seen)
-
-
-def test_the_warm_up_is_not_timed_and_leaves_nothing_behind() -> None:
-    made: list[Raw] = []
-    calls: list[int] = []
-
-    class Counts(Raw):
-        def process(self, frame: Frame) -> CorrectedDepth:
-            calls.append(made.index(self))
-            return super().process(frame)
-
-    def make(intrinsics: object) -> Raw:
-        made.append(Counts())
-        return made[-1]
-
-    done = run(Method(name="x", make=make), evaluation_frames(4), TRUE_GROUPS, CAMERA)
-    assert calls == [0] * WARM_UP_FRAMES + [1] * 4
-    for name in ("latency_p50", "latency_p95", "latency_max"):
-        latency = measurement(done, name, "frames", "frames", "frames")
-        assert (latency.n, latency.unit) == (4, "ms")
-        assert latency.value > 0
+@pytest.mark.parametrize("oracle", [False, True])
+def test_only_an_oracle_sees_the_pose_and_nothing_sees_the_truth(oracle: bool) -> None:
+    spy = mock.Mock(wraps=Raw(), close=None)
+    ran(made(lambda: spy, sees_true_pose=oracle), 2)
+    seen = [call.args[0] for call in spy.process.call_args_list]
+    assert seen and all((frame.T_world_cam is not None) == oracle for frame in seen)
+    assert not any(np.array_equal(frame.depth_m, truth_of(0)) for frame in seen)
 
 
 def test_methods_are_found_by_name_and_refused_by_name() -> None:

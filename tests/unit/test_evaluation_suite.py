@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from shutil import rmtree
 from typing import Any
+from unittest import mock
 
 import cv2
 import numpy as np
@@ -24,7 +25,7 @@ from voxdepth.tools.evaluation import suite
 from voxdepth.tools.evaluation.kinds import HELD_OUT
 from voxdepth.tools.evaluation.measurements import Selector
 from voxdepth.tools.evaluation.methods import Method, find_methods
-from voxdepth.tools.evaluation.result_cache import Result, path_of, store
+from voxdepth.tools.evaluation.result_cache import STORED, Result, path_of
 from voxdepth.tools.evaluation.sources import DatasetSource, FrameCache
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.tools.files import to_toml
@@ -90,43 +91,44 @@ def test_finished_results_are_taken_and_failed_ones_tried_again(
     assert not ran
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"versions": {"numpy": "1.0"}}, {"config": {"size": 3}}, {"digest": "0" * 64}, {"metrics": ("mae",)},
-    ],
-)  # fmt: skip
-def test_a_result_of_anything_else_is_computed_again(recording: Path, tmp_path: Path, change: dict[str, Any]) -> None:
-    (result,) = run(tmp_path, recording, methods=(GOOD,)).results
-    store(tmp_path, result.model_copy(update={"key": result.key.model_copy(update=change), "measurements": ()}))
-    again = run(tmp_path, recording, methods=(GOOD,))
-    assert (again.reused, quality(again.results[0])) == (0, quality(result))
-    assert Result.model_validate_json(path_of(tmp_path, result.key).read_bytes()) == again.results[0]
-
-
-def test_another_number_of_frames_is_another_result(recording: Path, tmp_path: Path) -> None:
-    run(tmp_path, recording, methods=(GOOD,))
-    assert run(tmp_path, recording, methods=(GOOD,), frames=5).reused == 0
-    (all_there_are,) = run(tmp_path, recording, methods=(GOOD,), frames=500).results
-    assert all_there_are.key.frames == 8
+def with_key(data: bytes, **changes: Any) -> bytes:
+    stored = json.loads(data)
+    return json.dumps(stored | {"key": stored["key"] | changes}).encode()
 
 
 @pytest.mark.parametrize(
-    "change",
+    "spoil",
     [
+        lambda data: with_key(data, versions={"numpy": "1.0"}),
+        lambda data: with_key(data, config={"size": 3}),
+        lambda data: with_key(data, digest="0" * 64),
+        lambda data: with_key(data, metrics=["mae"]),
         lambda data: data[:300],
         lambda data: b"\xff",
         lambda data: json.dumps({**json.loads(data), "colour": "red"}).encode(),
     ],
 )
-def test_a_damaged_result_and_one_of_another_layout_are_computed_again(
-    recording: Path, tmp_path: Path, change: Callable[[bytes], bytes]
+def test_a_result_of_anything_else_or_damaged_or_of_another_layout_is_computed_again(
+    recording: Path, tmp_path: Path, spoil: Callable[[bytes], bytes]
 ) -> None:
     (result,) = run(tmp_path, recording, methods=(GOOD,)).results
     path = path_of(tmp_path, result.key)
-    path.write_bytes(change(path.read_bytes()))
-    (again,) = run(tmp_path, recording, methods=(GOOD,)).results
-    assert quality(again) == quality(result)
+    path.write_bytes(spoil(path.read_bytes()))
+    again = run(tmp_path, recording, methods=(GOOD,))
+    assert (again.reused, quality(again.results[0])) == (0, quality(result))
+    assert STORED.validate_json(path.read_bytes()) == again.results[0]
+
+
+def test_other_sources_or_another_number_of_frames_are_another_result(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(tmp_path, recording, methods=(GOOD,))
+    with monkeypatch.context() as patch:
+        patch.setattr(suite, "code_digest", lambda sources: "another")
+        assert run(tmp_path, recording, methods=(GOOD,)).reused == 0
+    assert run(tmp_path, recording, methods=(GOOD,), frames=5).reused == 0
+    (all_there_are,) = run(tmp_path, recording, methods=(GOOD,), frames=500).results
+    assert all_there_are.key.frames == 8
 
 
 def test_foreign_code_is_run_again_every_time(recording: Path, tmp_path: Path) -> None:
@@ -165,21 +167,14 @@ def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_written(tm
     assert not (tmp_path / "out").exists()
 
 
-def test_frames_that_cannot_be_kept_are_an_error_of_the_results(
+def test_frames_that_cannot_be_kept_or_are_gone_are_an_error_of_the_results(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*args: Any, **arrays: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "savez", full)
-    done = run(tmp_path, recording)
-    assert [(result.error or "").startswith("cannot keep frame 0 in ") for result in done.results] == [True, True]
-    assert all((result.error or "").endswith(": No space left on device") for result in done.results)
-
-
-def test_frames_that_are_gone_are_an_error_of_the_result_that_needs_them(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "savez", mock.Mock(side_effect=OSError(28, "No space left on device")))
+        done = run(tmp_path, recording)
+    for result in done.results:
+        assert re.match(r"cannot keep frame 0 in .*: No space left on device$", result.error or "")
     really = suite.run
 
     def emptied(method: Method, frames: FrameCache, *rest: Any) -> Any:

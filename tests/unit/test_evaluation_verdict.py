@@ -1,5 +1,7 @@
 """The verdict of an evaluation follows from the numbers of its tables."""
 
+from dataclasses import replace
+
 import pytest
 
 from tests.evaluation_clips import info_of, key_of
@@ -72,7 +74,7 @@ def test_the_share_of_holes_that_have_a_reference_is_told() -> None:
         found = evaluation_of(hidden=hidden, **{name: {"temporal": 0.6} for name in holes})
         for name, count in holes.items():
             changes = {"holes": count, "reference_name": "later frames"}
-            found.sequences[name] = found.sequences[name].model_copy(update=changes)
+            found.sequences[name] = replace(found.sequences[name], **changes)
         return verdict(found)
 
     assert told({"walk": 4000}).endswith(" Later frames could judge 25 % of the holes.")

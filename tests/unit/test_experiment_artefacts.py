@@ -98,7 +98,7 @@ def test_recordings_of_cameras_are_measured_beside_sequences(tmp_path: Path) -> 
     text = "\n".join(f"{name} = {json.dumps(value)}" for name, value in vars(CAMERA).items())
     (folder / "calibration.toml").write_text(text)
     context = small_context(tmp_path / "out", 2)
-    findings = artefacts.compare_artefacts(context.__class__(**vars(context) | {"data": (folder,)}))
+    findings = artefacts.artefacts.answer(context.__class__(**vars(context) | {"data": (folder,)}))
     table = findings.tables["table"].set_index("sequence")
     assert list(table.index) == ["sim-MB", "camera"]
     assert table.loc["camera", artefacts.RATIO] == pytest.approx(1.3, rel=0.01)

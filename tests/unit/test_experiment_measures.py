@@ -7,49 +7,41 @@ import pandas as pd
 import pytest
 
 from scenarios.experiments.default import (
-    CRITERIA,
     HOLES,
     NOT_MEASURED,
+    Bound,
     Comparison,
-    Criterion,
+    criteria,
     gap_closed_percent,
 )
-from tests.evaluation_clips import info_of, key_of
+from tests.evaluation_clips import CAMERA, evaluation_of, info_of, key_of
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.result_cache import Result
-from voxdepth.tools.evaluation.suite import Evaluation
 
-NEAR, ALL = "0-20 m", "all"
-
-
-def figures(**values: float | None) -> tuple[Measurement, ...]:
-    """Figures by `metric__mask__within__on` with the spaces of names as one underscore."""
-    parts = {name: [part.replace("_", " ") for part in name.split("__")] for name in values}
-    return tuple(
-        Measurement(metric=name.split("__")[0], mask=parts[name][1], range=parts[name][2].replace("near", NEAR),
-               on=parts[name][3], value=value, unit="", n=2000)
-        for name, value in values.items()
-    )  # fmt: skip
+NEAR = "0-20 m"
 
 
-def comparison_of(results: dict[str, dict[str, dict[str, Any]]]) -> Comparison:
-    """Made-up results: the values by sequence and method."""
+def comparison_of(results: dict[str, dict[str, dict[str, float | None]]]) -> Comparison:
+    """Made-up results by sequence and method: 2000 pixels of each `metric__mask__range__on`, with `_` for spaces."""
     made = []
     for sequence, methods in results.items():
         for method, values in methods.items():
-            made.append(Result(key=key_of(sequence, method), measurements=figures(**values)))
-    infos = {name: info_of(name, width_px=640, height_px=360) for name in results}
-    return Comparison(Evaluation(results=tuple(made), sequences=infos, reused=0))
+            names = {key: key.split("__") for key in values}
+            found = tuple(
+                Measurement(
+                    metric, *(part.replace("_", " ").replace("near", NEAR) for part in where), values[key], "", 2000
+                )
+                for key, (metric, *where) in names.items()
+            )
+            made.append(Result(key=key_of(sequence, method), measurements=found))
+    return Comparison(evaluation_of(*made, **{name: info_of(name, camera=CAMERA.scaled(640, 360)) for name in results}))
 
 
 def judged(comparison: Comparison, what: str, requirement: str = "") -> tuple[Any, str]:
     """Value and outcome of the criterion that begins with these words."""
-    rows = [criterion.row(comparison) for criterion in CRITERIA if criterion.what.startswith(what)]
+    rows = [row for row in criteria(comparison) if str(row["criterion"]).startswith(what)]
     (row,) = (row for row in rows if str(row["requirement"]).startswith(requirement))
     return row["measured"], str(row["outcome"])
-
-
-NOTHING = comparison_of({})
 
 
 @pytest.mark.parametrize(
@@ -63,26 +55,16 @@ NOTHING = comparison_of({})
 )
 def test_a_criterion_is_of_the_mean_or_of_the_worst(values: list[float], mean: str, each: str) -> None:
     for of_each, outcome in ((False, mean), (True, each)):
-        at_most = Criterion("error", -20, "%", lambda c: pd.Series(values), each=of_each)
-        at_least = Criterion("gain", 20, "%", lambda c: -pd.Series(values), at_least=True, each=of_each)
-        assert at_most.row(NOTHING)["outcome"] == at_least.row(NOTHING)["outcome"] == outcome
+        at_most, at_least = Bound(-20, each=of_each), Bound(20, at_least=True, each=of_each)
+        given = pd.Series(values, dtype=float)
+        rows = at_most.row("error", "%", given), at_least.row("gain", "%", -given)
+        assert [row["outcome"] for row in rows] == [outcome] * 2
 
 
 HOLE = "mae__holes__near__completed"
-HOLES_OF: dict[str, dict[str, dict[str, Any]]] = {
-    sequence: {name: {HOLE: value} for name, value in errors.items()}
-    for sequence, errors in {
-        "sim-LN": {"raw": 4.0, "flow": 2.0, "global-smoother": 1.6, "voxdepth": 0.1, "temporal": 1.2, "true-pose": 0.2},
-        "sim-hover": {
-            "raw": 1.0,
-            "flow": 3.0,
-            "global-smoother": 2.0,
-            "voxdepth": 0.1,
-            "temporal": 1.1,
-            "true-pose": 0.2,
-        },
-    }.items()
-}
+METHODS = ("raw", "flow", "global-smoother", "voxdepth", "temporal", "true-pose")
+ERRORS_M = {"sim-LN": (4.0, 2.0, 1.6, 0.1, 1.2, 0.2), "sim-hover": (1.0, 3.0, 2.0, 0.1, 1.1, 0.2)}
+HOLES_OF = {name: {m: {HOLE: e} for m, e in zip(METHODS, errors_m, strict=True)} for name, errors_m in ERRORS_M.items()}
 
 
 def test_errors_after_completion_are_those_of_the_method_that_completes_itself() -> None:
@@ -97,8 +79,7 @@ def test_errors_after_completion_are_those_of_the_method_that_completes_itself()
 def test_errors_in_holes_are_compared_with_baselines_alone() -> None:
     """VoxDepth and the oracle have less error, and are no baselines."""
     comparison = comparison_of(HOLES_OF)
-    assert list(comparison.best(HOLES)["name"]) == ["global-smoother", "raw"]
-    assert list(comparison.counts(HOLES)) == [2000, 2000]
+    assert list(comparison.best(HOLES)) == [1.6, 1.0], "the smoother's and raw's"
     # -40 % and +10 % over the best but the smoother; -25 % and -45 % over the smoother.
     what = "MAE in holes against the"
     assert judged(comparison, f"{what} best baseline but") == (pytest.approx(-15), "missed by 20")
@@ -112,10 +93,9 @@ def test_the_best_baseline_may_have_to_fill() -> None:
     cover = "coverage__all__near__filled"
     methods = {"raw": {HOLE: 1.0, cover: 0.89}, "flow": {HOLE: 2.0, cover: 0.9}, "telea": {HOLE: None, cover: 1.0}}
     comparison = comparison_of({"sim-LN": methods})
-    assert list(comparison.best(HOLES).loc["sim-LN"]) == ["raw", 1.0]
-    assert list(comparison.best(HOLES, min_coverage=0.9).loc["sim-LN"]) == ["flow", 2.0]
-    nothing = comparison.best(HOLES, without=["raw", "flow"]).loc["sim-LN"]
-    assert nothing["name"] is None and math.isnan(nothing["value"]), "telea has no number"
+    assert list(comparison.best(HOLES)) == [1.0]
+    assert list(comparison.best(HOLES, min_coverage=0.9)) == [2.0]
+    assert comparison.best(HOLES, without=["raw", "flow"]).isna().all(), "telea has no number"
 
 
 @pytest.mark.parametrize(
@@ -178,7 +158,7 @@ def test_every_criterion_reads_the_quantity_that_it_names() -> None:
     ):
         found, said = judged(comparison, what, requirement)
         assert (found, said) == (None if value is None else pytest.approx(value), outcome), what
-    assert len(CRITERIA) == 26
+    assert len(criteria(comparison)) == 26
 
 
 def test_confidence_is_pooled_by_pixels_and_falls_where_less_are_correct() -> None:
@@ -190,9 +170,6 @@ def test_confidence_is_pooled_by_pixels_and_falls_where_less_are_correct() -> No
         "sim-MB": {"temporal": share(0.1, 0.2) | share(0.6, 0.9)},
     }
     comparison = comparison_of(cells)
-    assert comparison.pooled(None, "confidence 0.1-0.2") == (pytest.approx(0.3), 4000)
-    assert comparison.pooled("holes", "confidence 0.1-0.2") == (None, 0)
-    assert comparison.pooled("holes", "confidence 0.6-0.7") == (pytest.approx(0.3), 2000)
     what = "Largest fall of the share of correct pixels where confidence rises,"
     assert judged(comparison, f"{what} all") == (pytest.approx(-60), "held")
     assert judged(comparison, f"{what} holes") == (pytest.approx(50), "missed by 50")

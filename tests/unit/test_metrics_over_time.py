@@ -49,13 +49,6 @@ def test_flicker_by_hand() -> None:
     assert flicker.switched_share == pytest.approx(2 / 4)
 
 
-def test_two_frames_are_a_pair_although_nothing_was_before_the_first() -> None:
-    nothing, everything = row(5, 5) < 0, row(5, 5) > 0
-    flicker = flicker_of([row(5, 5), row(5.5, 0)], [row(5, 5)] * 2, [nothing, everything])
-    assert (flicker.pixels, flicker.changes, flicker.switched) == (2, 1, 1)
-    assert flicker.mean_change_m == pytest.approx(0.5)
-
-
 def test_a_pixel_counts_again_as_soon_as_it_rests() -> None:
     """Static pairs are the third and fourth frame's; what was before the third does not matter."""
     rests = [row(5) > 0 if k >= 2 else row(5) < 0 for k in range(4)]
@@ -111,15 +104,6 @@ def test_ghosts_lie_below_the_geometric_mean_of_object_and_background() -> None:
     truth_m = row(8, 8, 8, 8, 8, 8, np.inf, 8, 8)
     departed_m = row(2, 2, 2, 2, 2, 2, 2, 0, 9)
     assert ghost_share(depth_m, truth_m, departed_m) == Share(hits=2, of=5)
-
-
-@given(st.floats(0.1, 10), st.integers(0, 100))
-def test_the_share_of_ghosts_does_not_depend_on_the_unit(scale: float, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    images = [rng.uniform(low, high, (6, 7)) for low, high in ((1, 20), (8, 20), (1, 7))]
-    once = ghost_share(*(image.astype(np.float32) for image in images))
-    assert once.of == 42
-    assert ghost_share(*((image * scale).astype(np.float32) for image in images)) == once
 
 
 def test_an_object_survives_within_5_percent_and_not_in_a_hole() -> None:

@@ -37,12 +37,6 @@ def test_wrapped_squares_of_all_differences_average_32385_and_a_half() -> None:
     assert score == pytest.approx(179.96, abs=0.001)
 
 
-def test_unrelated_images_score_180_whatever_they_show() -> None:
-    assert m_rmse_u16_wrap(unrelated_mm(0), unrelated_mm(1), ALL) == pytest.approx(179.96, abs=0.5)
-    far_off = unrelated_mm(0) // 2 + 30_000
-    assert m_rmse_u16_wrap(far_off, unrelated_mm(1), ALL) == pytest.approx(179.96, abs=0.5)
-
-
 @pytest.mark.parametrize("offset_mm", [0, 256, 512, 25600])
 def test_an_error_of_a_multiple_of_256_mm_scores_as_no_error(offset_mm: int) -> None:
     truth_mm = ramp_mm(20_000)
@@ -78,14 +72,6 @@ def test_twice_the_depth_scores_361_db_like_the_truth_itself(image_mm: np.ndarra
 @pytest.mark.parametrize("image_mm", [ramp_mm(44_400), floor_mm(1, 14.4)], ids=["ramp", "floor"])
 def test_one_pixel_at_65535_turns_a_perfect_image_into_14_6_db(image_mm: np.ndarray) -> None:
     assert psnr_minmax8(with_one_pixel_at_65535(image_mm), image_mm) == pytest.approx(14.6, abs=0.02)
-
-
-def test_what_one_pixel_costs_a_ramp_follows_from_its_largest_depth() -> None:
-    """The error is the ramp times 1 - max / 65535, and the root mean square of a ramp is its end over sqrt(3)."""
-    for largest_mm in (5000, 20_000, 44_400):
-        expected_db = 20 * np.log10(np.sqrt(3) / (1 - largest_mm / 65535))
-        spoilt = with_one_pixel_at_65535(ramp_mm(largest_mm))
-        assert psnr_minmax8(spoilt, ramp_mm(largest_mm)) == pytest.approx(expected_db, abs=0.01)
 
 
 def test_stretched_psnr_by_hand() -> None:

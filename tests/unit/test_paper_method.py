@@ -156,15 +156,6 @@ def test_frames_without_any_depth_stay_empty() -> None:
     assert (result.source == Source.INVALID).all()
 
 
-def test_registration_follows_a_shifted_image() -> None:
-    corrector = VoxDepth(CAMERA, CONFIG)
-    feed(corrector, [flat(10.0)] * 5, texture(0))
-    shifted = np.roll(texture(0), 8, axis=1)
-    result = corrector.process(Frame(stamp_s=9.0, gray=shifted, depth_m=flat(10.0)))
-    assert result.diagnostics.registration.ok
-    np.testing.assert_allclose(result.diagnostics.registration.M_frame_template, [[1, 0, 8], [0, 1, 0]], atol=0.3)
-
-
 def test_the_lag_delays_the_template_and_changes_nothing_else() -> None:
     depths = [(flat(10.0) + 0.01 * i).astype(np.float32) for i in range(12)]
     at_once = feed(VoxDepth(CAMERA, CONFIG), depths, texture(0))
@@ -192,21 +183,6 @@ def test_any_device_gives_the_bits_of_the_cpu(device: str) -> None:
     assert (found.source == Source.MEMORY).mean() > 0.9
     np.testing.assert_array_equal(found.depth_m, expected.depth_m)
     np.testing.assert_array_equal(found.source, expected.source)
-
-
-@pytest.mark.parametrize("median_size_px", [1, 5])
-def test_results_have_arrays_of_their_own(median_size_px: int) -> None:
-    corrector = VoxDepth(CAMERA, CONFIG.model_copy(update={"median_size_px": median_size_px}))
-    depth = flat(10.0)
-    results = []
-    for i in range(8):
-        result = corrector.process(Frame(stamp_s=0.1 * i, gray=texture(0), depth_m=depth))
-        for image in (result.depth_m, result.source, result.confidence):
-            assert not np.shares_memory(image, depth)
-        results.append((result, result.depth_m.copy(), result.source.copy()))
-    for result, depth_m, source in results:
-        np.testing.assert_array_equal(result.depth_m, depth_m)
-        np.testing.assert_array_equal(result.source, source)
 
 
 def approaching(start_m: float, step_m: float, n: int) -> list[Frame]:

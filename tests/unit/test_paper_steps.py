@@ -117,12 +117,6 @@ def test_nearest_takes_the_nearer_of_two() -> None:
     np.testing.assert_array_equal(Inpainting(method="nearest", size_px=5).fill(line), [[2, 2, 2, 2, 5, 5, 5, 5, 5]])
 
 
-def test_bilinear_and_nearest_keep_what_is_filled() -> None:
-    image = sparse(4)
-    for method in (Inpainting(method="bilinear"), Inpainting(method="nearest")):
-        np.testing.assert_array_equal(method.fill(image)[image > 0], image[image > 0])
-
-
 @pytest.mark.skipif(not has_runtime(), reason="needs the extra learned")
 def test_convex_fills_a_scene_twice_as_far_twice_as_far_with_the_same_bytes_each_time() -> None:
     image, method = sparse(5, shape=(70, 90)), Inpainting(method="convex")
@@ -171,20 +165,3 @@ def test_invalid_pixels_take_the_template(rule: dict[str, float], expected: list
     np.testing.assert_array_equal(depth_m, np.array([expected], np.float32))
     assert labels.tolist() == [source]
     assert labels.dtype == np.uint8
-
-
-def test_the_measured_depth_is_not_changed() -> None:
-    raw = RAW.copy()
-    combine(raw, TEMPLATE, CombineConfig())
-    np.testing.assert_array_equal(raw, RAW)
-
-
-def test_an_empty_template_changes_nothing() -> None:
-    depth_m, source = combine(RAW, np.zeros_like(RAW), CombineConfig())
-    np.testing.assert_array_equal(depth_m, RAW)
-    np.testing.assert_array_equal(source, RAW > 0)
-
-
-def test_a_frame_without_depth_becomes_the_template() -> None:
-    depth_m, _ = combine(np.zeros_like(RAW), TEMPLATE, CombineConfig(reject_near=False, reject_far=False))
-    np.testing.assert_array_equal(depth_m, TEMPLATE)

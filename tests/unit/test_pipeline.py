@@ -27,7 +27,7 @@ from tests.fakes import (
 )
 from voxdepth import TemporalCorrector, VoxDepth
 from voxdepth.baselines.single_frame import Raw
-from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
+from voxdepth.errors import ConfigError, FrameError, PipelineError
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.pipeline import Channel, CorrectionPipeline
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
@@ -46,26 +46,6 @@ def test_what_is_in_a_channel_outlives_its_end_and_not_its_closing() -> None:
     assert closed.error is ended.error is None
     assert not ended.put(4)
     assert not closed.put(4)
-
-
-def test_a_full_channel_makes_the_giver_wait_and_closing_lets_it_go() -> None:
-    channel = Channel[int](1)
-    given: list[bool] = []
-    giver = threading.Thread(target=lambda: given.extend(channel.put(i) for i in range(3)))
-    giver.start()
-    assert next(channel) == 0
-    time.sleep(0.01)
-    assert giver.is_alive()
-    channel.close()
-    giver.join()
-    assert given == [True, True, False]
-
-
-def test_a_mailbox_keeps_the_newest() -> None:
-    mailbox = Channel[int](1, latest=True)
-    assert all(mailbox.put(i) for i in range(5))
-    mailbox.end()
-    assert (list(mailbox), mailbox.dropped) == ([4], 4)
 
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=90, hfov_deg=86, baseline_m=0.095)
@@ -319,12 +299,6 @@ def test_a_source_of_something_else_is_named() -> None:
     with pytest.raises(PipelineError, match="expected a Frame, got tuple") as caught:
         list(CorrectionPipeline(Whole(), pairs))  # type: ignore[arg-type]
     assert isinstance(caught.value.__cause__, FrameError)
-
-
-def test_a_pipeline_fed_by_a_pipeline_tells_the_failures_of_both() -> None:
-    inner = CorrectionPipeline(Whole(), failing_frames(2, DatasetError("depth/2.png is damaged")))
-    with pytest.raises(PipelineError, match=r"reading failed at frame 2: PipelineError: reading .* depth/2.png"):
-        list(CorrectionPipeline(Whole(), (source for source, _ in inner)))
 
 
 def test_a_source_that_fails_while_it_is_closed_ends_in_the_hook_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:

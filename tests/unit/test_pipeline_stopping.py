@@ -92,18 +92,6 @@ def test_the_with_block_stops_the_threads_though_the_iterator_lives_and_may_be_c
     pipeline.close()
 
 
-def test_many_threads_may_close_at_once_while_the_caller_iterates() -> None:
-    pipeline = CorrectionPipeline(Staged(), endless())
-    closers = [threading.Thread(target=pipeline.close) for _ in range(8)]
-    for source, _ in pipeline:
-        if source.stamp_s == 0.5:
-            for closer in closers:
-                closer.start()
-    for closer in closers:
-        closer.join()
-    assert pipeline_threads() == []
-
-
 @pytest.mark.parametrize("stage", ["reading", "registering", "combining"])
 def test_a_stage_may_close_its_own_pipeline(stage: str) -> None:
     pipeline: CorrectionPipeline

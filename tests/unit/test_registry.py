@@ -195,19 +195,6 @@ def test_the_example_of_a_plugin_is_found_by_its_name(tmp_path: Path, monkeypatc
     assert latency_s("wide-median") == 0.001
 
 
-@pytest.mark.parametrize("name", installed_names())
-def test_images_of_an_upright_camera_are_corrected_like_copies_of_them(name: str) -> None:
-    """`np.rot90` gives views that are not in C order."""
-    upright = Intrinsics.from_hfov(width_px=48, height_px=64, hfov_deg=70, baseline_m=0.1)
-    turned, copied = create_corrector(name, upright), create_corrector(name, upright)
-    for k in range(3):
-        frame = holed_frame(float(k))
-        views = {"gray": np.rot90(frame.gray), "depth_m": np.rot90(frame.depth_m)}
-        one = turned.process(Frame(stamp_s=float(k), **views))
-        other = copied.process(Frame(stamp_s=float(k), **{key: view.copy() for key, view in views.items()}))
-        np.testing.assert_array_equal(one.depth_m, other.depth_m)
-
-
 def test_a_frame_that_raised_an_error_may_come_again(monkeypatch: pytest.MonkeyPatch) -> None:
     corrector = create_bare("temporal", CAMERA)
     corrector.process(holed_frame(0.0))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tests.temporal_scenes import CAMERA, OTHER_ROOM, ROOM, frame_of, frames_of, pose, walk
-from voxdepth.geometry import inverse_rigid
+from voxdepth.geometry import inverse_rigid, transform
 from voxdepth.temporal.memory import Memory
 from voxdepth.temporal.odometry import TrackingResult, TrackingStatus, VisualOdometry, VisualOdometryConfig
-from voxdepth.temporal.pose_fit import project, transform_points
+from voxdepth.temporal.pose_fit import project
 from voxdepth.temporal.relocalisation import RelocalisationConfig, Relocaliser
 from voxdepth.temporal.tracking_camera import TrackingCamera
 from voxdepth.temporal.working_resolution import WorkingResolution
@@ -171,4 +171,4 @@ def test_points_are_projected_where_they_were_seen(width_px: int, height_px: int
     np.testing.assert_allclose(project(points_m, camera.intrinsics), pixels[1:], atol=1e-3)
     assert camera.sees(points_m * 0.999).all()
     assert not camera.sees(-points_m).any()
-    assert not camera.sees(transform_points(pose(x=100.0), points_m)).any()
+    assert not camera.sees(transform(pose(x=100.0), points_m)).any()

@@ -179,7 +179,7 @@ def test_a_folder_without_a_study_and_one_that_cannot_be_written_are_told(tmp_pa
 
 def test_a_second_study_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
-    busy = r"wait for it, or look at it with voxdepth study status"
+    busy = r"wait for it, or look at it with voxdepth study report .* --progress"
     with begun(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ToolError, match=busy):
         run_study(tiny, tmp_path, Serial(fake), unseen)
 

@@ -191,14 +191,6 @@ class TestMemoryAndPreviousOutput:
         np.testing.assert_allclose(Result(measured_px, config=config, previous=30).disparity_px[middle], 30, atol=0.5)
         np.testing.assert_allclose(Result(measured_px, config=config).disparity_px[middle], FAR_PX, atol=0.01)
 
-    def test_a_cut_takes_its_vote_away(self) -> None:
-        gray, other_gray = texture(0), texture(1)
-        near = Frame(stamp_s=0, gray=gray, depth_m=FULL.depth(with_holes(9.0, self.HOLE)))
-        cut = Frame(stamp_s=1, gray=other_gray, depth_m=FULL.depth(with_holes(FAR_PX, self.HOLE)))
-        corrector, fresh = TemporalCorrector(CAMERA), TemporalCorrector(CAMERA)
-        corrector.process(near)
-        np.testing.assert_array_equal(corrector.process(cut).depth_m, fresh.process(cut).depth_m)
-
 
 class TestProbability:
     def test_it_falls_with_the_distance_to_the_ends(self) -> None:
@@ -217,15 +209,6 @@ class TestProbability:
 
 
 class TestBadInput:
-    @DECIMATIONS
-    def test_an_empty_image_stays_empty(self, decimation: int) -> None:
-        assert not Result(np.zeros(CAMERA.shape), decimation).disparity_px.any()
-
-    @DECIMATIONS
-    def test_one_known_pixel_speaks_for_nothing_else(self, decimation: int) -> None:
-        result = Result(with_holes(FAR_PX, (ROW != 60) | (COL != 80)), decimation)
-        assert np.count_nonzero(result.disparity_px) <= decimation**2
-
     @DECIMATIONS
     def test_a_corner_is_continued_by_little(self, decimation: int) -> None:
         measured_px = with_holes(FAR_PX, (ROW >= 20) | (COL >= 20))

@@ -62,16 +62,6 @@ class TestNothingToCorrect:
             assert (result.source == Source.SENSOR).all()
 
     @DECIMATIONS
-    def test_smoothing_changes_only_what_is_bent(self, decimation: int) -> None:
-        still = [replace(CLEAN[0], stamp_s=float(i)) for i in range(3)]
-        where = flat(still[0], 3 * decimation)
-        assert where.mean() > (0.6 if decimation == 1 else 0.4)
-        for result in run(method(decimation=decimation), still):
-            error_px = disparity_error_px(result, still[0])
-            assert error_px[where].max() < 1e-5
-            assert np.median(error_px) < 1e-5
-
-    @DECIMATIONS
     def test_a_moving_camera_without_noise_gets_back_what_it_measured(self, decimation: int) -> None:
         for frame, result in zip(CLEAN, run(method(decimation=decimation), CLEAN), strict=True):
             error_px = disparity_error_px(result, frame)
@@ -171,10 +161,6 @@ def _bytes(result: CorrectedDepth) -> tuple[bytes, ...]:
 
 
 class TestArrays:
-    def test_it_is_what_a_corrector_does_by_default(self) -> None:
-        corrector = TemporalCorrector(CAMERA)
-        assert [_bytes(corrector.process(frame)) for frame in NOISY] == [_bytes(one) for one in run(method(), NOISY)]
-
     def test_what_it_says_of_the_first_and_the_next_frame(self) -> None:
         first, second = run(method(), NOISY[:2])
         assert first.diagnostics.facts() == {
@@ -213,17 +199,6 @@ class TestSizes:
         assert (result.diagnostics.status is TrackingStatus.OK) == (
             width_px == 161
         )  # twelve corners, one in each cell of 16 px, are needed
-
-    @DECIMATIONS
-    def test_the_last_odd_row_and_column_are_no_worse_than_measured(self, decimation: int) -> None:
-        clean = frames_of(ROOM, walk(8), ODD)
-        frames = [noisy(frame, 0, holes=0, camera=ODD) for frame in clean]
-        result = run(method(ODD, decimation=decimation, smoothing_window_px=1), frames)[-1]
-        for edge in (np.s_[:, -1], np.s_[-1, :]):
-            ours, raw = (
-                abs(1 / depth_m - 1 / clean[-1].depth_m)[edge] for depth_m in (result.depth_m, frames[-1].depth_m)
-            )
-            assert ours.mean() < raw.mean()
 
     @pytest.mark.parametrize(("width_px", "height_px"), [(7, 8), (8, 7)])
     def test_too_small_images_are_refused(self, width_px: int, height_px: int) -> None:

@@ -116,11 +116,6 @@ class TestVisualOdometry:
         assert tracking.n_tracks > 40
         assert tracking.n_inliers == 0
 
-    def test_the_same_shapes_of_other_looks_are_another_scene(self) -> None:
-        repainted = [replace(body, seed=body.seed + 50) for body in ROOM]
-        tracking = with_keyframe(frame_of(ROOM, pose())).track(frame_of(repainted, pose(), 1))
-        assert tracking.status is TrackingStatus.LOST
-
     @pytest.mark.parametrize("gray", [0, 130])
     def test_a_textureless_image_has_no_features(self, gray: int) -> None:
         textureless = replace(dark(1), gray=np.full(CAMERA.shape, gray, np.uint8))
@@ -142,11 +137,6 @@ class TestVisualOdometry:
         tracking = known.track(frame_of(ROOM, T, 1))
         assert tracking.status is TrackingStatus.OK
         assert error_px(tracking, inverse_rigid(T), first) < 0.5
-
-    def test_after_a_reset_the_next_frame_is_the_first(self) -> None:
-        known = with_keyframe(frame_of(ROOM, pose()))
-        known.reset()
-        assert known.track(frame_of(ROOM, pose(), 1)).status is TrackingStatus.FIRST_FRAME
 
     def test_where_nothing_has_a_depth_nothing_can_be_found(self) -> None:
         first = replace(frame_of(ROOM, pose()), depth_m=np.zeros(CAMERA.shape, np.float32))
@@ -224,13 +214,6 @@ class TestFit:
         drawn_px = np.hypot(*(self.seen(points, fit.T_target_source) - self.seen(points, T)).T).mean()
         assert drawn_px < 0.15 * np.linalg.norm(shift_px)
 
-    def test_noise_averages_out(self) -> None:
-        T, points = MOTIONS["forward"], self.points(400)
-        seen = self.seen(points, T) + np.random.default_rng(1).normal(0, 0.3, (400, 2))
-        fit = fit_pose(points, seen, TRACKING_CAMERA, np.eye(4), 1.0)
-        assert np.hypot(*(self.seen(points, fit.T_target_source) - self.seen(points, T)).T).mean() < 0.08
-        assert 0.2 < fit.median_residual_px < 0.6
-
     def test_points_behind_the_camera_do_not_count(self) -> None:
         T, points = pose(z=0.08), self.points()
         seen = self.seen(points, T)
@@ -263,12 +246,6 @@ class TestFit:
             fit = fit_pose(points, self.seen(points, T), TRACKING_CAMERA, T, 1.0, known)
             errors_m.append(fit.T_target_source[0, 3] - T[0, 3])
         assert 0 < errors_m[0] < errors_m[1] < errors_m[2] < errors_m[3] < 0.01
-
-    def test_what_it_finds_is_rigid(self) -> None:
-        points = self.points()
-        seen = np.random.default_rng(2).uniform(0, 160, (60, 2))
-        R = fit_pose(points, seen, TRACKING_CAMERA, np.eye(4), 1.0).T_target_source[:3, :3]
-        np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-9)
 
 
 class TestFeatureTracker:

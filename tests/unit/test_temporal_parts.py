@@ -1,4 +1,4 @@
-"""Parts of the default method: measurement, upsampling, smoothing, confidence and the warp of the memory."""
+"""Parts of the default method: resolution, measurement, upsampling, smoothing, confidence and the memory's warp."""
 
 from dataclasses import replace
 
@@ -8,6 +8,7 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, ROOM, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
+from voxdepth.image_pool import ImagePool
 from voxdepth.temporal.confidence import INPAINTED, estimate_confidence
 from voxdepth.temporal.forward_warp import ForwardWarp
 from voxdepth.temporal.fusion import PixelClass
@@ -15,7 +16,12 @@ from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import smooth_guided
 from voxdepth.temporal.upsampling import Estimate, Shown, Upsampler
-from voxdepth.temporal.working_resolution import WorkingResolution
+from voxdepth.temporal.working_resolution import (
+    MAX_DISPARITY_PX,
+    MAX_FULL_RESOLUTION_PX,
+    WorkingResolution,
+    default_decimation,
+)
 from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 
 ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
@@ -234,12 +240,6 @@ class TestSmoothing:
         mean_px = varied_px.mean()
         assert smoothed_px[2, 2] - mean_px == pytest.approx((varied_px[2, 2] - mean_px) / 2, abs=1e-3)
 
-    @pytest.mark.parametrize("scale", [0.25, 4.0])
-    def test_disparity_and_noise_may_have_any_unit(self, scale: float) -> None:
-        noisy_px = np.random.default_rng(3).normal(6, 0.5, CAMERA.shape).astype(np.float32)
-        scaled_px = smooth_guided(np.float32(scale) * noisy_px, 5, scale * 0.3)
-        np.testing.assert_allclose(scaled_px, scale * smooth_guided(noisy_px, 5, 0.3), rtol=1e-3)
-
 
 def confidence_of(
     disparity_px: FloatImage, kind: GrayImage, weight: GrayImage, probability: FloatImage, magnification: float = 1.0
@@ -339,3 +339,60 @@ def test_ages_and_looks_are_warped_with_their_surfaces(shift_px: int) -> None:
     seen = (col + shift_px >= 0) & (col + shift_px < CAMERA.width_px)
     for image, of in ((warped.age, age), (warped.gray, gray), (warped.seen_px, seen_px)):
         np.testing.assert_array_equal(image[seen], np.roll(of, -shift_px, axis=1)[seen])
+
+
+def test_disparity_is_focal_length_times_baseline_over_depth() -> None:
+    depth_m = np.full(CAMERA.shape, 4, np.float32)
+    np.testing.assert_allclose(WorkingResolution.of(CAMERA, 1).disparity(depth_m), CAMERA.fx_px * 0.1 / 4, rtol=1e-6)
+
+
+def test_what_is_nearer_than_any_sensor_sees_is_invalid() -> None:
+    nearest_m = CAMERA.fx_px * 0.1 / MAX_DISPARITY_PX
+    depth_m = np.array([[0.2, 0.5, 0.9, 1.1]], np.float32) * np.float32(nearest_m)
+    disparity_px = WorkingResolution.of(CAMERA, 1).disparity(depth_m)
+    np.testing.assert_allclose(disparity_px, [[0, 0, 0, MAX_DISPARITY_PX / 1.1]], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("width", "height"), [(160, 120), (161, 119), (33, 25)])
+def test_a_pixel_of_half_size_looks_between_its_four(width: int, height: int) -> None:
+    middle = {"cx_px": 0.44 * width, "cy_px": 0.51 * height}
+    camera = Intrinsics(fx_px=100, fy_px=90, width_px=width, height_px=height, **middle)
+    full, half = WorkingResolution.of(camera, 1), WorkingResolution.of(camera, 2)
+    assert half.shape == (height // 2, width // 2)
+    for row, col in ((0, 0), (3, 5), (11, 15)):
+        ray = np.linalg.solve(half.K, [col, row, 1])
+        np.testing.assert_allclose(full.K @ ray, [2 * col + 0.5, 2 * row + 0.5, 1])
+
+
+def test_large_images_are_remembered_at_half_their_size() -> None:
+    largest_px = MAX_FULL_RESOLUTION_PX // 400
+    for width_px, height_px, decimation in (
+        (160, 120, 1), (400, largest_px, 1), (400, largest_px + 1, 2), (640, 360, 2), (1024, 1024, 2),
+    ):  # fmt: skip
+        camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70)
+        assert default_decimation(camera) == decimation, f"{width_px} x {height_px}"
+
+
+def address(image: np.ndarray) -> int:
+    return int(image.__array_interface__["data"][0])
+
+
+def test_memory_is_used_again_when_nobody_holds_the_image() -> None:
+    pool = ImagePool((3, 5), np.float32)
+    image = pool.image()
+    before = address(image)
+    del image
+    assert address(pool.image()) == before
+
+
+def test_memory_of_a_held_image_or_of_a_part_of_it_is_not_used_again() -> None:
+    pool = ImagePool((3, 5), np.uint8)
+    part = pool.image()[1:, ::2].T.view(np.int8)
+    buffer = memoryview(pool.image()).cast("B")
+    held = pool.image()
+    held[...] = 1
+    part[...] = 2
+    for _ in range(10):
+        pool.image()[...] = 3
+    assert (held == 1).all() and (part == 2).all()
+    assert len(buffer) == 15 and set(buffer) != {3}

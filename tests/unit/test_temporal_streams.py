@@ -89,14 +89,6 @@ def test_memory_survives_a_jump(jump: FloatArray, decimation: int) -> None:
     assert_remembered(process(corrector, holed(true, 18)), true)
 
 
-@DECIMATIONS
-def test_memory_survives_ten_dropped_frames(decimation: int) -> None:
-    corrector = method(decimation=decimation)
-    run(corrector, NOISY)
-    true = frame_of(ROOM, PATH[18], 18)
-    assert_remembered(process(corrector, holed(noisy(true, 0), 18)), true)
-
-
 class TestCoveredLens:
     SECOND = tuple(dark(16 + i) for i in range(30))
 

@@ -146,12 +146,6 @@ def test_a_translation_to_another_camera_is_no_baseline(translation_m: tuple[flo
     assert Intrinsics.from_camera_info(beside_colour).baseline_m is None
 
 
-def test_messages_of_ros_1_spell_it_in_capitals() -> None:
-    old = CameraInfo(P=CameraInfo().p)
-    del old.p
-    assert Intrinsics.from_camera_info(old).fx_px == 343
-
-
 class Roi:
     """Part of an image."""
 
@@ -218,12 +212,6 @@ def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> Non
 def test_times_and_poses_must_be_finite(bad: dict[str, object]) -> None:
     with pytest.raises(FrameError, match=r"(stamp_s|T_world_cam) must be"):
         Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("units_per_m", [0.001, 0.0010000000475, 0.00025])
-def test_the_depth_scale_of_librealsense_is_no_number_of_steps(units_per_m: float) -> None:
-    with pytest.raises(FrameError, match="its inverse"):
-        Frame.from_millimetres(stamp_s=0, gray=GRAY, depth_mm=DEPTH.astype(np.uint16), units_per_m=units_per_m)
 
 
 @pytest.mark.parametrize("baseline_m", [50.0, 95.0])

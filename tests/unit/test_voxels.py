@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from tests.voxel_twins import integrate_points, occupied_centres, ray_coordinates
-from voxdepth.geometry import RayMap, back_project, transform
+from tests.voxel_twins import integrate_points, occupied_centres
+from voxdepth.geometry import back_project, transform
 from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
 from voxdepth.types import Intrinsics
 
@@ -55,13 +55,6 @@ def test_images_give_the_voxels_of_their_moved_points(yaw: float) -> None:
     integrate_points(by_points, transform(T, back_project(depth_m, CAMERA)))
     differing = np.bitwise_count(by_image.words ^ by_points.words).sum()
     assert differing <= 0.002 * len(occupied_centres(by_points))  # points on the border of two cells, by rounding
-
-
-def test_a_ray_map_of_the_identity_is_the_back_projection() -> None:
-    depth_m = np.random.default_rng(2).uniform(1, 8, CAMERA.shape).astype(np.float32)
-    rays = RayMap.of(CAMERA, np.eye(4))
-    points = np.stack(ray_coordinates(rays, depth_m), axis=2).reshape(-1, 3)
-    np.testing.assert_allclose(points, back_project(depth_m, CAMERA), rtol=1e-5, atol=1e-5)
 
 
 def test_cells_may_be_chosen() -> None:

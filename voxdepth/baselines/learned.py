@@ -13,13 +13,12 @@ import numpy.typing as npt
 
 from ..compiled import compile_all
 from ..corrector import StreamCorrector
-from ..errors import ConfigError
 from ..networks import Images, Network, load
 from ..temporal.fusion import PixelClass
 from ..temporal.masks import above
 from ..temporal.measurement import Measurement, measure
 from ..temporal.upsampling import Estimate, Upsampler
-from ..temporal.working_resolution import MIN_DISPARITY_PX, MIN_SIDE_PX, WorkingResolution, default_decimation
+from ..temporal.working_resolution import MIN_DISPARITY_PX, WorkingResolution, default_decimation, require_large
 from ..types import CORRECT_PX, CORRECT_SHARE, CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .optical_flow import Dis, landing_of, taken
 from .realsense import fill_from_left
@@ -64,11 +63,7 @@ class Learned(StreamCorrector):
     """
 
     def __init__(self, intrinsics: Intrinsics, network: Network | None = None) -> None:
-        if min(intrinsics.shape) < MIN_SIDE_PX:
-            raise ConfigError(
-                f"the corrector 'learned' needs images of at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels, "
-                f"got {intrinsics.width_px}x{intrinsics.height_px}: use a larger camera"
-            )
+        require_large(intrinsics, "the corrector 'learned'")
         self._network = network or load("corrector")
         self._resolution = WorkingResolution.of(intrinsics, default_decimation(intrinsics))
         self._upsampler = Upsampler(intrinsics.shape, self._resolution)

@@ -186,7 +186,14 @@ class RealSenseChain(Baseline):
 
     def __init__(self, intrinsics: Intrinsics) -> None:
         self._intrinsics = intrinsics
-        self._factor = disparity_factor(intrinsics)
+        if intrinsics.baseline_m is None:
+            raise ConfigError(
+                "the RealSense filters work on disparity and need the stereo baseline; name it as baseline_m of the "
+                "intrinsics (0.095 for a D455, 0.05 for a D435)"
+            )
+        baseline_m = np.float32(intrinsics.baseline_m * 1000) * np.float32(0.001)  # cameras report it in millimetres
+        # Depth [units] times disparity [1/32 px], in the SDK's single precision.
+        self._factor = baseline_m * np.float32(intrinsics.fx_px) * np.float32(STEPS_PER_PX) / np.float32(1e-3)
         self._temporal = TemporalFilter()
         compile_all()
 
@@ -207,14 +214,3 @@ class RealSenseChain(Baseline):
     def _divided(self, image: FloatImage) -> FloatImage:
         """Depth [units] of disparity [1/32 px], and the other way round; 0 stays 0."""
         return np.divide(self._factor, image, out=np.zeros_like(image), where=image > 0)
-
-
-def disparity_factor(intrinsics: Intrinsics) -> np.float32:
-    """Depth [units] times disparity [1/32 px], in the SDK's single precision; it needs a baseline."""
-    if intrinsics.baseline_m is None:
-        raise ConfigError(
-            "the RealSense filters work on disparity and need the stereo baseline; name it as baseline_m of the "
-            "intrinsics (0.095 for a D455, 0.05 for a D435)"
-        )
-    baseline_m = np.float32(intrinsics.baseline_m * 1000) * np.float32(0.001)  # cameras report it in millimetres
-    return baseline_m * np.float32(intrinsics.fx_px) * np.float32(STEPS_PER_PX) / np.float32(1 / float(UNITS_PER_M))

@@ -2,7 +2,7 @@
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
@@ -203,20 +203,6 @@ def associate(first_s: Sequence[float], second_s: Sequence[float], *, within_s: 
     Raises:
         DatasetError: More than `MAX_CANDIDATES` images of the second stream are within reach of one of the first.
     """
-    used_first: set[int] = set()
-    used_second: set[int] = set()
-    pairs = []
-    for _, i, j in sorted(_candidates(first_s, second_s, within_s)):
-        if i not in used_first and j not in used_second:
-            used_first.add(i)
-            used_second.add(j)
-            pairs.append((i, j))
-    return sorted(pairs)
-
-
-def _candidates(
-    first_s: Sequence[float], second_s: Sequence[float], within_s: float
-) -> Iterator[tuple[float, int, int]]:
     starts = np.searchsorted(second_s, np.asarray(first_s) - within_s, side="left")
     ends = np.searchsorted(second_s, np.asarray(first_s) + within_s, side="right")
     if (most := int((ends - starts).max(initial=0))) > MAX_CANDIDATES:
@@ -224,7 +210,15 @@ def _candidates(
             f"expected at most {MAX_CANDIDATES} images within {within_s:g} s of another one, got {most}: are the times "
             "in seconds?"
         )
-    for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
-        for j in range(max(start - 1, 0), min(end + 1, len(second_s))):  # One more each, since differences are rounded.
-            if (difference_s := abs(second_s[j] - first_s[i])) <= within_s:
-                yield difference_s, i, j
+    candidates = [
+        (abs(second_s[j] - first_s[i]), i, j)
+        for i, (start, end) in enumerate(zip(starts, ends, strict=True))
+        for j in range(max(start - 1, 0), min(end + 1, len(second_s)))  # One more each, since differences are rounded.
+    ]
+    pairs: dict[int, int] = {}
+    used: set[int] = set()
+    for difference_s, i, j in sorted(candidates):
+        if difference_s <= within_s and i not in pairs and j not in used:
+            pairs[i] = j
+            used.add(j)
+    return sorted(pairs.items())

@@ -21,8 +21,6 @@ RAW_TOLERANCE = 0.05
 SURFACE_TOLERANCE = 0.02
 SURFACE_TOLERANCE_M = 0.02
 """Two depths are of the same surface when they differ by at most 2 % and 2 cm together."""
-WORTH_DROPPING = 8
-"""Found points are dropped once they are one in this many: selecting the others costs as much as a frame."""
 NEAREST_M = 1e-6
 """Keeps the division finite for points in or behind the image plane, which match nothing."""
 
@@ -96,17 +94,11 @@ class SeenBefore:
 
 def _seen(points: FloatImage, A_world_image: FloatArray, newest_first: Iterable[_Past]) -> npt.NDArray[np.bool_]:
     """Which of the points (u z, v z, z, 1), shape (4, N), some past frame measured correctly, shape (N,)."""
-    seen = np.zeros(points.shape[1], bool)
-    left, found = np.arange(points.shape[1]), np.zeros(points.shape[1], bool)
+    seen, left = np.zeros(points.shape[1], bool), np.arange(points.shape[1])
     for past in newest_first:
-        found |= _hits(past.measured_m, (past.A_image_world @ A_world_image)[:3].astype(np.float32) @ points)
-        if np.count_nonzero(found) * WORTH_DROPPING >= found.size:
-            seen[left[found]] = True
-            left, points = left[~found], np.compress(~found, points, axis=1)
-            found = np.zeros(left.size, bool)
-        if left.size == 0:
-            break
-    seen[left[found]] = True
+        found = _hits(past.measured_m, (past.A_image_world @ A_world_image)[:3].astype(np.float32) @ points)
+        seen[left[found]] = True
+        left, points = left[~found], np.compress(~found, points, axis=1)
     return seen
 
 

@@ -119,17 +119,19 @@ class VoxDepth(StreamCorrector):
     def combine(self, aligned: Aligned) -> CorrectedDepth:
         """Correct the aligned frame, which depends on nothing else."""
         timer = StepTimer(aligned.timings_s)
-        raw = self._steps.upload(aligned.frame.depth_m)
-        template, registration = None, aligned.diagnostics.registration
+        measured_m, template, registration = aligned.frame.depth_m, None, aligned.diagnostics.registration
+        depth, source_before = self._steps.upload(measured_m), (measured_m > 0).view(np.uint8)
         with timer("warp"):  # from the original, since repeated warps would mix edges
             if aligned.template is not None and registration.ok:
                 template = self._steps.warp(aligned.template.depth, registration.M_frame_template)
         with timer("merge"):
-            depth, source = self._steps.unchanged(raw) if template is None else self._steps.combine(raw, template)
+            if template is not None:
+                depth, labels = self._steps.combine(depth, template)
+                source_before = self._steps.to_host(labels)
         with timer("filter"):
             depth = self._steps.filter(depth)
         with timer("label"):  # after the median has emptied some pixels and filled others
-            depth_m, source_before = self._steps.to_host(depth), self._steps.to_host(source)
+            depth_m = self._steps.to_host(depth)
             source, confidence = np.empty_like(source_before), np.empty_like(depth_m)
             _label(depth_m, source_before, source, confidence)
         return CorrectedDepth(

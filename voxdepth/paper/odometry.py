@@ -128,8 +128,8 @@ class PhotometricOdometry:
 
     def __init__(self, intrinsics: Intrinsics, config: OdometryConfig | None = None) -> None:
         self._config = config or OdometryConfig()
-        self._camera = reduced(intrinsics, self._config.max_width_px)
-        self._coarse_camera = reduced(intrinsics, min(COARSE_WIDTH_PX, self._config.max_width_px))
+        self._camera = intrinsics.reduced(self._config.max_width_px)
+        self._coarse_camera = intrinsics.reduced(min(COARSE_WIDTH_PX, self._config.max_width_px))
         self._solver = _opencv_solver(self._coarse_camera, self._config)
 
     def estimate(self, source: Frame, target: Frame) -> Motion:
@@ -296,13 +296,6 @@ def view_of(frame: Frame, camera: Intrinsics) -> View:
         gray=np.asarray(cv2.blur(gray, (SMOOTH_PX, SMOOTH_PX)), np.float32),
         depth_m=np.asarray(cv2.medianBlur(depth_m, DESPECKLE_PX), np.float32),
     )
-
-
-def reduced(camera: Intrinsics, max_width_px: int) -> Intrinsics:
-    """The camera of an image of at most that width and of the same aspect ratio."""
-    width_px = min(camera.width_px, max_width_px)
-    height_px = max(round(camera.height_px * width_px / camera.width_px), 1)
-    return camera.scaled(width_px, height_px)
 
 
 def _subsampled(camera: Intrinsics, every_px: int) -> Intrinsics:

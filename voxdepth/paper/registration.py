@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Any
 
 import cv2
 import numpy as np
@@ -108,10 +109,7 @@ class OrbRegistration:
     def describe(self, gray: GrayImage) -> Features:
         """Features of a gray image of shape (H, W)."""
         size = (self._config.size_px, self._config.size_px)
-        key_points, descriptors = self._orb.detectAndCompute(cv2.resize(gray, size), None)
-        if descriptors is None:
-            return Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
-        return Features(points_px=np.asarray(cv2.KeyPoint.convert(key_points)), descriptors=descriptors.view(np.uint64))
+        return detect(self._orb, cv2.resize(gray, size))
 
     def register(self, reference: Features, current: Features) -> Registration:
         """Affine map from the full-size pixels of `reference` to those of `current`."""
@@ -164,6 +162,14 @@ class ChainedRegistration(OrbRegistration):
             return Registration(status=RegistrationStatus.DEGENERATE, n_matches=step.n_matches)
         self._before, self._M_before = current, M
         return replace(step, M_frame_template=M[:2])
+
+
+def detect(orb: Any, gray: Any) -> Features:
+    """The ORB features of a gray image, in its pixels (Rublee et al. 2011)."""
+    key_points, descriptors = orb.detectAndCompute(gray, None)
+    if descriptors is None:
+        return Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
+    return Features(points_px=np.asarray(cv2.KeyPoint.convert(key_points)), descriptors=descriptors.view(np.uint64))
 
 
 def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, Indices]:

@@ -69,10 +69,6 @@ class HostSteps:
         combine(np.ascontiguousarray(raw), *self._config.combine.bounds, template, source)
         return template, source
 
-    def unchanged(self, raw: FloatImage) -> tuple[FloatImage, GrayImage]:
-        """Depth and `Source` of a frame without a template."""
-        return raw, (raw > 0).view(np.uint8)
-
     def filter(self, depth: FloatImage) -> FloatImage:
         """Median filter against flicker."""
         filtered: FloatImage = cv2.medianBlur(depth, self._config.median_size_px)  # type: ignore[assignment]

@@ -113,22 +113,6 @@ def empty_unlowered(depth_m: wp.array2d(dtype=wp.float32)):
 
 
 @wp.kernel
-def dilate(
-    sparse_m: wp.array2d(dtype=wp.float32),
-    reach_px: wp.int32,
-    # output
-    dense_m: wp.array2d(dtype=wp.float32),
-):
-    """The maximum of each pixel's window: paper, Eq. dilate."""
-    row, col = wp.tid()
-    largest = float(0.0)
-    for v in range(wp.max(row - reach_px, 0), wp.min(row + reach_px + 1, sparse_m.shape[0])):
-        for u in range(wp.max(col - reach_px, 0), wp.min(col + reach_px + 1, sparse_m.shape[1])):
-            largest = wp.max(largest, sparse_m[v, u])
-    dense_m[row, col] = largest
-
-
-@wp.kernel
 def warp_nearest(
     template_m: wp.array2d(dtype=wp.float32),
     M_template_frame: wp.mat33,
@@ -168,17 +152,6 @@ def combine(
     else:
         depth_m[row, col] = t
         source[row, col] = wp.uint8(2)
-
-
-@wp.kernel
-def label_valid(
-    depth_m: wp.array2d(dtype=wp.float32),
-    # output
-    source: wp.array2d(dtype=wp.uint8),
-):
-    """The label SENSOR where there is a depth."""
-    row, col = wp.tid()
-    source[row, col] = wp.where(depth_m[row, col] > 0.0, wp.uint8(1), wp.uint8(0))
 
 
 @wp.kernel

@@ -50,13 +50,8 @@ class WarpSteps:
         return OccupiedVoxels.of(self._words.numpy(), self._config.voxels)
 
     def inpaint(self, sparse: Any) -> Any:
-        """See `HostSteps`. All methods but dilation, the paper's, run on the CPU: once an epoch."""
-        method = self._config.inpainting
-        if method.method != "dilation":
-            return self.upload(method.fill(sparse.numpy()))
-        dense = wp.empty_like(sparse)
-        self._launch(kernels.dilate, [sparse, method.size_px // 2], [dense])
-        return dense
+        """See `HostSteps`. All methods run on the CPU: once an epoch."""
+        return self.upload(self._config.inpainting.fill(sparse.numpy()))
 
     def upload(self, depth_m: FloatImage) -> Any:
         """See `HostSteps`."""
@@ -71,15 +66,9 @@ class WarpSteps:
 
     def combine(self, raw: Any, template: Any) -> tuple[Any, Any]:
         """See `HostSteps`."""
-        depth, source = wp.empty_like(raw), self._empty_source()
+        depth, source = wp.empty_like(raw), wp.empty(raw.shape, dtype=wp.uint8, device=self._device)
         self._launch(kernels.combine, [raw, template, *self._config.combine.bounds], [depth, source])
         return depth, source
-
-    def unchanged(self, raw: Any) -> tuple[Any, Any]:
-        """See `HostSteps`."""
-        source = self._empty_source()
-        self._launch(kernels.label_valid, [raw], [source])
-        return raw, source
 
     def filter(self, depth: Any) -> Any:
         """See `HostSteps`."""
@@ -90,9 +79,6 @@ class WarpSteps:
     def to_host(self, image: Any) -> Any:
         """See `HostSteps`."""
         return image.numpy()
-
-    def _empty_source(self) -> Any:
-        return wp.empty(self._intrinsics.shape, dtype=wp.uint8, device=self._device)
 
     def _launch(self, kernel: Any, inputs: list[Any], outputs: list[Any], *, dim: Any = None) -> None:
         """One thread per pixel unless `dim` says otherwise."""

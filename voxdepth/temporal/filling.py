@@ -42,7 +42,6 @@ from .rays import (
     Numbers,
     Places,
     Rays,
-    find_holes,
     march,
     trace_rays,
 )
@@ -170,28 +169,12 @@ class Rules(NamedTuple):
         return cls(*(float32(value) for value in values))
 
 
-class Ballot(NamedTuple):
-    """The votes of up to `CHUNK` holes, float32."""
-
-    vote_px: FloatImage
-    """Disparity of each vote, shape (6, CHUNK)."""
-    weight: FloatImage
-    """Weight of each vote, shape (6, CHUNK); 0 = there is none."""
-    support: FloatImage
-    """Sum of the weights of the votes for the same surface, shape (6, CHUNK)."""
-    result: FloatImage
-    """Disparity of the winner, its support, and the sum of all weights, shape (4, CHUNK); the last row is a buffer."""
-
-
 KNOWN = named_tuple(Known, *[FLOAT_IMAGE] * 4)
 RULES = named_tuple(Rules, *[float32] * 11)
-BALLOT = named_tuple(Ballot, *[FLOAT_IMAGE] * 4)
 FILLED = named_tuple(Filled, PLACES, *[NUMBERS] * 3, uint8[::1])
 INPAINTED = named_tuple(Inpainted, FLOAT_IMAGE, FLOAT_IMAGE, BYTE_IMAGE)
 UNANIMOUS = float32(0.999)
 """Share of the votes from which on no vote is against."""
-WINNER, SUPPORT, TOTAL, SUMS = range(4)
-"""Rows of `Ballot.result`."""
 
 
 class HoleFiller:
@@ -204,10 +187,11 @@ class HoleFiller:
 
     def __init__(self, resolution: WorkingResolution, config: FillingConfig) -> None:
         self._resolution, decimation = resolution, resolution.decimation
+        row, col = np.indices(resolution.shape)
+        self._offset = np.asarray((row | col) & 3, np.uint8)
         width_px = decimation * resolution.width_px
         self._rules = Rules.of(config, resolution.matched_px, decimation, width_px)
         self._border_rules = Rules.of(config, resolution.matched_px / decimation, 1, width_px)
-        self._ballot = Ballot(*(np.empty((n, CHUNK), np.float32) for n in (N_VOTES, N_VOTES, N_VOTES, 4)))
 
     def fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
         """Fill the holes of a frame with a measured depth [m] of shape (H, W).
@@ -217,7 +201,7 @@ class HoleFiller:
         """
         hole = np.asarray(cv2.bitwise_not(above(known.disparity_px, 0)), np.uint8)
         block = find_blocks(hole & ~above(known.remembered_px, 0))
-        place = find_holes(hole, block, depth_m, self._resolution.decimation)
+        place = self._places(hole, block, depth_m)
         rays = trace_rays(known.disparity_px, place)
         filled = self._vote(known, place, rays, self._rules, 1)
         inpainted = Inpainted.of(hole, block, filled)
@@ -233,11 +217,20 @@ class HoleFiller:
         march(known.disparity_px, depth_m, focal_baseline_px_m, border, number, rays.steps, border_rays)
         return inpainted, self._vote(known, border, border_rays, self._border_rules, self._resolution.decimation)
 
+    def _places(self, hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> Places:
+        """The working pixels that are holes or contain one, row by row; of each block that votes as one, the first."""
+        height, width = (self._resolution.decimation * side for side in hole.shape)
+        complete = cv2.resize(above(depth_m, 0)[:height, :width], hole.shape[::-1], interpolation=cv2.INTER_AREA)
+        voting = (hole | ~above(np.asarray(complete, np.uint8), 254)) * ((self._offset & block) == 0)
+        found = cv2.findNonZero(voting)
+        places = np.empty((0, 2), np.int32) if found is None else found.reshape(-1, 2)
+        return np.ascontiguousarray(places[:, ::-1], np.int32)
+
     def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules, scale: int) -> Filled:
         """What holes are filled with, whose places are pixels of 1 / scale of a working pixel."""
         filled = Filled.empty(place)
         continue_lone_ends(known.disparity_px, place, scale, rules, rays)
-        fill_places(known, place, scale, rays, rules, self._ballot, filled)
+        fill_places(known, place, scale, rays, rules, filled)
         return filled
 
 
@@ -315,123 +308,115 @@ def vote_of(
     return before_px, before_weight * (rules.shadow_factor if is_shadow else float32(1))
 
 
-@compiled_part(void(RAYS, int64, int64, int64, RULES, BALLOT))
-def vote_along_axis(
+@compiled_part(void(KNOWN, PLACES, int64, RAYS, int64, RULES, FLOAT_IMAGE, FLOAT_IMAGE))
+def cast_votes(
+    known: Known,
+    place: Places,
+    scale: int,
     rays: Rays,
     first: int,
-    n: int,
-    axis: int,
     rules: Rules,
     # output
-    ballot: Ballot,
+    vote_px: FloatImage,
+    weight: FloatImage,
 ) -> None:
-    """The votes of one axis of n holes. The loops are short enough for the compiler to count them side by side."""
-    before_px, behind_px = rays.end_px[axis, first : first + n], rays.end_px[AXES + axis, first : first + n]
-    to_before, to_behind = rays.steps[axis, first : first + n], rays.steps[AXES + axis, first : first + n]
-    vote_px, weight = ballot.vote_px[axis], ballot.weight[axis]
-    for k in range(n):
-        vote_px[k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[0]
-    for k in range(n):
-        weight[k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[1]
+    """The votes and their weights, shape (6, CHUNK), of the holes at some places, of which the first has a number.
+
+    Loops that write one array are such that the compiler can do their steps side by side.
+    """
+    last = first + len(place)
+    for axis in range(AXES):
+        before_px, behind_px = rays.end_px[axis, first:last], rays.end_px[AXES + axis, first:last]
+        to_before, to_behind = rays.steps[axis, first:last], rays.steps[AXES + axis, first:last]
+        for k in range(len(place)):
+            vote_px[axis, k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[0]
+        for k in range(len(place)):
+            weight[axis, k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[1]
+    for k in range(len(place)):
+        row, col = place[k, 0] // scale, place[k, 1] // scale
+        memory_px, previous_px = known.remembered_px[row, col], known.previous_px[row, col]
+        memory_weight = (float32(1) + known.evidence[row, col]) * rules.memory_weight
+        vote_px[MEMORY, k], vote_px[PREVIOUS, k] = memory_px, previous_px
+        weight[MEMORY, k] = memory_weight if memory_px > 0 else float32(0)
+        weight[PREVIOUS, k] = rules.previous_weight if previous_px > 0 else float32(0)
 
 
-@compiled_part(void(*[NUMBERS] * 3, int64, RULES, NUMBERS))
+@compiled_part(void(*[NUMBERS] * 3, RULES, NUMBERS))
 def add_where_agreeing(
     one_px: Numbers,
     other_px: Numbers,
     weight: Numbers,
-    n: int,
     rules: Rules,
     # input and output
     support: Numbers,
 ) -> None:
     """Add weights to the support of votes where two votes are of one surface."""
-    for i in range(n):
+    for i in range(len(support)):
         support[i] += weight[i] if is_one_surface(one_px[i], other_px[i], rules) else float32(0)
 
 
-@compiled_part(void(BALLOT, int64, RULES))
-def find_support(ballot: Ballot, n: int, rules: Rules) -> None:
-    """Add up the weights of the votes for one surface of each of n holes."""
-    for k in range(len(ballot.weight)):
-        for i in range(n):
-            ballot.support[k, i] = ballot.weight[k, i]
-    for one in range(len(ballot.weight)):
-        for other in range(one):
-            one_px, other_px = ballot.vote_px[one], ballot.vote_px[other]
-            add_where_agreeing(one_px, other_px, ballot.weight[other], n, rules, ballot.support[one])
-            add_where_agreeing(one_px, other_px, ballot.weight[one], n, rules, ballot.support[other])
-
-
-@compiled_part(void(BALLOT, int64, RULES))
-def count_votes(ballot: Ballot, n: int, rules: Rules) -> None:
-    """Find the vote with the largest support of each of n holes, and the mean of its supporters."""
-    winner_px, most, total = ballot.result[WINNER], ballot.result[SUPPORT], ballot.result[TOTAL]
-    sums = ballot.result[SUMS]
-    for i in range(n):
-        winner_px[i], most[i], total[i], sums[i] = 0, 0, 0, 0
-    for k in range(len(ballot.weight)):
-        vote_px, weight, of_vote = ballot.vote_px[k], ballot.weight[k], ballot.support[k]
-        for i in range(n):
-            is_best = (of_vote[i] > most[i]) & (weight[i] > 0)
-            winner_px[i] = vote_px[i] if is_best else winner_px[i]
-            most[i] = of_vote[i] if is_best else most[i]
-            total[i] += weight[i]
-    for k in range(len(ballot.weight)):
-        one_px, weight = ballot.vote_px[k], ballot.weight[k]
-        for i in range(n):
-            is_supporter = is_one_surface(one_px[i], winner_px[i], rules)
-            sums[i] += weight[i] * (one_px[i] - winner_px[i]) if is_supporter else float32(0)
-    for i in range(n):
-        winner_px[i] += sums[i] / most[i] if most[i] > 0 else float32(0)
-
-
-@compiled_part(void(KNOWN, int64, int64, RULES, BALLOT, int64))
-def take_others(
-    known: Known,
-    row: int,
-    col: int,
+@compiled_part(void(FLOAT_IMAGE, FLOAT_IMAGE, RULES, *[NUMBERS] * 4))
+def count_votes(
+    vote_px: FloatImage,
+    weight: FloatImage,
     rules: Rules,
+    # in place
+    support: Numbers,
     # output
-    ballot: Ballot,
-    n: int,
+    winner_px: Numbers,
+    most: Numbers,
+    total: Numbers,
 ) -> None:
-    """Write the votes of the memory and of the previous output at a working pixel to the n-th place of a ballot."""
-    memory_px, previous_px = known.remembered_px[row, col], known.previous_px[row, col]
-    memory_weight = (float32(1) + known.evidence[row, col]) * rules.memory_weight
-    ballot.vote_px[MEMORY, n], ballot.vote_px[PREVIOUS, n] = memory_px, previous_px
-    ballot.weight[MEMORY, n] = memory_weight if memory_px > 0 else float32(0)
-    ballot.weight[PREVIOUS, n] = rules.previous_weight if previous_px > 0 else float32(0)
+    """Find the vote with the largest support of each hole, the mean of its supporters, and the weight of all votes."""
+    winner_px.fill(0)
+    most.fill(0)
+    total.fill(0)
+    for one in range(N_VOTES):
+        one_px, own = vote_px[one], weight[one]
+        support.fill(0)
+        add_where_agreeing(one_px, one_px, own, rules, support)
+        for other in range(N_VOTES):
+            if other != one:
+                add_where_agreeing(one_px, vote_px[other], weight[other], rules, support)
+        for i in range(CHUNK):
+            is_best = (support[i] > most[i]) & (own[i] > 0)
+            winner_px[i] = one_px[i] if is_best else winner_px[i]
+            most[i] = support[i] if is_best else most[i]
+            total[i] += own[i]
+    support.fill(0)
+    for one in range(N_VOTES):
+        one_px, own = vote_px[one], weight[one]
+        for i in range(CHUNK):
+            is_supporter = is_one_surface(one_px[i], winner_px[i], rules)
+            support[i] += own[i] * (one_px[i] - winner_px[i]) if is_supporter else float32(0)
+    for i in range(CHUNK):
+        winner_px[i] += support[i] / most[i] if most[i] > 0 else float32(0)
 
 
-@compiled(void(KNOWN, PLACES, int64, RAYS, RULES, BALLOT, FILLED))
+@compiled(void(KNOWN, PLACES, int64, RAYS, RULES, FILLED))
 def fill_places(
     known: Known,
     place: Places,
     scale: int,
     rays: Rays,
     rules: Rules,
-    # in place
-    ballot: Ballot,
     # output
     filled: Filled,
 ) -> None:
     """Let holes vote, whose places are pixels of 1 / scale of a working pixel."""
+    vote_px, weight = np.zeros((N_VOTES, CHUNK), np.float32), np.zeros((N_VOTES, CHUNK), np.float32)
+    buffer, winner_px = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
+    support, total = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
     for first in range(0, len(place), CHUNK):
-        n = min(CHUNK, len(place) - first)
-        for k in range(n):
-            take_others(known, place[first + k, 0] // scale, place[first + k, 1] // scale, rules, ballot, k)
-        for axis in range(len(rays.steps) // 2):
-            vote_along_axis(rays, first, n, axis, rules, ballot)
-        find_support(ballot, n, rules)
-        count_votes(ballot, n, rules)
-        for k in range(n):
-            winner_px, memory_px = ballot.result[WINNER, k], ballot.vote_px[MEMORY, k]
-            is_remembered = memory_px > 0 and is_one_surface(memory_px, winner_px, rules)
-            support, total = ballot.result[SUPPORT, k], ballot.result[TOTAL, k]
-            filled.disparity_px[first + k] = winner_px
-            filled.share[first + k] = support / total if total > 0 else float32(0)
-            filled.probability[first + k] = fill_probability(support / (total + rules.doubt), is_remembered)
+        here = place[first : first + CHUNK]
+        cast_votes(known, here, scale, rays, first, rules, vote_px, weight)
+        count_votes(vote_px, weight, rules, buffer, winner_px, support, total)
+        for k in range(len(here)):
+            memory_px = vote_px[MEMORY, k]
+            is_remembered = memory_px > 0 and is_one_surface(memory_px, winner_px[k], rules)
+            filled.disparity_px[first + k] = winner_px[k]
+            filled.share[first + k] = support[k] / total[k] if total[k] > 0 else float32(0)
+            filled.probability[first + k] = fill_probability(support[k] / (total[k] + rules.doubt), is_remembered)
             filled.remembered[first + k] = 255 if is_remembered else 0
 
 

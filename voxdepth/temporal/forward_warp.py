@@ -51,25 +51,18 @@ Row = tuple[float, float, float, float]
 ROW_TYPE = types.UniTuple(float32, 4)
 
 
-class Reprojection:
-    """The projective maps of pixels with disparity for the motions of one camera.
+def reprojection(resolution: WorkingResolution, T_target_source: FloatArray) -> FloatImage:
+    """The projective map `(H | e)` of pixels with disparity for a motion of the camera, shape (3, 4), float32.
 
     (u, v, D) moves to `H (u, v, 1) + e D`, divided by its last row. That divisor is the ratio of the depths after and
     before, so the new disparity is D divided by it as well. H is the infinite homography `K R K^-1`, shape (3, 3), and
     e is the epipole `K t / (f B)`, shape (3,).
     """
-
-    def __init__(self, resolution: WorkingResolution) -> None:
-        self._K = resolution.K
-        self._K_inverse: FloatArray = np.linalg.inv(resolution.K).astype(np.float64)
-        self._focal_baseline_px_m = resolution.focal_baseline_px_m
-
-    def of(self, T_target_source: FloatArray) -> FloatImage:
-        """The map `(H | e)` of a motion, shape (3, 4), float32."""
-        K_R = self._K @ T_target_source[:3]
-        matrix = np.empty((3, 4), np.float32)
-        matrix[:, :3], matrix[:, 3] = K_R[:, :3] @ self._K_inverse, K_R[:, 3] / self._focal_baseline_px_m
-        return matrix
+    K_R = resolution.K @ T_target_source[:3]
+    matrix = np.empty((3, 4), np.float32)
+    matrix[:, :3] = K_R[:, :3] @ np.linalg.inv(resolution.K)
+    matrix[:, 3] = K_R[:, 3] / resolution.focal_baseline_px_m
+    return matrix
 
 
 class ForwardWarp:
@@ -81,7 +74,7 @@ class ForwardWarp:
     """
 
     def __init__(self, resolution: WorkingResolution) -> None:
-        self._reprojection = Reprojection(resolution)
+        self._resolution = resolution
         height, width = resolution.shape
         # A border of one pixel catches the points that fall outside of the image.
         self._keys = np.empty((height + 2, width + 2), np.uint32)
@@ -94,8 +87,9 @@ class ForwardWarp:
 
         Disparity and weight have shape (H, W); 0 = no surface. The larger weight wins between equal disparities.
         """
-        forward = self._reprojection.of(T_target_source)
-        backward = self._reprojection.of(inverse_rigid(T_target_source))
+        forward, backward = (
+            reprojection(self._resolution, T) for T in (T_target_source, inverse_rigid(T_target_source))
+        )
         warped = Warped.buffer(disparity_px.shape)
         self._keys.fill(0)
         _splat(disparity_px, weight, forward, self._target, self._key, self._keys, self._marked_px)

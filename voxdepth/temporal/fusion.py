@@ -130,10 +130,6 @@ class Rules(NamedTuple):
     relative_tolerance: float
     max_bias_px: float
     min_coherent_share: float
-    max_gray_change: float
-    """Least bound of the gray change; see `MIN_DISAPPEARANCE_CHANGE`."""
-    max_drift_px: float
-    drift_gain: float
     min_weight: int
     """Weight of the memory from which it rejects a measurement; an empty memory rejects nothing."""
     max_weight: int
@@ -153,9 +149,6 @@ class Rules(NamedTuple):
             relative_tolerance=float32(config.relative_tolerance),
             max_bias_px=float32(config.max_bias_px),
             min_coherent_share=float32(255 * config.min_coherence),
-            max_gray_change=float32(config.max_gray_change_hole),
-            max_drift_px=float32(config.max_drift_px),
-            drift_gain=float32(config.drift_gain),
             min_weight=max(1, round(WEIGHT_UNIT * config.min_evidence)),
             max_weight=round(WEIGHT_UNIT * config.max_evidence),
             decay_occluded=round(WEIGHT_UNIT * config.decay_occluded),
@@ -178,24 +171,8 @@ class Comparison(NamedTuple):
     """Factor 0..1 of the memory's weight in the average; it falls where the surface comes nearer."""
 
 
-class Pixel(NamedTuple):
-    """One pixel of the memory and of the measurement, and how they compare."""
-
-    measured_px: float
-    measured_weight: int
-    memory_px: float
-    memory_weight: int
-    is_agreeing: bool
-    is_occluding: bool
-    """Whether the measurement shows another surface in front of the remembered one."""
-    is_free_space: bool
-    """Whether the sensor sees through the remembered surface, which must be gone."""
-    memory_factor: float
-
-
-RULES_TYPE = named_tuple(Rules, *[float32] * 7, *[int64] * 5, uint8[::1])
+RULES_TYPE = named_tuple(Rules, *[float32] * 4, *[int64] * 5, uint8[::1])
 FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
-PIXEL_TYPE = named_tuple(Pixel, float32, int64, float32, int64, boolean, boolean, boolean, float32)
 COMPARISON_TYPE = named_tuple(Comparison, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
@@ -203,9 +180,9 @@ def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig)
     """The fused disparity, and the memory for the next frame, from the memory warped to this frame."""
     gray_change = box_mean(np.asarray(cv2.absdiff(memory.gray, measurement.gray), np.uint8), WINDOW_PX)
     rules = Rules.of(config)
-    max_gray_change = max(rules.max_gray_change, MIN_DISAPPEARANCE_CHANGE * max(1, _sparse_median(gray_change)))
-    fused, updated = Fused.buffer(gray_change.shape), Memory.buffer(gray_change.shape)
-    comparison = _compare(memory, measurement, rules, updated.drift_px)
+    max_gray_change = max(config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * max(1, _sparse_median(gray_change)))
+    comparison, drift_px = _compare(memory, measurement, rules, config)
+    fused, updated = Fused.buffer(gray_change.shape), Memory.empty(measurement.gray)._replace(drift_px=drift_px)
     _fuse_pixels(memory, measurement, comparison, gray_change, max_gray_change, rules, fused, updated)
     return fused, updated
 
@@ -217,17 +194,32 @@ def _sparse_median(image: GrayImage) -> int:
     return int(np.partition(values, middle)[middle])
 
 
-def _compare(memory: Memory, measurement: Measurement, rules: Rules, drift_px: FloatImage) -> Comparison:
-    """How memory and measurement compare; the updated drift is written to the last argument."""
+def _compare(
+    memory: Memory, measurement: Measurement, rules: Rules, config: TemporalFusionConfig
+) -> tuple[Comparison, FloatImage]:
+    """How memory and measurement compare, and the drift after this frame."""
     shape = memory.disparity_px.shape
     overlap, difference_px = np.empty(shape, np.uint8), np.empty(shape, np.float32)
     _subtract(memory, measurement, rules, overlap, difference_px)
     bias_px, share = box_mean(difference_px, WINDOW_PX), box_mean(overlap, WINDOW_PX)
     agreeing, nearer, farther = np.empty((3, *shape), np.uint8)
     _find_contradictions(memory, measurement, overlap, bias_px, share, rules, agreeing, nearer, farther)
-    memory_factor = _memory_factor(memory, difference_px, overlap, rules, drift_px)
     nearer, farther = (box_mean(contradicting, WINDOW_PX) for contradicting in (nearer, farther))
-    return Comparison(agreeing, nearer, farther, memory_factor)
+    drift_px = _drift(memory.drift_px, difference_px, overlap, config.drift_gain)
+    approach = np.maximum(drift_px, 0) / config.max_drift_px
+    factor = cv2.resize(np.maximum(1 - approach * approach, 0), shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return Comparison(agreeing, nearer, farther, np.asarray(factor, np.float32)), drift_px
+
+
+def _drift(before_px: FloatImage, difference_px: FloatImage, overlap: GrayImage, gain: float) -> FloatImage:
+    """The running mean of measured minus remembered disparity after a frame, decimated."""
+    count, total_px = (
+        cv2.resize(image, before_px.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+        for image in (overlap, difference_px)
+    )
+    share = np.maximum(box_mean(count, DRIFT_WINDOW_PX) / np.float32(255), MIN_OVERLAP)
+    change_px = box_mean(total_px, DRIFT_WINDOW_PX) / share - before_px
+    return np.asarray(before_px + gain * change_px, np.float32)
 
 
 @compiled_part(float32(float32, float32, RULES_TYPE))
@@ -286,55 +278,36 @@ def _find_contradictions(
             farther[row, col] = overlap[row, col] if is_contradicting & (difference_px < 0) else 0
 
 
-def _memory_factor(
-    memory: Memory, difference_px: FloatImage, overlap: GrayImage, rules: Rules, drift_px: FloatImage
-) -> FloatImage:
-    """The factor 0..1 of the memory's weight, shape (h, w), from the drift, whose update is the last argument."""
-    size = memory.drift_px.shape[::-1]
-    count = np.asarray(cv2.resize(overlap, size, interpolation=cv2.INTER_AREA), np.float32)
-    total_px = np.asarray(cv2.resize(difference_px, size, interpolation=cv2.INTER_AREA), np.float32)
-    factor = np.empty_like(drift_px)
-    mean_count, mean_px = box_mean(count, DRIFT_WINDOW_PX), box_mean(total_px, DRIFT_WINDOW_PX)
-    _update_drift(memory.drift_px, mean_px, mean_count, rules, drift_px, factor)
-    return np.asarray(cv2.resize(factor, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
-
-
-@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, RULES_TYPE, FLOAT_IMAGE, FLOAT_IMAGE))
-def _update_drift(
-    before_px: FloatImage,
-    mean_px: FloatImage,
-    mean_count: FloatImage,
+@compiled_part(
+    Tuple((int64, float32, float32, int64))(float32, int64, float32, int64, *[boolean] * 3, float32, RULES_TYPE)
+)
+def _fuse_pixel(
+    measured_px: float,
+    measured_weight: int,
+    memory_px: float,
+    memory_weight: int,
+    is_agreeing: bool,
+    is_occluding: bool,
+    is_free_space: bool,
+    memory_factor: float,
     rules: Rules,
-    # output
-    drift_px: FloatImage,
-    factor: FloatImage,
-) -> None:
-    for row in range(drift_px.shape[0]):
-        for col in range(drift_px.shape[1]):
-            share = max(mean_count[row, col] / np.float32(255), MIN_OVERLAP)
-            change_px = mean_px[row, col] / share - before_px[row, col]
-            drift_px[row, col] = before_px[row, col] + rules.drift_gain * change_px
-            approach = max(drift_px[row, col], np.float32(0)) / rules.max_drift_px
-            factor[row, col] = max(np.float32(1) - approach * approach, np.float32(0))
-
-
-@compiled_part(Tuple((int64, float32, float32, int64))(PIXEL_TYPE, RULES_TYPE))
-def _fuse_pixel(pixel: Pixel, rules: Rules) -> tuple[int, float, float, int]:
+) -> tuple[int, float, float, int]:
     """Class of a pixel, its fused disparity, and the disparity and weight of its memory after this frame.
 
-    The first rule that holds applies. A memory without weight left is replaced by the measurement.
+    The first rule that holds applies. The measurement is occluding if it shows another surface in front of the
+    remembered one, and in free space if the sensor sees through that, which must be gone. A memory without weight left
+    is replaced by the measurement.
     """
-    measured_px, memory_px, memory_weight = pixel.measured_px, pixel.memory_px, pixel.memory_weight
     if measured_px == 0:
         return PixelClass.UNKNOWN, float32(0), memory_px, memory_weight
-    if pixel.is_agreeing:
-        total = float32(pixel.measured_weight) + pixel.memory_factor * float32(memory_weight)
-        gain = float32(pixel.measured_weight) / max(total, float32(1))
+    if is_agreeing:
+        total = float32(measured_weight) + memory_factor * float32(memory_weight)
+        gain = float32(measured_weight) / max(total, float32(1))
         mean_px = memory_px + gain * (measured_px - memory_px)
-        return PixelClass.FUSED, mean_px, mean_px, min(memory_weight + pixel.measured_weight, rules.max_weight)
-    if pixel.is_occluding:
+        return PixelClass.FUSED, mean_px, mean_px, min(memory_weight + measured_weight, rules.max_weight)
+    if is_occluding:
         return PixelClass.MEASURED, measured_px, memory_px, memory_weight - rules.decay_occluded
-    if pixel.is_free_space:
+    if is_free_space:
         return PixelClass.MEASURED, measured_px, memory_px, memory_weight - rules.decay_free_space
     if memory_weight >= rules.min_weight:
         return PixelClass.REMEMBERED, memory_px, memory_px, memory_weight - rules.decay_outlier
@@ -364,17 +337,13 @@ def _fuse_pixels(
                 memory_weight = 0
             is_known, difference_px = memory_weight > 0, measured_px - memory_px
             nearer, farther = comparison.nearer[row, col], comparison.farther[row, col]
-            pixel = Pixel(
-                measured_px,
-                measured_weight,
-                memory_px,
-                memory_weight,
-                comparison.agreeing[row, col] > 0,
-                is_known & (difference_px > 0) & (nearer > rules.min_coherent_share),
-                is_known & (difference_px < 0) & (farther > rules.min_coherent_share),
-                comparison.memory_factor[row, col],
-            )
-            pixel_class, fused_px, updated_px, weight = _fuse_pixel(pixel, rules)
+            is_occluding = is_known & (difference_px > 0) & (nearer > rules.min_coherent_share)
+            is_free_space = is_known & (difference_px < 0) & (farther > rules.min_coherent_share)
+            is_agreeing, factor = comparison.agreeing[row, col] > 0, comparison.memory_factor[row, col]
+            pixel_class, fused_px, updated_px, weight = _fuse_pixel(
+                measured_px, measured_weight, memory_px, memory_weight,
+                is_agreeing, is_occluding, is_free_space, factor, rules,
+            )  # fmt: skip
             age = int64(memory.age[row, col])
             is_remembered = measured_px == 0 and is_known and memory_weight >= rules.filling_weight[age]
             is_measured = pixel_class == PixelClass.MEASURED

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..geometry import transform
 from ..types import FloatArray, GrayImage
 from .memory import Memory
-from .pose_fit import transform_points
 from .relocalisation import Landmarks
 from .tracking_camera import Pixels, TrackingCamera
 
@@ -59,7 +59,7 @@ class Keyframes:
             self._begin_view(keyframe)
         else:
             self._T_current_view = keyframe.T_keyframe_previous @ self._T_current_view
-            seen = self._camera.sees(transform_points(self._T_current_view, self._view.points_m))
+            seen = self._camera.sees(transform(self._T_current_view, self._view.points_m))
             if np.count_nonzero(seen) <= MIN_OVERLAP * len(seen):
                 self._stored.append(keyframe)
                 self._begin_view(keyframe)

@@ -37,24 +37,16 @@ class Memory(NamedTuple):
 
     @classmethod
     def empty(cls, gray: GrayImage) -> "Memory":
-        """A memory of no surface, with the gray values of the current image."""
+        """A memory of no surface, with a copy of the gray values of the current image."""
         return cls(
             disparity_px=np.zeros(gray.shape, np.float32),
             weight=np.zeros_like(gray),
-            gray=gray,
+            gray=gray.copy(),
             seen_px=np.zeros(gray.shape, np.float32),
             age=np.zeros_like(gray),
             drift_px=np.zeros(coarse_shape(gray.shape), np.float32),
             filled_px=np.zeros(gray.shape, np.float32),
         )
-
-    @classmethod
-    def buffer(cls, shape: tuple[int, ...]) -> "Memory":
-        """A memory of a shape, whose images have no values yet."""
-        weight, gray, age = np.empty((3, *shape), np.uint8)
-        disparity_px, seen_px, filled_px = np.empty((3, *shape), np.float32)
-        drift_px = np.empty(coarse_shape(shape), np.float32)
-        return cls(disparity_px, weight, gray, seen_px, age, drift_px, filled_px)
 
     def seen_by(self, warped: Warped) -> "Memory":
         """The memory as a new frame sees it, from its disparity as that frame sees it."""

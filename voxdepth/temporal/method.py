@@ -7,7 +7,6 @@ import numpy as np
 
 from ..compiled import compile_all
 from ..corrector import StreamCorrector, checked_config
-from ..errors import ConfigError
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .confidence import estimate_confidence
@@ -20,7 +19,7 @@ from .memory import WEIGHT_UNIT, Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .smoothing import smooth_guided
 from .upsampling import Estimate, Upsampler, completed
-from .working_resolution import MIN_SIDE_PX, WorkingResolution, default_decimation
+from .working_resolution import WorkingResolution, default_decimation, require_large
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,11 +53,7 @@ class TemporalCorrector(StreamCorrector):
 
     def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
         camera, config = intrinsics, checked_config(intrinsics, config, TemporalConfig)
-        if min(camera.shape) < MIN_SIDE_PX:
-            raise ConfigError(
-                f"the default method needs images of at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels, "
-                f"got {camera.width_px}x{camera.height_px}: use a larger camera"
-            )
+        require_large(camera, "the default method")
         decimation = default_decimation(camera) if config.decimation == "auto" else config.decimation
         self._config = config
         self._resolution = WorkingResolution.of(camera, decimation)

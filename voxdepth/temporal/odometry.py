@@ -14,20 +14,23 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from ..geometry import inverse_rigid
+from ..geometry import inverse_rigid, transform
 from ..model import Model
 from ..paper.registration import Features
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
-from .corners import find_corners
 from .keyframes import Keyframe, Keyframes
 from .memory import Memory
-from .pose_fit import KnownMotion, PoseFit, fit_pose, project, transform_points
+from .pose_fit import KnownMotion, PoseFit, fit_pose, project
 from .relocalisation import RelocalisationConfig, Relocaliser
 from .tracking_camera import Pixels, TrackingCamera
 from .working_resolution import WorkingResolution
 
 NEAR_LEVELS = 1
 """Halvings of the tracking image where a motion is predicted: the search reaches twice the radius of the window."""
+CORNER_PX = 5
+"""Side of the neighbourhood of a corner."""
+MIN_EIGENVALUE = np.float32(2e-4)
+"""Corners have a larger minimal eigenvalue of the gradient matrix; photon noise stays below."""
 TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 8, 0.03)
 
 
@@ -158,6 +161,21 @@ class FeatureTracker:
         return tracked, in_image & (np.ravel(status) > 0)
 
 
+def find_corners(gray: GrayImage, cell_px: int) -> Pixels:
+    """Column and row of the best corner of each whole cell of `cell_px` pixels a side, shape (N, 2).
+
+    Corners are the pixels whose neighbourhood changes most in every direction (Shi and Tomasi 1994).
+    """
+    eigenvalue = np.asarray(cv2.cornerMinEigenVal(gray, CORNER_PX), np.float32)
+    rows, cols = (side // cell_px for side in gray.shape)
+    whole = eigenvalue[: rows * cell_px, : cols * cell_px].reshape(rows, cell_px, cols, cell_px)
+    cells = whole.swapaxes(1, 2).reshape(rows * cols, cell_px * cell_px)
+    best = cells.argmax(axis=1)
+    row, col = np.divmod(np.arange(rows * cols), max(cols, 1))
+    corners = np.stack([col * cell_px + best % cell_px, row * cell_px + best // cell_px], axis=1)
+    return np.asarray(corners[cells.max(axis=1) > MIN_EIGENVALUE], np.float32)
+
+
 class VisualOdometry:
     """Tracks the camera from keyframe to frame.
 
@@ -231,9 +249,10 @@ class VisualOdometry:
 
         When the keyframe began without memory, the stored ones come first: one of them may show the same place.
         """
-        stored = self._keyframes.stored if prior is None else []
-        known = None if prior is None else self._known(prior)
-        previous, levels = keyframe.T_keyframe_previous, self._config.tracker.pyramid_levels
+        config, stored, known = self._config, self._keyframes.stored, None
+        if prior is not None:
+            stored, known = [], KnownMotion(prior, config.pose_sigma_m, float(np.radians(config.pose_sigma_deg)))
+        previous, levels = keyframe.T_keyframe_previous, config.tracker.pyramid_levels
         likely = previous if prior is None else prior
         predictions = [(prior, NEAR_LEVELS), (previous, NEAR_LEVELS), (likely, levels), (np.eye(4), levels)]
         describe = cache(lambda: self._relocaliser.describe(frame.gray))
@@ -241,14 +260,8 @@ class VisualOdometry:
         def recognised(keyframes: list[Keyframe]) -> PoseFit | None:
             return self._relocalise(keyframes, describe, frame.depth_m, image)
 
-        if keyframe.T_keyframe_previous is None:
-            fit = recognised(stored) or self._follow(keyframe, image, predictions, known)
-            return fit or recognised([keyframe])
-        return self._follow(keyframe, image, predictions, known) or recognised([keyframe, *stored])
-
-    def _known(self, prior: FloatArray) -> KnownMotion:
-        """The motion between two poses of the caller, which is measured independently of the image."""
-        return KnownMotion(prior, self._config.pose_sigma_m, float(np.radians(self._config.pose_sigma_deg)))
+        first, later = (stored, [keyframe]) if previous is None else ([], [keyframe, *stored])
+        return recognised(first) or self._follow(keyframe, image, predictions, known) or recognised(later)
 
     def _follow(
         self,
@@ -264,7 +277,7 @@ class VisualOdometry:
         for T, levels in predictions:
             if T is None or len(keyframe.corners) < self._config.min_tracks:
                 continue
-            initial = project(transform_points(T, keyframe.points_m), self._camera.intrinsics).astype(np.float32)
+            initial = project(transform(T, keyframe.points_m), self._camera.intrinsics).astype(np.float32)
             tracked, found = self._tracker.track(keyframe.gray, image.gray, keyframe.corners, initial, levels)
             fit = self._fit(keyframe.points_m[found], tracked[found].astype(np.float64), T, known)
             if fit is not None:

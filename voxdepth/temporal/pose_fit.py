@@ -83,11 +83,6 @@ def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
     return np.stack([fx * x / z + cx, fy * y / z + cy], axis=1)
 
 
-def transform_points(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
-    """Points of frame b in the coordinates of frame a, shape (N, 3), in double precision."""
-    return np.asarray(points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3])
-
-
 def lens_of(camera: Intrinsics) -> Lens:
     """Focal lengths and principal point of a camera."""
     return camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
@@ -146,38 +141,6 @@ def _normal_equations(
     return H, gradient
 
 
-@compiled_part("UniTuple(i8, 2)(f8[::1], i8, i8)")
-def _partition(values: FloatArray, first: int, last: int) -> tuple[int, int]:
-    """Move the smaller values of a range before the larger ones: i and j with [first..j] <= [i..last], and j < i."""
-    pivot, i, j = values[(first + last) // 2], first, last
-    while i <= j:
-        while values[i] < pivot:
-            i += 1
-        while values[j] > pivot:
-            j -= 1
-        if i <= j:
-            values[i], values[j] = values[j], values[i]
-            i, j = i + 1, j - 1
-    return i, j
-
-
-@compiled("f8(f8[::1])")
-def _median(values: FloatArray) -> float:
-    """The median of at least one number, by Hoare's selection, which reorders them. NumPy's compiles for a second."""
-    middle, first, last = len(values) // 2, 0, len(values) - 1
-    while first < last:
-        i, j = _partition(values, first, last)
-        last = j if middle <= j else last
-        first = i if middle >= i else first
-        if j < middle < i:
-            break
-    upper: float = values[middle]
-    lower = upper if len(values) % 2 else values[0]
-    for k in range(0 if len(values) % 2 else middle):
-        lower = max(lower, values[k])
-    return (lower + upper) / 2
-
-
 @compiled_part(void(MATRIX, MATRIX, float64[::1], float64, MATRIX, float64[::1]))
 def _add_known(
     T: FloatArray,
@@ -218,9 +181,9 @@ def _fit(
     known.
     """
     length_px, scale_px = _residual_lengths(points_m, observed_px, T, lens), np.inf
-    distance_m = _median(points_m[:, 2].copy())
+    distance_m = np.median(points_m[:, 2])
     for _ in range(MAX_ITERATIONS):
-        scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * _median(length_px.copy())))
+        scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * np.median(length_px)))
         H, gradient = _normal_equations(points_m, observed_px, T, lens, scale_px)
         # Residuals are large at first because the motion is wrong, which makes the known motion no more certain.
         _add_known(T, T_source_target, information, min(scale_px, inlier_px), H, gradient)
@@ -233,4 +196,4 @@ def _fit(
     n_inliers = 0
     for length in length_px:
         n_inliers += length < inlier_px
-    return T, _median(length_px), n_inliers
+    return T, np.median(length_px), n_inliers

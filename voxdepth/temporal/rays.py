@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import boolean, float32, int32, int64, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
-from ..types import FloatImage, GrayImage
+from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
+from ..types import FloatImage
 from .working_resolution import disparity_of
 
 Places = npt.NDArray[np.int32]
@@ -50,37 +50,6 @@ def trace_rays(known_px: FloatImage, place: Places) -> Rays:
         following.steps.fill(INFINITE)
         trace(known_px, place, start, is_backward, told, following, rays)
     return rays
-
-
-def find_holes(hole: GrayImage, block: GrayImage, depth_m: FloatImage, decimation: int) -> Places:
-    """The working pixels that are holes or contain one, row by row, shape (N, 2).
-
-    Of each block of pixels that vote as one, that is the first; see `find_blocks`. The images have shape (h, w).
-    """
-    place = np.empty((hole.size, 2), np.int32)
-    return place[: _list_holes(hole, block, depth_m, decimation, place)].copy()
-
-
-@compiled(int64(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE, int64, PLACES))
-def _list_holes(
-    hole: GrayImage,
-    block: GrayImage,
-    depth_m: FloatImage,
-    decimation: int,
-    # output
-    place: Places,
-) -> int:
-    """List the holes of an image, and return their number."""
-    n = 0
-    for row in range(hole.shape[0]):
-        for col in range(hole.shape[1]):
-            is_hole = hole[row, col] > 0
-            if decimation == 2 and not is_hole:
-                upper_m, lower_m = depth_m[2 * row], depth_m[2 * row + 1]
-                is_hole = min(upper_m[2 * col], upper_m[2 * col + 1], lower_m[2 * col], lower_m[2 * col + 1]) <= 0
-            place[n, 0], place[n, 1] = row, col
-            n += is_hole and ((row | col) & block[row, col] == 0)
-    return n
 
 
 @compiled(void(FLOAT_IMAGE, PLACES, int64[::1], boolean, RAYS, RAYS, RAYS))

@@ -1,16 +1,18 @@
 """Relocalisation: a keyframe is recognised by its features after a motion that is too large to track."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from pydantic import Field
 
+from ..geometry import transform
 from ..model import Model
-from ..paper.registration import EDGE_PX, PYRAMID_LEVELS, Features, good_matches
+from ..paper.registration import EDGE_PX, PYRAMID_LEVELS, Features, detect, good_matches
 from ..types import FloatArray, FloatImage, GrayImage, resized
 from .memory import Memory
-from .pose_fit import project, transform_points
+from .pose_fit import project
 from .tracking_camera import Pixels, TrackingCamera
 
 FAST_THRESHOLD = 10
@@ -51,10 +53,7 @@ class Relocaliser:
     def __init__(self, camera: TrackingCamera, config: RelocalisationConfig) -> None:
         self._camera = camera
         self._config = config
-        width, height = camera.full_size
-        scale = min(1.0, config.width_px / width)
-        self._size = (round(width * scale), max(1, round(height * scale)))
-        self._scale = np.divide(self._size, camera.full_size)
+        self._reduced = camera.full.reduced(config.width_px)
         self._orb = cv2.ORB_create(  # type: ignore[attr-defined]
             nfeatures=config.n_features, nlevels=PYRAMID_LEVELS, edgeThreshold=EDGE_PX, fastThreshold=FAST_THRESHOLD
         )
@@ -63,14 +62,11 @@ class Relocaliser:
 
     def describe(self, gray: GrayImage) -> Features:
         """Features of a gray image of shape (H, W), in pixels of the tracking image."""
-        key_points, descriptors = self._orb.detectAndCompute(
-            cv2.resize(gray, self._size, interpolation=cv2.INTER_AREA), None
-        )
-        if descriptors is None:
-            return Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
-        positions = zip(np.asarray(cv2.KeyPoint.convert(key_points)).T, self._camera.scale / self._scale, strict=True)
-        points_px = np.stack([resized(position, float(factor)) for position, factor in positions], axis=-1)
-        return Features(points_px=points_px.astype(np.float32), descriptors=descriptors.view(np.uint64))
+        height_px, width_px = self._reduced.shape
+        features = detect(self._orb, cv2.resize(gray, (width_px, height_px), interpolation=cv2.INTER_AREA))
+        factors = np.divide(self._camera.intrinsics.shape, self._reduced.shape)[::-1]
+        points_px = [resized(x, float(factor)) for x, factor in zip(features.points_px.T, factors, strict=True)]
+        return replace(features, points_px=np.stack(points_px, axis=-1).astype(np.float32))
 
     def landmarks(self, gray: GrayImage, memory: Memory) -> Landmarks:
         """The features of a keyframe for which its memory has a depth."""
@@ -90,7 +86,7 @@ class Relocaliser:
         Matches on far surfaces alone leave the translation uncertain, and similar textures can match by mistake.
         """
         camera = self._camera
-        points_m = transform_points(T_frame_memory, camera.points(self._grid, memory.disparity_px)[0])
+        points_m = transform(T_frame_memory, camera.points(self._grid, memory.disparity_px)[0])
         points_m = points_m[camera.sees(points_m)]
         measured_m = camera.sample(depth_m, project(points_m, camera.intrinsics))
         z_m, measured_m = points_m[measured_m > 0, 2], measured_m[measured_m > 0]

@@ -18,17 +18,14 @@ class TrackingCamera:
     """The camera of the tracking image, which is the full image reduced to a width."""
 
     intrinsics: Intrinsics
-    full_size: tuple[int, int]
-    """Width and height of the full image."""
+    full: Intrinsics
+    """The camera of the full image."""
     resolution: WorkingResolution
 
     @classmethod
     def of(cls, camera: Intrinsics, width_px: int, resolution: WorkingResolution) -> "TrackingCamera":
         """The camera of a tracking image of at most that width."""
-        width = min(width_px, camera.width_px)
-        height = max(1, round(camera.height_px * width / camera.width_px))
-        full_size = (camera.width_px, camera.height_px)
-        return cls(intrinsics=camera.scaled(width, height), full_size=full_size, resolution=resolution)
+        return cls(intrinsics=camera.reduced(width_px), full=camera, resolution=resolution)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -38,7 +35,7 @@ class TrackingCamera:
     @property
     def scale(self) -> FloatArray:
         """Columns and rows of the tracking image by those of the full image, shape (2,); rounding sets them apart."""
-        return np.divide(self.size, self.full_size)
+        return np.divide(self.intrinsics.shape, self.full.shape)[::-1]
 
     def points(self, pixels: Pixels, disparity_px: FloatImage) -> tuple[FloatArray, MaskImage]:
         """Points [m] of the pixels that have a disparity, shape (M, 3), and which of the pixels have one, shape (N,).
@@ -54,7 +51,7 @@ class TrackingCamera:
 
     def sample(self, image: FloatImage, pixels: npt.NDArray[np.floating]) -> FloatImage:
         """Nearest values, shape (N,), of a full or working image at pixels of the tracking image, shape (N, 2)."""
-        decimation = 1 if image.shape == self.full_size[::-1] else self.resolution.decimation
+        decimation = 1 if image.shape == self.full.shape else self.resolution.decimation
         col, row = np.rint((pixels.T + 0.5) / (self.scale * decimation)[:, None] - 0.5).astype(np.int64)
         return np.asarray(image[row.clip(0, image.shape[0] - 1), col.clip(0, image.shape[1] - 1)], np.float32)
 

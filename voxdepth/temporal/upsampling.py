@@ -23,8 +23,6 @@ RELATIVE_TOLERANCE = np.float32(0.02)
 """A full pixel whose measurement differs by more from its working pixel shows another surface."""
 NO_VOTE = np.float32(0.01)
 """Confidence of a pixel that nothing votes for."""
-OWN_SHARE, NEXT_SHARE = np.float32(0.75), np.float32(0.25)
-"""Weights of a working pixel and of the next one in the linear interpolation to twice the resolution."""
 
 
 class Estimate(NamedTuple):
@@ -67,16 +65,19 @@ class Upsampler:
         shown = Shown(self._floats.image(), self._bytes.image(), self._floats.image())
         measured_m, resolution = np.ascontiguousarray(measured_m), self._resolution
         focal_baseline_px_m = resolution.focal_baseline_px_m
-        if resolution.decimation == 1:
-            _show(measured_m, estimate, focal_baseline_px_m, min_fill_confidence, shown)
-            return shown
-        near_px, far_px = cv2.dilate(estimate.disparity_px, KERNEL), cv2.erode(estimate.disparity_px, KERNEL)
-        span_px = np.asarray(cv2.subtract(near_px, far_px), np.float32)
-        _show_interpolated(measured_m, estimate, focal_baseline_px_m, min_fill_confidence, shown)
-        _show_separated(measured_m, estimate, span_px, focal_baseline_px_m, min_fill_confidence, shown)
-        for image in shown:
-            image[2 * resolution.height_px :] = image[2 * resolution.height_px - 1]
-            image[:, 2 * resolution.width_px :] = image[:, 2 * resolution.width_px - 1 : 2 * resolution.width_px]
+        disparity_px = estimate.disparity_px
+        if resolution.decimation == 2:
+            span_px = cv2.morphologyEx(estimate.disparity_px, cv2.MORPH_GRADIENT, KERNEL)
+            size = 2 * resolution.width_px, 2 * resolution.height_px
+            disparity_px = np.asarray(cv2.resize(disparity_px, size, interpolation=cv2.INTER_LINEAR), np.float32)
+            _separate(measured_m, estimate, np.asarray(span_px, np.float32), focal_baseline_px_m, disparity_px)
+        _show(
+            measured_m, disparity_px, estimate, resolution.decimation, focal_baseline_px_m, min_fill_confidence, shown
+        )
+        height, width = disparity_px.shape
+        for image in shown:  # A last odd row or column has no working pixel.
+            image[height:] = image[height - 1]
+            image[:, width:] = image[:, width - 1 : width]
         return shown
 
     def show_pixels(self, place: Places, estimate: Estimate, min_fill_confidence: float, shown: Shown) -> None:
@@ -115,86 +116,51 @@ def _show_pixel(
     shown.confidence[row, col] = confidence if is_shown else float32(0)
 
 
-@compiled(void(READABLE_IMAGE, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
-def _show(
-    measured_m: FloatImage,
-    estimate: Estimate,
-    focal_baseline_px_m: float,
-    min_fill_confidence: float,
-    # output
-    shown: Shown,
-) -> None:
-    """The output where every pixel is a working pixel."""
-    least_m = focal_baseline_px_m / MAX_DISPARITY_PX
-    for row in range(measured_m.shape[0]):
-        for col in range(measured_m.shape[1]):
-            is_measured = measured_m[row, col] >= least_m
-            depth_m = depth_of(estimate.disparity_px[row, col], focal_baseline_px_m)
-            pixel_class, confidence = estimate.pixel_class[row, col], estimate.confidence[row, col]
-            _show_pixel(shown, row, col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence)
-
-
-@compiled(void(READABLE_IMAGE, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
-def _show_interpolated(
-    measured_m: FloatImage,
-    estimate: Estimate,
-    focal_baseline_px_m: float,
-    min_fill_confidence: float,
-    # output
-    shown: Shown,
-) -> None:
-    """The output of blocks of two by two pixels, with their disparity interpolated."""
-    height, width = estimate.disparity_px.shape
-    least_m = focal_baseline_px_m / MAX_DISPARITY_PX
-    line_px = np.empty(width + 2, np.float32)
-    for full_row in range(2 * height):
-        row = full_row // 2
-        other_row = min(max(row - 1 if full_row == 2 * row else row + 1, 0), height - 1)
-        for col in range(width):
-            line_px[col + 1] = (
-                OWN_SHARE * estimate.disparity_px[row, col] + NEXT_SHARE * estimate.disparity_px[other_row, col]
-            )
-        line_px[0], line_px[width + 1] = line_px[1], line_px[width]
-        for col in range(width):
-            pixel_class, confidence = estimate.pixel_class[row, col], estimate.confidence[row, col]
-            for side in range(2):
-                disparity_px = OWN_SHARE * line_px[col + 1] + NEXT_SHARE * line_px[col + 2 * side]
-                depth_m = depth_of(disparity_px, focal_baseline_px_m)
-                is_measured = measured_m[full_row, 2 * col + side] >= least_m
-                _show_pixel(
-                    shown, full_row, 2 * col + side, depth_m, is_measured, pixel_class, confidence, min_fill_confidence
-                )
-
-
-@compiled(void(READABLE_IMAGE, ESTIMATE_TYPE, FLOAT_IMAGE, float32, float32, SHOWN_TYPE))
-def _show_separated(
+@compiled(void(READABLE_IMAGE, ESTIMATE_TYPE, FLOAT_IMAGE, float32, FLOAT_IMAGE))
+def _separate(
     measured_m: FloatImage,
     estimate: Estimate,
     span_px: FloatImage,
     focal_baseline_px_m: float,
-    min_fill_confidence: float,
     # input and output
-    shown: Shown,
+    disparity_px: FloatImage,
 ) -> None:
-    """Show the surfaces apart at depth discontinuities, and the measurement where it is the estimate."""
-    height, width = estimate.disparity_px.shape
-    for row in range(height):
-        for col in range(width):
-            pixel_class = estimate.pixel_class[row, col]
-            if pixel_class != PixelClass.MEASURED and span_px[row, col] <= MAX_SURFACE_SPAN_PX:
+    """Keep the surfaces apart at depth discontinuities, and the measurement where it is the estimate."""
+    for row in range(span_px.shape[0]):
+        for col in range(span_px.shape[1]):
+            is_measurement = estimate.pixel_class[row, col] == PixelClass.MEASURED
+            value_px = estimate.disparity_px[row, col]
+            if not is_measurement and span_px[row, col] <= MAX_SURFACE_SPAN_PX:
                 continue
+            tolerance_px = RELATIVE_TOLERANCE * value_px + TOLERANCE_PX
             for full_row in range(2 * row, 2 * row + 2):
                 for full_col in range(2 * col, 2 * col + 2):
                     measured_px = disparity_of(measured_m[full_row, full_col], focal_baseline_px_m)
-                    value_px = estimate.disparity_px[row, col]
-                    tolerance_px = RELATIVE_TOLERANCE * value_px + TOLERANCE_PX
-                    is_same = pixel_class == PixelClass.MEASURED or abs(measured_px - value_px) < tolerance_px
-                    depth_m = depth_of(measured_px if measured_px > 0 and is_same else value_px, focal_baseline_px_m)
-                    confidence = estimate.confidence[row, col]
-                    is_measured = measured_px > 0
-                    _show_pixel(
-                        shown, full_row, full_col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence
-                    )
+                    is_same = is_measurement or abs(measured_px - value_px) < tolerance_px
+                    disparity_px[full_row, full_col] = measured_px if measured_px > 0 and is_same else value_px
+
+
+@compiled(void(READABLE_IMAGE, FLOAT_IMAGE, ESTIMATE_TYPE, int64, float32, float32, SHOWN_TYPE))
+def _show(
+    measured_m: FloatImage,
+    disparity_px: FloatImage,
+    estimate: Estimate,
+    decimation: int,
+    focal_baseline_px_m: float,
+    min_fill_confidence: float,
+    # output
+    shown: Shown,
+) -> None:
+    """The output for the disparity of the pixels of the frame, each of which is in a working pixel."""
+    least_m, shift = focal_baseline_px_m / MAX_DISPARITY_PX, decimation - 1
+    for row in range(disparity_px.shape[0]):
+        classes, confidences = estimate.pixel_class[row >> shift], estimate.confidence[row >> shift]
+        for col in range(disparity_px.shape[1]):
+            of_col = np.uint32(col) >> np.uint32(shift)
+            depth_m = depth_of(disparity_px[row, col], focal_baseline_px_m)
+            is_measured = measured_m[row, col] >= least_m
+            pixel_class, confidence = classes[of_col], confidences[of_col]
+            _show_pixel(shown, row, col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence)
 
 
 @compiled(void(PLACES, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))

@@ -6,6 +6,7 @@ import numpy as np
 from numba import float32
 
 from ..compiled import compiled, compiled_part
+from ..errors import ConfigError
 from ..types import FloatArray, FloatImage, Intrinsics, resized
 
 MAX_DISPARITY_PX = float32(1000)
@@ -76,6 +77,15 @@ class WorkingResolution:
         with np.errstate(divide="ignore", over="ignore"):
             depth_m = np.float32(self.focal_baseline_px_m) / disparity_px
         return np.where(disparity_px >= MIN_DISPARITY_PX, depth_m, np.float32(0))
+
+
+def require_large(camera: Intrinsics, what: str) -> None:
+    """Raise a `ConfigError`, which says what needs it, for images with a side below `MIN_SIDE_PX`."""
+    if min(camera.shape) < MIN_SIDE_PX:
+        raise ConfigError(
+            f"{what} needs images of at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels, got "
+            f"{camera.width_px}x{camera.height_px}: use a larger camera"
+        )
 
 
 def default_decimation(camera: Intrinsics) -> int:

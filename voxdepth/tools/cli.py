@@ -97,7 +97,8 @@ def main() -> None:
         message = explained(error)
         if message is None:
             raise
-        _fail(message)
+        typer.echo(f"voxdepth: {message}", err=True)
+        sys.exit(USER_ERROR)
 
 
 def explained(error: BaseException) -> str | None:
@@ -105,8 +106,8 @@ def explained(error: BaseException) -> str | None:
     ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
     if isinstance(error, ours):
         return "\n".join([str(error), *getattr(error, "__notes__", ())])
-    if isinstance(error, ModuleNotFoundError):
-        return _missing(error)
+    if isinstance(error, ModuleNotFoundError) and (found := bringing(str(error.name).split(".")[0])) is not None:
+        return f"this needs the package {found.name}: {found.remedy}"
     if isinstance(error, OSError) and error.filename is not None:  # A name may be too long, or a folder be locked.
         return f"{error.strerror}: {error.filename!r}"
     return None
@@ -138,14 +139,3 @@ def _interruptible() -> Iterator[None]:
             raise
         typer.echo(f"voxdepth: interrupted ({type(error).__name__}: {error})", err=True)
         sys.exit(INTERRUPTED)
-
-
-def _fail(message: str) -> None:
-    typer.echo(f"voxdepth: {message}", err=True)
-    sys.exit(USER_ERROR)
-
-
-def _missing(error: ModuleNotFoundError) -> str | None:
-    """Say which extra brings a package; None if none does."""
-    found = bringing(str(error.name).split(".")[0])
-    return None if found is None else f"this needs the package {found.name}: {found.remedy}"

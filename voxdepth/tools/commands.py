@@ -87,15 +87,8 @@ def correct(
         require_installed("rerun")
     output = _output(out, rosbag2)
     restrict_opencv()
-    opened = Opener(
-        format=format.value,
-        depth_topic=depth_topic,
-        gray_topic=gray_topic,
-        within_s=within / 1000,
-        units_per_m=units_per_m,
-        baseline_m=baseline,
-    )
-    dataset = opened(folder)
+    topics: dict[str, Any] = {"depth_topic": depth_topic, "gray_topic": gray_topic}
+    dataset = Opener(baseline, within, format=format.value, units_per_m=units_per_m, **topics)(folder)
     correction = _planned(folder, dataset, spec, frames, output)
     console, start = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
@@ -203,8 +196,7 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     table.add_row("pixels with depth", f"{raw:.1%} raw, [bold]{corrected:.1%} corrected[/bold]")
     median_m = report["raw_median_m"]["p50"]
     table.add_row("median depth, raw", f"{median_m:.3g} m (if the scene is nearer or farther, state --units-per-m)")
-    shares = ", ".join(f"{source} {share:.1%}" for source, share in report["pixel_shares"].items())
-    table.add_row("all pixels", shares)
+    table.add_row("all pixels", ", ".join(f"{name} {share:.1%}" for name, share in report["pixel_shares"].items()))
     for fact, summary in report["facts"].items():
         table.add_row(_words(fact), ", ".join(f"{_words(name)} {value:g}" for name, value in summary.items()))
     console.print(table)
@@ -298,8 +290,7 @@ def bench(
             table.print(console)
     if json is not None:
         found = [{"size": image_size, "methods": methods} for image_size, methods in timings.items()]
-        results = {"provenance": made.model_dump(mode="json"), "timings": found}
-        write(json, f"{dumps(results, indent=2)}\n".encode())
+        write(json, f"{dumps({'provenance': vars(made), 'timings': found}, indent=2)}\n".encode())
         typer.echo(f"all figures are in {json}")
 
 

@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tomli_w
 
 from ..datasets import Dataset
 from ..errors import PipelineError
-from ..model import Model
 from ..pipeline import CorrectionPipeline
 from ..registry import PAPER
 from ..types import CorrectedDepth, DepthCorrector, Frame, Source
 from ..units import median_m
 from .errors import ToolError
-from .files import atomic, to_toml
+from .files import atomic
 from .output import CONFIG, FRAMES, REPORT, OpenOutput, Output, image_folder
 from .provenance import machine
 
@@ -32,7 +32,8 @@ Listener = Callable[[int, Frame, CorrectedDepth], None]
 Fact = str | int | float
 
 
-class CorrectionConfig(Model):
+@dataclass(frozen=True, kw_only=True)
+class CorrectionConfig:
     """Everything that a result depends on, except the images themselves."""
 
     corrector: str
@@ -79,7 +80,8 @@ class Correction:
             report = _report(self.config, lines)
             table = _csv([line.columns() for line in lines])
             text = json.dumps(report, indent=2, allow_nan=False) + "\n"
-            output.describe({CONFIG: to_toml(self.config), FRAMES: table, REPORT: text})
+            known = {name: value for name, value in vars(self.config).items() if value is not None}
+            output.describe({CONFIG: tomli_w.dumps(known), FRAMES: table, REPORT: text})
         return report
 
     def _correct(self, output: Output, listener: Listener, progress: Progress) -> Iterator["FrameLine"]:
@@ -90,15 +92,7 @@ class Correction:
                 output.add(index, corrected)
                 listener(index, frame, corrected)
                 progress(index + 1)
-                yield FrameLine(
-                    name=self.dataset.name(index),
-                    stamp_s=frame.stamp_s,
-                    raw_pixels=int(np.count_nonzero(frame.depth_m)),
-                    raw_median_m=median_m(frame.depth_m),
-                    pixels={s.name.lower(): int(np.count_nonzero(corrected.source == s)) for s in Source},
-                    facts={} if corrected.diagnostics is None else corrected.diagnostics.facts(),
-                    wall_s=dict(corrected.timings_s),
-                )
+                yield FrameLine.of(self.dataset.name(index), frame, corrected)
 
     def _recording(self, path: Path | None) -> AbstractContextManager[Listener]:
         if path is None:
@@ -111,32 +105,31 @@ class Correction:
 
 
 class FrameLine(NamedTuple):
-    """One line of `frames.csv`."""
+    """One line of `frames.csv`, by the names of its columns."""
 
-    name: str
-    stamp_s: float
-    raw_pixels: int
-    """Number of pixels with a depth from the sensor."""
-    raw_median_m: float
-    """Median of these depths [m]; 0 without one."""
-    pixels: Mapping[str, int]
-    """Number of corrected pixels by source."""
+    pixels: dict[str, Any]
+    """Name and time of the frame, number of pixels with a depth from the sensor and median of these depths [m], which
+    is 0 without one, and number of corrected pixels by source."""
     facts: Mapping[str, Fact]
-    """Diagnostics of the corrector by name."""
+    """Diagnostics of the corrector."""
     wall_s: Mapping[str, float]
     """Wall-clock time by step [s]."""
 
+    @classmethod
+    def of(cls, name: str, frame: Frame, corrected: CorrectedDepth) -> "FrameLine":
+        """Tell of a frame and its correction."""
+        pixels = {"raw_pixels": int(np.count_nonzero(frame.depth_m)), "raw_median_m": median_m(frame.depth_m)}
+        pixels |= {_column(source): int(np.count_nonzero(corrected.source == source)) for source in Source}
+        facts = {} if corrected.diagnostics is None else corrected.diagnostics.facts()
+        return cls({"name": name, "stamp_s": frame.stamp_s} | pixels, facts, dict(corrected.timings_s))
+
     def columns(self) -> dict[str, Fact]:
-        """Return the values by the names of their columns."""
-        return {
-            "name": self.name,
-            "stamp_s": self.stamp_s,
-            "raw_pixels": self.raw_pixels,
-            "raw_median_m": self.raw_median_m,
-            **{f"{source}_pixels": n for source, n in self.pixels.items()},
-            **self.facts,
-            **{f"wall_{step}_s": time_s for step, time_s in self.wall_s.items()},
-        }
+        """Return all values."""
+        return {**self.pixels, **self.facts, **{f"wall_{step}_s": time_s for step, time_s in self.wall_s.items()}}
+
+
+def _column(source: Source) -> str:
+    return f"{source.name.lower()}_pixels"
 
 
 def require_absent(out: Path) -> None:
@@ -149,15 +142,15 @@ def require_absent(out: Path) -> None:
 
 def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, Any]:
     """Summarise all frames. Everything that depends on the clock or the machine is below the key `wall`."""
-    pixels = sum((Counter(line.pixels) for line in lines), Counter[str]())
-    n_pixels, n_raw = sum(pixels.values()), sum(line.raw_pixels for line in lines)
-    frame_s = [sum(line.wall_s.values()) for line in lines if line.wall_s]
+    n_raw = sum(line.pixels["raw_pixels"] for line in lines)
+    pixels = {source: sum(line.pixels[_column(source)] for line in lines) for source in Source}
+    n_pixels, frame_s = sum(pixels.values()), [sum(line.wall_s.values()) for line in lines if line.wall_s]
     return {
-        **config.model_dump(mode="json"),
+        **vars(config),
         "frames": len(lines),
-        "pixel_shares": {source.name.lower(): pixels[source.name.lower()] / n_pixels for source in Source},
-        "raw_median_m": _spread([line.raw_median_m for line in lines if line.raw_pixels] or [0.0]),
-        "coverage": {"raw": n_raw / n_pixels, "corrected": 1 - pixels["invalid"] / n_pixels},
+        "pixel_shares": {source.name.lower(): n / n_pixels for source, n in pixels.items()},
+        "raw_median_m": _spread([line.pixels["raw_median_m"] for line in lines if line.pixels["raw_pixels"]] or [0.0]),
+        "coverage": {"raw": n_raw / n_pixels, "corrected": 1 - pixels[Source.INVALID] / n_pixels},
         "facts": {name: _summary(values) for name, values in _by_name([line.facts for line in lines]).items()},
         "wall": {
             **({"frame_s": _spread(frame_s)} if frame_s else {}),
@@ -170,8 +163,7 @@ def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, A
 def _csv(rows: Sequence[Mapping[str, Fact]]) -> str:
     """The rows below the names of their columns; a row may lack some."""
     text = io.StringIO()
-    names = dict.fromkeys(name for row in rows for name in row)
-    table = csv.DictWriter(text, list(names), lineterminator="\n")
+    table = csv.DictWriter(text, list(_by_name(rows)), lineterminator="\n")
     table.writeheader()
     table.writerows(rows)
     return text.getvalue()

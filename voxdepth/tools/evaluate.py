@@ -71,13 +71,7 @@ def evaluate(
     from voxdepth.tools.recorded import Opener, restrict_opencv
 
     restrict_opencv()
-    opened = Opener(
-        depth_topic=depth_topic,
-        gray_topic=gray_topic,
-        within_s=within / 1000,
-        units_per_m=units_per_m,
-        baseline_m=baseline,
-    )
+    opened = Opener(baseline, within, units_per_m=units_per_m, depth_topic=depth_topic, gray_topic=gray_topic)
     plan = _planned(sequences or [], data or [], opened, methods, frames, seed, out)
     console = Console()
     try:

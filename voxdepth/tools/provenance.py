@@ -5,6 +5,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import as_file, files
@@ -12,7 +13,6 @@ from pathlib import Path
 from typing import Self
 
 from ..devices import cuda_devices
-from ..model import Model
 
 CORRECTION = ("voxdepth", "numpy", "opencv-python-headless", "warp-lang")
 """Packages whose versions may change a corrected depth."""
@@ -34,7 +34,8 @@ NOT_INSTALLED = "not installed"
 CPU_INFO = Path("/proc/cpuinfo")
 
 
-class Provenance(Model):
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
     """Versions, machine and source, written next to every result."""
 
     processor: str

@@ -25,11 +25,12 @@ class Opener:
 
     Args:
         baseline_m: Baseline in place of the one that is stated [m]; None keeps that.
-        options: Those of `open_dataset`.
+        within_ms: Largest difference of the times of a depth and a gray image of one frame [ms].
+        options: Other options of `open_dataset`.
     """
 
-    def __init__(self, baseline_m: float | None = None, **options: Any) -> None:
-        self._baseline_m, self._options = baseline_m, options
+    def __init__(self, baseline_m: float | None, within_ms: float, **options: Any) -> None:
+        self._baseline_m, self._options = baseline_m, options | {"within_s": within_ms / 1000}
         self._told: set[Path] = set()
 
     def __call__(self, path: Path) -> Dataset:

@@ -45,7 +45,7 @@ def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> No
     """
     if not path.is_file():
         if (path.parent / "calibration.toml").is_file():
-            raise ToolError(f"{path.parent} is a recording of a sequence: look at it with voxdepth sheet {path.parent}")
+            raise ToolError(f"{path.parent} is a recorded sequence: look at it with voxdepth picture {path.parent}")
         if others := sorted(path.parent.glob("*.rrd")):
             names = ", ".join(map(str, others[:SHOWN])) + (", ..." if len(others) > SHOWN else "")
             raise ToolError(f"there is no recording at {path}: name one of {names}")

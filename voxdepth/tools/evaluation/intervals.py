@@ -3,15 +3,15 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
+import pandas as pd
 
 from .groups import NEAR
 from .measurements import AS_GIVEN, FILLED, Measurement
 from .methods import is_baseline
 
 SEED, RESAMPLES = 0, 2000
-PERCENTILES = (2.5, 97.5)
-"""Ends of an interval of 95 %."""
+ENDS = [0.025, 0.975]
+"""Quantiles at the ends of an interval of 95 %."""
 CLOSE = ("close", "close_low", "close_high")
 """The share of all pixels within 5 % of the reference, and the ends of its interval."""
 LEAD = ("close_lead", "close_lead_low", "close_lead_high")
@@ -21,67 +21,61 @@ ERROR_CHANGE = ("mae_change", "mae_change_low", "mae_change_high")
 """The change of the mean absolute error of measured pixels from that of raw depth, and the ends of its interval."""
 RAW = "raw"
 
-Sums = Sequence[tuple[float, float]]
-"""Sum over some pixels of every frame, and number of these pixels."""
-Draws = npt.NDArray[np.float64]
+Sums = Mapping[str, Sequence[tuple[float, float]]]
+"""Sum over some pixels of every frame, and number of these pixels, by method; all methods have the same frames."""
+Measured = Iterator[tuple[str, Measurement]]
+"""Names of methods, each with one measurement."""
 
 
-def close_intervals(counts: Mapping[str, Sums], mask: str) -> Iterator[tuple[str, Measurement]]:
+def close_intervals(counts: Sums, mask: str) -> Measured:
     """Yield the ends of the intervals of each method, and its lead over the best other baseline.
 
     All methods share the drawn frames, so the difference of two methods is that of pairs. Frames that follow each other
     are alike: of a slow camera the intervals are too narrow. An interval of less than two frames is undefined.
 
     Args:
-        counts: Number of close pixels and of all pixels of every frame by method; all methods have the same frames.
+        counts: Number of close pixels and of all pixels.
         mask: The mask that the counts are of.
     """
-    draws = _drawn(counts)
-    for method, own in draws.items():
+    draws = drawn_means(counts)
+    for method in draws:
         n = len(counts[method])
-        _, *ends = _measured(CLOSE, own, mask, AS_GIVEN, n)  # The share itself is among the results of the method.
+        _, *ends = _measured(CLOSE, draws[method], mask, AS_GIVEN, n)  # The share is among the results of the method.
         yield from ((method, m) for m in ends)
-        others = [name for name in draws if name != method and is_baseline(name)]
-        if others:
-            lead = own - draws[max(others, key=lambda name: draws[name][0])]
+        if others := [name for name in draws if name != method and is_baseline(name)]:
+            lead = draws[method] - draws[draws[others].iloc[0].idxmax()]
             yield from ((method, m) for m in _measured(LEAD, lead, mask, AS_GIVEN, n))
 
 
-def error_intervals(errors_m: Mapping[str, Sums]) -> Iterator[tuple[str, Measurement]]:
+def error_intervals(errors_m: Sums) -> Measured:
     """Yield the change of each method's mean error from that of raw depth, with its interval, see `close_intervals`.
 
     Args:
-        errors_m: Sum of the absolute errors of measured pixels [m], and their number, of every frame by method.
+        errors_m: Sum of the absolute errors of measured pixels [m], and their number.
     """
-    draws = _drawn(errors_m)
-    if RAW not in draws or draws[RAW][0] == 0:
-        return
-    for method in (name for name in draws if name != RAW):
-        n = len(errors_m[method])
-        change = np.divide(draws[method], draws[RAW], out=np.full(1 + RESAMPLES, np.nan), where=draws[RAW] > 0) - 1
-        yield from ((method, m) for m in _measured(ERROR_CHANGE, change, "measured", FILLED, n))
+    draws = drawn_means(errors_m)
+    if RAW in draws and draws[RAW].iloc[0] > 0:
+        changes = draws.div(draws[RAW].where(draws[RAW] > 0), axis="index") - 1
+        for method in changes.drop(columns=RAW):
+            own = _measured(ERROR_CHANGE, changes[method], "measured", FILLED, len(errors_m[method]))
+            yield from ((method, m) for m in own)
 
 
-def drawn_means(sums: Sums) -> Draws:
-    """Return the mean over the pixels of all frames and of every resample of them, shape (1 + RESAMPLES,).
+def drawn_means(sums: Sums) -> pd.DataFrame:
+    """Return the mean over the pixels of all frames (first row) and of every resample of them, by method (columns).
 
-    A resample draws as many frames as there are, with replacement, and is NaN without a pixel.
+    A resample draws as many frames as there are, with replacement. It is NaN without a pixel, and a method that has
+    none in any frame is left out.
     """
-    of_frames = np.array(sums, np.float64)
-    n = len(of_frames)
-    drawn = np.random.default_rng(SEED).integers(0, n, (RESAMPLES, n))
-    total, pixels = np.vstack([of_frames.sum(axis=0), of_frames[drawn].sum(axis=1)]).T
-    return np.asarray(np.divide(total, pixels, out=np.full(len(pixels), np.nan), where=pixels > 0), np.float64)
+    n = len(next(iter(sums.values()), ()))
+    drawn = np.vstack([np.arange(n), np.random.default_rng(SEED).integers(0, max(1, n), (RESAMPLES, n))])
+    totals = {method: np.reshape(frames, (n, 2))[drawn].sum(axis=1) for method, frames in sums.items()}
+    means = {method: pd.Series(total[:, 0]) / total[:, 1] for method, total in totals.items()}
+    return pd.DataFrame(means).dropna(axis="columns", how="all")
 
 
-def _drawn(sums: Mapping[str, Sums]) -> dict[str, Draws]:
-    """Return the means of all methods that have a pixel."""
-    return {method: drawn_means(frames) for method, frames in sums.items() if sum(pixels for _, pixels in frames)}
-
-
-def _measured(metrics: Sequence[str], draws: Draws, mask: str, on: str, n: int) -> Iterator[Measurement]:
+def _measured(metrics: Sequence[str], draws: pd.Series, mask: str, on: str, n: int) -> Iterator[Measurement]:
     """Yield the first of the draws from n frames, and the ends of the interval of the others; one frame has none."""
-    known = draws[1:][np.isfinite(draws[1:])]
-    ends = np.percentile(known, PERCENTILES).tolist() if n > 1 and known.size else (None, None)
+    ends = draws[1:].quantile(ENDS) if n > 1 else [None, None]
     for metric, value in zip(metrics, (float(draws[0]), *ends), strict=True):
         yield Measurement(metric, mask, NEAR, on, value, "share", n)

@@ -4,6 +4,7 @@ No method has seen later frames, so their noise is independent of what a memory 
 matched features and measured depth, independently of the corrector.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -61,22 +62,16 @@ class LaterFrames:
     """References of all pixels that two or more later frames agree about; holes are those of the sensor."""
 
     def __init__(self, dataset: Dataset) -> None:
-        self._dataset, self._intrinsics = dataset, dataset.intrinsics
-        self._views: dict[int, View] = {}
+        self._frames, self._intrinsics = len(dataset), dataset.intrinsics
+        self._view = lru_cache(LATER_FRAMES + 1)(lambda index: view_of(dataset[index], dataset.intrinsics))
 
     def of(self, index: int, depth_m: FloatImage) -> Referenced:
         """See `References`."""
-        last = min(index + LATER_FRAMES, len(self._dataset) - 1)
-        known = self._views
-        self._views = {
-            k: known[k] if k in known else view_of(self._dataset[k], self._intrinsics) for k in range(index, last + 1)
-        }
-        target = self._views[index]
-        moved = []
-        for later in range(index + 1, last + 1):
-            T_target_later = relative_pose(self._views[later], target, self._intrinsics)
+        target, moved = self._view(index), []
+        for later in map(self._view, range(index + 1, min(index + LATER_FRAMES + 1, self._frames))):
+            T_target_later = relative_pose(later, target, self._intrinsics)
             if T_target_later is not None:
-                moved.append(moved_to(T_target_later, self._views[later], self._intrinsics))
+                moved.append(moved_to(T_target_later, later, self._intrinsics))
         reference_m = agreed(moved, depth_m.shape)
         reference_m[reference_m > self._intrinsics.focal_baseline_px_m / MIN_DISPARITY_PX] = 0
         return Referenced(depth_m, consistent(reference_m, depth_m), np.asarray(depth_m == 0))

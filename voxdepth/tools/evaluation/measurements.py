@@ -1,6 +1,6 @@
 """The long table of an evaluation: one row per number, with queries by metric, mask, range and pixels."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -64,11 +64,12 @@ class Measurements:
         except KeyError:
             return self._indexed.iloc[:0].droplevel(list(Selector._fields))
 
+    def table(self, columns: Mapping[str, Selector]) -> pd.DataFrame:
+        """Return a column of values for each selector by its heading, by sequence and method; NaN where undefined."""
+        values = {heading: self.select(selector)["value"] for heading, selector in columns.items()}
+        return pd.DataFrame(values, pd.MultiIndex.from_frame(self.frame[["sequence", "method"]].drop_duplicates()))
+
     def value(self, sequence: str, method: str, selector: Selector) -> float | None:
         """Return one value, or None if it was not measured or is undefined."""
         value = self.select(selector)["value"].get((sequence, method))
         return None if pd.isna(value) else float(value)
-
-    def count(self, sequence: str, method: str, selector: Selector) -> int:
-        """Return the sample size of one value, or 0 if it was not measured."""
-        return int(self.select(selector)["n"].get((sequence, method), 0))

@@ -96,11 +96,9 @@ class Shown(NamedTuple):
 def _shown(evaluation: Evaluation, quantity: Quantity) -> Shown:
     values, counts = select(evaluation, quantity)
     quantity = fitted(quantity, values)
-    texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True))
-    classes = dict.fromkeys(_best(quantity, values[0]), "best")
-    for result in evaluation.failures:
-        place = result.key.sequence, result.key.method
-        texts[place] = classes[place] = FAILED
+    failed = dict.fromkeys(((result.key.sequence, result.key.method) for result in evaluation.failures), FAILED)
+    texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True)) | failed
+    classes = dict.fromkeys(_best(quantity, values[0]), "best") | failed
     methods, sequences = evaluation.methods, list(dict.fromkeys(result.key.sequence for result in evaluation.results))
 
     def grid(entries: Mapping[tuple[str, str], str], missing: str) -> pd.DataFrame:
@@ -137,7 +135,7 @@ def _sequence_table(evaluation: Evaluation) -> Table:
     rows = [
         {
             "sequence": info.name, "scored by": info.reference_name, "frames": info.frames, "image [px]": info.size,
-            "focal length [px]": info.focal_px, "baseline [m]": info.baseline_m, "seed": info.seed,
+            "focal length [px]": info.camera.fx_px, "baseline [m]": info.camera.baseline_m, "seed": info.seed,
             "scored pixels": info.pixels[ALL][ALL],
             "not measured, or held out [%]": 100 * info.pixels[info.hidden][ALL] / max(1, info.pixels[ALL][ALL]),
             "of those without depth, judged [%]": 100 * info.judged_share,

@@ -1,18 +1,16 @@
 """What is kept of finished work: the result of each method on each sequence."""
 
-import base64
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import pydantic
-from pydantic import ConfigDict
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from ...colors import picked
-from ...model import Model
-from ...types import FloatImage
+from ...types import FloatImage, Intrinsics
 from ..files import as_tool_error, write
 from ..output import encode, to_millimetres
 from .groups import ALL
@@ -23,38 +21,40 @@ THUMBNAIL_PX = 240
 """Largest width of the depth image that is kept of the last frame of a sequence."""
 
 
-class Key(Model):
+@dataclass(frozen=True, kw_only=True)
+class Key:
     """Everything that the measurements of a result depend on."""
 
     sequence: str
     method: str
-    frames: int
-    seed: int | None
+    frames: int = 0
+    """Number of frames; 0 for a sequence that could not be opened, of which nothing else is known either."""
+    seed: int | None = None
     """Seed of a rendered sequence; None for a measured one."""
-    digest: str
+    digest: str = ""
     """SHA-256 of the images and poses of the sequence."""
-    config: dict[str, Any] | None
+    config: dict[str, Any] | None = None
     """Configuration of the method; None if it has none."""
-    versions: dict[str, str]
+    versions: dict[str, str] = field(default_factory=dict)
     metrics: tuple[str, ...] = tuple(METRICS)
     """Names of the metrics of errors, so that a new one is computed for finished results, too."""
 
 
-class Scores(Model):
+@dataclass(frozen=True, kw_only=True)
+class Scores:
     """What was measured of one method on one sequence."""
-
-    model_config = ConfigDict(allow_inf_nan=True, ser_json_inf_nan="constants")
 
     measurements: tuple[Measurement, ...] = ()
     frame_close: tuple[tuple[int, int], ...] = ()
     """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
     frame_errors_m: tuple[tuple[float, int], ...] = ()
     """Sum of the absolute errors of measured pixels within 20 m of every frame [m], and number of these pixels."""
-    thumbnail: str = ""
+    thumbnail: bytes = b""
     """Depth of the last frame, as `encoded_thumbnail` gives it."""
 
 
-class SequenceInfo(Model):
+@dataclass(frozen=True, kw_only=True)
+class SequenceInfo:
     """The part of a sequence that methods were compared on."""
 
     name: str
@@ -62,10 +62,7 @@ class SequenceInfo(Model):
     """SHA-256 of its images and poses."""
     frames: int
     seed: int | None
-    width_px: int
-    height_px: int
-    focal_px: float
-    baseline_m: float | None
+    camera: Intrinsics
     hidden: str
     """Mask of the pixels that methods are given no depth of."""
     independent: str
@@ -76,15 +73,15 @@ class SequenceInfo(Model):
     """Number of pixels of all frames, by mask and range."""
     holes: int
     """Number of pixels of all frames that the methods were given no depth of, whether they have a reference or not."""
-    reference: str = ""
+    reference: bytes = b""
     """Thumbnail of the reference depth of the last frame."""
-    raw: str = ""
+    raw: bytes = b""
     """Thumbnail of the depth of the last frame that methods were given."""
 
     @property
     def size(self) -> str:
         """Width and height of the images, such as `640x360`."""
-        return f"{self.width_px}x{self.height_px}"
+        return f"{self.camera.width_px}x{self.camera.height_px}"
 
     @property
     def judged_share(self) -> float:
@@ -92,14 +89,21 @@ class SequenceInfo(Model):
         return self.pixels[self.hidden][ALL] / max(1, self.holes)
 
 
+@dataclass(frozen=True, kw_only=True)
 class Result(Scores):
-    """The result of one method on one sequence."""
+    """The result of one method on one sequence, as its file holds it."""
 
+    __pydantic_config__ = ConfigDict(
+        extra="forbid", ser_json_inf_nan="constants", ser_json_bytes="base64", val_json_bytes="base64"
+    )
     key: Key
     info: SequenceInfo | None = None
     """Description of the sequence; None if it could not be opened."""
     error: str | None = None
     """Why there are no measurements; None if there are."""
+
+
+STORED = TypeAdapter(Result)
 
 
 def path_of(out: Path, key: Key) -> Path:
@@ -110,28 +114,24 @@ def path_of(out: Path, key: Key) -> Path:
 def load(out: Path, key: Key) -> Result | None:
     """Load the finished result of a key; None if there is none. A file that cannot be read is a `ToolError`."""
     path = path_of(out, key)
-    with as_tool_error(f"cannot read {path}"):
-        if not path.exists():
-            return None
-        data = path.read_bytes()
-    with suppress(pydantic.ValidationError):  # Damaged, or of another version.
-        result = Result.model_validate_json(data)
-        return result if result.key == key and result.error is None else None
+    with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValidationError):
+        result = STORED.validate_json(path.read_bytes())  # It may be damaged, or of another version.
+        if result.key == key and result.error is None:
+            return result
     return None
 
 
 def store(out: Path, result: Result) -> None:
     """Write the file of a result in one step; a failure is a `ToolError`."""
-    write(path_of(out, result.key), f"{result.model_dump_json(indent=1)}\n".encode())
+    write(path_of(out, result.key), STORED.dump_json(result, indent=1) + b"\n")
 
 
-def encoded_thumbnail(depth_m: FloatImage) -> str:
-    """Encode depth [m], shape (H, W), as a narrowed PNG with 16 bits and millimetres, in base64."""
-    narrow = picked(to_millimetres(depth_m), min(THUMBNAIL_PX, depth_m.shape[1]))
-    return base64.b64encode(encode(narrow)).decode()
+def encoded_thumbnail(depth_m: FloatImage) -> bytes:
+    """Encode depth [m], shape (H, W), as a narrowed PNG with 16 bits and millimetres."""
+    return encode(picked(to_millimetres(depth_m), min(THUMBNAIL_PX, depth_m.shape[1])))
 
 
-def decoded_thumbnail(png: str) -> FloatImage:
+def decoded_thumbnail(png: bytes) -> FloatImage:
     """Decode a thumbnail to depth [m], shape (H, W)."""
-    data = np.frombuffer(base64.b64decode(png), np.uint8)
-    return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED)).astype(np.float32) / np.float32(1000)
+    image = np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED))
+    return image.astype(np.float32) / np.float32(1000)

@@ -1,6 +1,7 @@
 """Scores of one method on one sequence: sums over the frames, which the last frame turns into measurements."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from itertools import product
 
 import numpy as np
@@ -57,6 +58,8 @@ FILL_RATE, Z_ACCURACY, PLANE_FIT_RMS = (
 )
 """The metrics of `voxdepth.metrics.depth_quality`: of all frames, of those with a true depth, and of those in which the
 sensor sees a plane. The last two are medians over these frames."""
+STRETCHED = Selector("psnr_minmax8", "all", ALL, AS_GIVEN)
+"""PSNR by the arithmetic of the paper's authors."""
 FARTHEST_M = 40.0
 CALIBRATION_RANGE = f"0-{FARTHEST_M:g} m"
 """Range of errors by confidence and by source: a stereo camera measures nothing beyond it."""
@@ -84,6 +87,13 @@ METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
 `too_far` and `too_near` are off by more than 10 %, `off` is either of them, and `close` is within 5 % of the truth. Of
 pixels `as given`, `close` counts those without a depth as wrong.
 """
+SERIES: Mapping[str, tuple[str, Callable[[list[float]], float]]] = {
+    "z_accuracy": ("share", np.median),
+    "plane_fit_rms": ("share", np.median),
+    "m_rmse_u16_wrap": ("1", np.mean),
+    "psnr_minmax8": ("dB", np.mean),
+}
+"""Unit of each metric that every frame has a value of, and what is told of these values."""
 
 
 def in_bin(mask: str, confidence: str) -> str:
@@ -100,12 +110,10 @@ class Score:
         self._sums = {on: [Sums()] * len(groups) for on in (FILLED, COMPLETED)}
         self._flicker = {mask: Flicker(len(BINS)) for mask in (STATIC, STATIC_MEASURED, STATIC_FILLED)}
         self._measured_before: MaskImage | None = None
-        self._shares = dict.fromkeys((*SURVIVAL, *GHOSTS, FILL_RATE, FLYING, SKY_NEAR), Share())
-        self._quality: dict[Selector, list[float | None]] = {Z_ACCURACY: [], PLANE_FIT_RMS: []}
+        self._shares: defaultdict[Selector, Share] = defaultdict(Share)
+        self._completed: defaultdict[Selector, Sums] = defaultdict(Sums)
+        self._series: defaultdict[Selector, list[float | None]] = defaultdict(list)
         self._calibration, self._phantoms = CalibrationScore(intrinsics, groups.hidden), Phantoms()
-        self._in_16_bits, self._settled_in_16_bits, self._settled_occluded = Sums(), Sums(), Sums()
-        self._wrapped: list[float | None] = []
-        self._stretched_db: list[float | None] = []
         self.frame_close: tuple[tuple[int, int], ...] = ()
         """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
         self.frame_errors_m: tuple[tuple[float, int], ...] = ()
@@ -127,13 +135,11 @@ class Score:
         """Return everything that is known after the last frame; measurements of no pixel are left out."""
         return [
             *(m for mask, name in product(self._groups.masks, RANGES) for m in self._measured_errors(mask, name)),
-            *self._measured_flicker(),
-            *self._measured_shares((*SURVIVAL, *GHOSTS, FILL_RATE)),
-            *self._measured_quality(),
-            *self._measured_shares((FLYING, SKY_NEAR)),
-            *self._measured_phantoms(),
+            *(m for mask, name in product(self._flicker, RANGES) for m in self._measured_flicker(mask, name)),
+            *(Measurement(*of, share.value, "share", share.of) for of, share in self._shares.items() if share.of),
+            *self._measured_series(),
             *self._calibration.measurements(),
-            *self._measured_paper(),
+            *self._measured_completed(),
         ]
 
     def _pixels(self, frame: EvaluationFrame, mask: str, range_name: str = ALL) -> MaskImage:
@@ -183,9 +189,9 @@ class Score:
 
     def _add_quality(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         if self._groups.is_true:
-            self._quality[Z_ACCURACY].append(z_accuracy(depth_m, frame.reference_m))
+            self._series[Z_ACCURACY].append(z_accuracy(depth_m, frame.reference_m))
         if is_plane(frame.frame.depth_m, self._intrinsics):
-            self._quality[PLANE_FIT_RMS].append(plane_fit_rms(depth_m, self._intrinsics))
+            self._series[PLANE_FIT_RMS].append(plane_fit_rms(depth_m, self._intrinsics))
 
     def _add_paper(
         self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage, independent: MaskImage
@@ -193,15 +199,16 @@ class Score:
         """Score by the paper's peak, and by the arithmetic of its authors; a pixel without a surface counts as 0 mm."""
         # Surfaces that an image in 16 bits and millimetres can hold.
         in_16_bits = Sums.of(completed_m, frame.reference_m, independent & (frame.reference_m <= np.float32(PEAK16_M)))
-        self._in_16_bits += in_16_bits
+        self._completed[Selector("psnr16_mm", self._groups.independent, ALL)] += in_16_bits
         if len(self.frame_close) > SETTLED_FRAMES:
-            self._settled_in_16_bits += in_16_bits
+            self._completed[Selector("psnr16_mm_settled", self._groups.independent, ALL)] += in_16_bits
             near = self._pixels(frame, self._occluded, NEAR)
-            self._settled_occluded += Sums.of(completed_m, frame.reference_m, near)
+            self._completed[Selector("rmse_settled", self._occluded)] += Sums.of(completed_m, frame.reference_m, near)
         depth_mm = to_millimetres(depth_m)
         reference_mm = to_millimetres(np.where(frame.labels == NONE, np.float32(0), frame.reference_m))
-        self._wrapped.append(m_rmse_u16_wrap(depth_mm, reference_mm, self._pixels(frame, self._occluded)))
-        self._stretched_db.append(psnr_minmax8(depth_mm, reference_mm))
+        wrapped = m_rmse_u16_wrap(depth_mm, reference_mm, self._pixels(frame, self._occluded))
+        self._series[Selector("m_rmse_u16_wrap", self._occluded, ALL, AS_GIVEN)].append(wrapped)
+        self._series[STRETCHED].append(psnr_minmax8(depth_mm, reference_mm))
 
     def _measured_errors(self, mask: str, range_name: str) -> Iterator[Measurement]:
         members = self._groups.members(mask, range_name)
@@ -216,45 +223,30 @@ class Score:
                 value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
                 yield Measurement(metric, mask, range_name, on, value, unit, sums.filled)
 
-    def _measured_flicker(self) -> Iterator[Measurement]:
-        for mask, name in product(self._flicker, RANGES):
-            changes = sum((self._flicker[mask].groups[index] for index in RANGES[name]), Changes())
-            if changes.pixels:
-                mean_m, share = changes.mean_change_m, changes.switched_share
-                yield Measurement("flicker", mask, name, FILLED, mean_m, "m", changes.changes)
-                yield Measurement("switched", mask, name, FILLED, share, "share", changes.pixels)
+    def _measured_flicker(self, mask: str, range_name: str) -> Iterator[Measurement]:
+        changes = sum((self._flicker[mask].groups[index] for index in RANGES[range_name]), Changes())
+        if changes.pixels:
+            yield Measurement("flicker", mask, range_name, FILLED, changes.mean_change_m, "m", changes.changes)
+            yield Measurement("switched", mask, range_name, FILLED, changes.switched_share, "share", changes.pixels)
 
-    def _measured_shares(self, selectors: Iterable[Selector]) -> Iterator[Measurement]:
-        shares = ((selector, self._shares[selector]) for selector in selectors)
-        return (Measurement(*selector, share.value, "share", share.of) for selector, share in shares if share.of)
-
-    def _measured_quality(self) -> Iterator[Measurement]:
-        for selector, values in self._quality.items():
+    def _measured_series(self) -> Iterator[Measurement]:
+        """Yield the mean or the median over the frames of which a value is known, and the number of phantoms."""
+        for selector, values in self._series.items():
+            unit, average = SERIES[selector.metric]
             if known := [value for value in values if value is not None]:
-                yield Measurement(*selector, float(np.median(known)), "share", len(known))
-
-    def _measured_phantoms(self) -> Iterator[Measurement]:
+                yield Measurement(*selector, float(average(known)), unit, len(known))
         if self._groups.is_true:
             yield Measurement(*PHANTOMS, self._phantoms.count, "1", len(self.frame_close))
 
-    def _measured_paper(self) -> Iterator[Measurement]:
-        sums, settled, occluded = self._in_16_bits, self._settled_in_16_bits, self._settled_occluded
-        psnr_db = sums.psnr_db(PEAK16_M) if _is_complete(sums) else None
-        yield Measurement(*Selector("psnr16_mm", self._groups.independent, ALL), psnr_db, "dB", sums.filled)
-        if settled.pixels and _is_complete(settled):
-            psnr_db = settled.psnr_db(PEAK16_M)
-            yield Measurement(
-                *Selector("psnr16_mm_settled", self._groups.independent, ALL), psnr_db, "dB", settled.filled
-            )
-        if occluded.pixels and _is_complete(occluded):
-            yield Measurement(*Selector("rmse_settled", self._occluded), occluded.rmse_m, "m", occluded.filled)
-        for metric, mask, scores, unit in (
-            ("m_rmse_u16_wrap", self._occluded, self._wrapped, "1"),
-            ("psnr_minmax8", "all", self._stretched_db, "dB"),
-        ):
-            known = [score for score in scores if score is not None]
-            mean = float(np.mean(known)) if known else None
-            yield Measurement(metric, mask, ALL, AS_GIVEN, mean, unit, len(known))
+    def _measured_completed(self) -> Iterator[Measurement]:
+        """Yield the errors of completed pixels that are judged by the paper's peak or after the warm-up."""
+        for selector, sums in self._completed.items():
+            is_psnr = selector.metric.startswith("psnr16_mm")
+            value = sums.psnr_db(PEAK16_M) if is_psnr else sums.rmse_m
+            if sums.pixels:
+                yield Measurement(
+                    *selector, value if _is_complete(sums) else None, "dB" if is_psnr else "m", sums.filled
+                )
 
 
 class CalibrationScore:
@@ -265,9 +257,8 @@ class CalibrationScore:
 
     def __init__(self, intrinsics: Intrinsics, hidden: str) -> None:
         self._focal_baseline_px_m, self._hidden = intrinsics.focal_baseline_px_m, hidden
-        masks = (*CONFIDENCES, *SOURCES.values())
-        joined = (in_bin(mask, name) for mask, name in product((*SOURCES.values(), hidden), CONFIDENCES))
-        self._sums, self._correct = dict.fromkeys(masks, Sums()), dict.fromkeys((*masks, *joined), Share())
+        self._sums: defaultdict[str, Sums] = defaultdict(Sums)
+        self._correct: defaultdict[str, Share] = defaultdict(Share)
         self._believed = Sums()
 
     def add(self, corrected: CorrectedDepth, reference_m: FloatImage, scored: MaskImage, hidden: MaskImage) -> None:

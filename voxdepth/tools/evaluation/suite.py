@@ -23,7 +23,7 @@ from .measurements import Measurements
 from .methods import Method
 from .result_cache import Key, Result, SequenceInfo, encoded_thumbnail, load, store
 from .running import MethodError, run
-from .sources import Code, DatasetSource, FrameCache, Frames, FrameSource
+from .sources import DatasetSource, FrameCache, Frames, FrameSource
 
 FRAME_CACHE = ".voxdepth-frames-"
 """Prefix of the temporary folders of frames, of which a killed run leaves one behind."""
@@ -145,7 +145,8 @@ def _evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
                 source, info, keys, finished = _prepared(plan, requested, frames, tell)
             except VoxDepthError as error:
                 reason = " ".join(str(error).split())
-                results += [Result(key=key, error=reason) for key in _keys(plan, requested.name)]
+                keys = [Key(sequence=requested.name, method=method.name) for method in plan.methods]
+                results += [Result(key=key, error=reason) for key in keys]
                 tell(f"{requested.name}, not opened")
                 continue
             sequences[requested.name] = info
@@ -174,7 +175,10 @@ def _prepared(
         raise ToolError(f"{name!r} holds no whole frame: expected at least one; record it again")
     total = min(plan.frames, len(source))
     digest = source.digest(total)
-    keys = _keys(plan, name, frames=total, seed=source.seed, digest=digest, code=source.code)
+    made_with = versions(CORRECTION) | {"processor": processor_name()}
+    made_with["code"] = code_digest((*EVALUATION_SOURCES, *source.code))
+    of_sequence: dict[str, Any] = {"sequence": name, "frames": total, "seed": source.seed, "digest": digest}
+    keys = [Key(method=one.name, config=one.config, versions=made_with, **of_sequence) for one in plan.methods]
     own = [key for key, method in zip(keys, plan.methods, strict=True) if not method.is_foreign]
     finished = {key.method: result for key in own if (result := load(plan.out, key)) is not None}
     info = next((result.info for result in finished.values()), None)
@@ -184,27 +188,16 @@ def _prepared(
     return source, info, keys, finished
 
 
-def _keys(
-    plan: Plan, sequence: str, frames: int = 0, seed: int | None = None, digest: str = "", code: Code = ()
-) -> list[Key]:
-    """Return the key of each method; without a number of frames those of a sequence that cannot be opened."""
-    given: dict[str, Any] = {"sequence": sequence, "frames": frames, "seed": seed, "digest": digest}
-    sources = code_digest((*EVALUATION_SOURCES, *code))
-    given["versions"] = versions(CORRECTION) | {"processor": processor_name(), "code": sources}
-    return [Key(method=method.name, config=method.config, **given) for method in plan.methods]
-
-
 def _scores(source: FrameSource, method: Method, frames: FrameCache) -> dict[str, Any]:
     try:
-        return dict(run(method, frames, source.groups, source.intrinsics))
+        return vars(run(method, frames, source.groups, source.intrinsics))
     except (MethodError, ToolError) as error:
         return {"error": str(error)}
 
 
 def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
     """Describe the frames of a sequence, at least one, whose contents have a digest."""
-    groups, camera = source.groups, source.intrinsics
-    counts, holes = np.zeros(256, np.int64), 0
+    groups, counts, holes = source.groups, np.zeros(256, np.int64), 0
     for index in range(len(frames)):
         frame = frames[index]
         counts += np.bincount(frame.labels.ravel(), minlength=256)
@@ -215,10 +208,7 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
         digest=digest,
         frames=len(frames),
         seed=source.seed,
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        focal_px=camera.fx_px,
-        baseline_m=camera.baseline_m,
+        camera=source.intrinsics,
         hidden=groups.hidden,
         independent=groups.independent,
         reference_name=groups.reference_name,
