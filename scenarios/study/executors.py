@@ -93,7 +93,7 @@ class Cluster:
 
     A run that exceeds its time limit ends its worker, which Dask replaces. The scheduler repeats a run whose worker
     ended as often as its `allowed-failures` says; then the run becomes a failure, by its time limit if that is over.
-    Closing the iterator cancels the runs that wait; workers finish their run, and its result is discarded.
+    Closing the iterator drops the runs that wait; workers finish their run, and its result is discarded.
     """
 
     address: str
@@ -107,14 +107,11 @@ class Cluster:
         """See `Executor`."""
         waiting, flying = iter(specs), dict[Any, tuple[RunSpec, float]]()
         with self._client() as client:
-            try:
+            self._submit(client, waiting, flying)
+            while flying:
+                for future in _ended(client, [*flying]):
+                    yield self._completion(future, *flying.pop(future))
                 self._submit(client, waiting, flying)
-                while flying:
-                    for future in _ended(client, [*flying]):
-                        yield self._completion(future, *flying.pop(future))
-                    self._submit(client, waiting, flying)
-            finally:
-                client.cancel([*flying], force=True)
 
     def _submit(self, client: Any, waiting: Iterator[RunSpec], flying: dict[Any, tuple[RunSpec, float]]) -> None:
         """Keep one run in progress for each worker of the cluster; workers may have joined.
