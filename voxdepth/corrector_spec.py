@@ -1,6 +1,7 @@
 """A corrector and its configuration, as a field of a scenario, a study arm or a learning task."""
 
 import json
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -8,18 +9,20 @@ from typing import Any
 from pydantic import Field, field_validator, model_serializer, model_validator
 
 from .errors import ConfigError
-from .model import Model, explained
+from .model import Model, changed, explained
 from .registry import create_corrector, require_known, resolve_config
 from .types import DepthCorrector, Intrinsics
 
 CorrectorFactory = Callable[[Intrinsics], DepthCorrector]
 """Makes a corrector for a camera."""
+BEFORE_KEY = re.compile(r",(?=[\w.]+=)")
+"""A comma between two settings."""
 
 
 class CorrectorSpec(Model):
     """A corrector by name, with the values of its configuration that differ from the defaults.
 
-    A text is a corrector with its default configuration but perhaps one setting, see `parse_corrector`. Without a
+    A text is a corrector with its default configuration but perhaps some settings, see `parse_corrector`. Without a
     setting it is written as a text again, so that configurations that never set `config` keep their text.
     """
 
@@ -83,23 +86,27 @@ class CorrectorSpec(Model):
 
 
 def parse_corrector(text: str) -> tuple[str, dict[str, Any]]:
-    """Split a corrector with a setting, as in `temporal[fill=all]`, into its name and its configuration.
+    """Split a corrector with settings, as in `temporal[fill=all]`, into its name and its configuration.
 
     Without a setting the configuration is empty. Dots lead to keys of tables, as in
-    `temporal[odometry.min_tracks=9]`. A value that is not JSON is a text. Neither the name nor the key is looked up.
+    `temporal[odometry.min_tracks=9,fill=all]`. A value that is not JSON is a text. Neither the name nor a key is looked
+    up.
 
     Raises:
         ConfigError: The text has another form.
     """
-    name, bracket, setting = text.partition("[")
+    name, bracket, settings = text.partition("[")
     if not bracket:
         return name, {}
-    key, equals, value = setting.removesuffix("]").partition("=")
-    if not (key and equals and value and setting.endswith("]")):
-        raise ConfigError(f"expected a corrector with a setting as in temporal[fill=all], got {text!r}")
-    given: Any = value
-    with suppress(ValueError):
-        given = json.loads(value)
-    for part in reversed(key.split(".")):
-        given = {part: given}
-    return name, dict(given)
+    config: dict[str, Any] = {}
+    for setting in BEFORE_KEY.split(settings.removesuffix("]")):
+        key, equals, value = setting.partition("=")
+        if not (key and equals and value and settings.endswith("]")):
+            raise ConfigError(f"expected a corrector with a setting as in temporal[fill=all], got {text!r}")
+        given: Any = value
+        with suppress(ValueError):
+            given = json.loads(value)
+        for part in reversed(key.split(".")):
+            given = {part: given}
+        config = changed(config, given)
+    return name, config

@@ -73,5 +73,7 @@ def experiment(
         for one, context in asked:
             run(one, context, command).print(console)
             typer.echo(f"table, figure and result.json are in {out / one.name}")
-    write_index(out).print(console)
-    typer.echo(f"these claims, of all experiments with results, are in {out / INDEX}")
+    index = write_index(out)
+    if len(asked) > 1:
+        index.print(console)
+    typer.echo(f"the claims of all experiments with results are in {out / INDEX}")

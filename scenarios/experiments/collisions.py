@@ -58,11 +58,14 @@ def _claims(response: DoseResponse | str) -> tuple[Claim, Claim]:
     """The shape of the growth, and its size; open where the missions have no fit or leave it undecided."""
     shape = "collisions grow faster than linearly with the noise ratio"
     size = "from a noise ratio of 0.5 to one of 1, collisions grow 8 times"
+    superlinear, contained = "the exponent is above 1 with its interval", "8 times lies in the interval"
     if isinstance(response, str):
-        return Claim(shape, response, None), Claim(size, response, None)
+        return Claim(shape, response, None, superlinear), Claim(size, response, None, contained)
     b, ratio, curve = response.b, response.ratio, response.curve
     interval, is_decided = "with a 95 % interval of {:.2f} to {:.2f}", b.low > 1 or b.high < 1
+    exponent = f"as theta^{curve.b:.2f}, {interval.format(*b)}"
+    growth = f"{curve.ratio:.1f} times, {interval.format(*ratio)}"
     return (
-        Claim(shape, f"as theta^{curve.b:.2f}, {interval.format(*b)}", b.low > 1 if is_decided else None),
-        Claim(size, f"{curve.ratio:.1f} times, {interval.format(*ratio)}", ratio.low <= GROWTH <= ratio.high),
+        Claim(shape, exponent, b.low > 1 if is_decided else None, superlinear),
+        Claim(size, growth, ratio.low <= GROWTH <= ratio.high, contained),
     )

@@ -92,4 +92,5 @@ def _claim(images: str, medians_ms: pd.Series) -> Claim:
         "fusion takes longest, 2.9 times as long as the next, which is inpainting (280 and 94 ms: 2.98 times)",
         f"{images}: fusion takes {times:.1f} times as long as the next, {second}",
         bool(times > 1) and second == "inpainting",
+        "fusion takes longest, and inpainting is next",
     )

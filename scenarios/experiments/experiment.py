@@ -27,6 +27,8 @@ EVEN_PX = 2
 """Heights are rounded to multiples of this."""
 ALIKE = 2.0
 """Largest factor between two sizes that count as alike."""
+WITHIN = f"the size is within a factor of {ALIKE:g}"
+"""How that is told."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class Claim:
     found: str
     holds: bool | None
     """Whether the finding agrees; None if it neither confirms nor refutes the statement."""
+    agrees_if: str = ""
+    """When it does."""
 
     @property
     def verdict(self) -> str:

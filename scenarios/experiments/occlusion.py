@@ -51,11 +51,13 @@ def rq1(context: ExperimentContext) -> Findings:
         f"with holes of 0 m it falls ever more steeply in {steeper} of {n} sequences, and ever less steeply in "
         f"the others; after completion by the nearest valid, ever more steeply in {steeper_completed} of {n}",
         steeper > n / 2,
+        "it falls ever more steeply in more than half of the sequences",
     )
     loss_claim = Claim(
         "10 % more occluded pixels cost 28.1 % of the PSNR",
         f"10 points more cost {listed(losses, '.1f', '%') or 'more than any growth adds'}",
         None if losses.empty else bool(losses.min() <= 28.1 <= losses.max()),
+        "the size lies between those of the sequences",
     )
     incorrect = table.set_index("sequence")[[OCCLUDED, EMPTY, WRONG]]
     return Findings(

@@ -90,7 +90,10 @@ class ExperimentReport:
         frames = f"{context.frames} frames{width} of {', '.join(context.sequences)}; seed {context.seed or 0}"
         if not context.sequences:
             frames = f"missions with {context.frames} seeds"
-        claims = [f"paper: {claim.paper}\nhere:  {claim.found} ({claim.verdict})" for claim in findings.claims]
+        claims = [
+            f"paper: {claim.paper}\nhere:  {claim.found}\n       ({claim.verdict}; it agrees if {claim.agrees_if})"
+            for claim in findings.claims
+        ]
         remarks = [*claims, *(f"note:  {note}" for note in findings.notes), ""]
         plain: dict[str, Any] = {"sep": "\n", "soft_wrap": True, "highlight": False, "markup": False}
         console.print(f"{self.experiment.name}: {self.experiment.question}", style="bold", **plain)
@@ -109,8 +112,8 @@ def write_index(out: Path) -> Table:
             result = json.loads(file.read_text())
             links.append(f"- [{name}]({name}/table.md), [figure]({name}/figure.png): {result['question']}")
             rows += [(name, Claim(**claim)) for claim in result["claims"]]
-    cells = [(name, claim.paper, claim.found, claim.verdict) for name, claim in rows]
-    table = Table.of("The paper's claims", ("experiment", "paper", "here", "verdict"), cells)
+    cells = [(name, claim.paper, claim.found, claim.verdict, claim.agrees_if) for name, claim in rows]
+    table = Table.of("The paper's claims", ("experiment", "paper", "here", "verdict", "it agrees if"), cells)
     head = f"# {table.title}\n\n{verdict([claim for _, claim in rows])}\n"
     write(out / INDEX, "\n".join([head, table.markdown(), *links, ""]).encode())
     return table

@@ -60,6 +60,7 @@ def steps(context: ExperimentContext) -> Findings:
         "the projection of the fused voxels is sparse, and inpainting makes a dense template of it",
         "; ".join(f"{name} {of[PROJECTION]:.0f} % and {of[TEMPLATE]:.0f} %" for name, of in filled.iterrows()),
         all_hold((filled[PROJECTION] < filled[TEMPLATE]) & (filled[TEMPLATE] > DENSE)),
+        f"the template has depth in more than {DENSE:g} % of the pixels, and the projection in fewer",
     )
     return Findings(
         tables={"table": table},

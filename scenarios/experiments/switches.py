@@ -93,11 +93,12 @@ def _movement(context: ExperimentContext, name: str, distance: int) -> dict[str,
 
 def _switches_claim(rates: pd.Series) -> Claim:
     paper = "40.33 % fewer switches in synthetic datasets, without KTS, than in those of a RealSense"
+    fewer = "there are fewer, by any size"
     synthetic, real = (float(rates.reindex(names).mean()) for names in (SYNTHETIC, REAL))
     if not (synthetic >= 0 and real > 0):
-        return Claim(paper, "no switch in sim-LN and sim-MB, or not both kinds of sequences", None)
+        return Claim(paper, "no switch in sim-LN and sim-MB, or not both kinds of sequences", None, fewer)
     found = f"{synthetic:.1f} and {real:.1f} per {SWITCHES_FRAMES} frames, {100 * (synthetic / real - 1):+.1f} %"
-    return Claim(paper, f"{found}; all of ours are rendered", synthetic < real)
+    return Claim(paper, f"{found}; all of ours are rendered", synthetic < real, fewer)
 
 
 def _movement_claim(flows_px: pd.DataFrame, psnrs_db: pd.DataFrame) -> Claim:
@@ -108,4 +109,5 @@ def _movement_claim(flows_px: pd.DataFrame, psnrs_db: pd.DataFrame) -> Claim:
         "from 50 to 150 frames apart, flow grows from 6.75 to 10.08 px and registration falls from 16.06 to 12.61 dB",
         "; ".join("{} {:.1f} to {:.1f} px and {:.2f} to {:.2f} dB".format(*each) for each in ends),
         most_hold(((far_px > near_px) & (far_db < near_db))[known]),
+        "both do in more than half of the sequences",
     )

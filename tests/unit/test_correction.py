@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -89,19 +90,12 @@ class Remembering:
         return self.combine(self.align(frame))
 
 
-class Whole:
-    """The same without halves."""
-
-    uses_gray = False
-
-    def __init__(self) -> None:
-        self._inner = Remembering()
-
-    def process(self, frame: Frame) -> CorrectedDepth:
-        return self._inner.process(frame)
-
-    def reset(self) -> None:
-        self._inner.reset()
+def whole_corrector(**changes: Any) -> SimpleNamespace:
+    """The same without halves, perhaps with changes of what it gives."""
+    inner = Remembering()
+    return SimpleNamespace(
+        process=lambda frame: replace(inner.process(frame), **changes), reset=inner.reset, uses_gray=False
+    )
 
 
 def planned(dataset: Frames | None = None, make: Callable[[], Any] = Remembering, frames: int = N_FRAMES) -> Correction:
@@ -189,7 +183,7 @@ def test_every_frame_has_a_line_with_the_facts_of_the_corrector(whole: Path) -> 
 
 
 def test_a_corrector_without_stages_gives_the_same_files(whole: Path, tmp_path: Path) -> None:
-    planned(make=Whole).run(tmp_path / "out", None, ignore)
+    planned(make=whole_corrector).run(tmp_path / "out", None, ignore)
     assert contents(tmp_path / "out") == contents(whole)
 
 
@@ -282,7 +276,7 @@ def test_a_sheet_of_corrected_depth_is_refused_with_what_shows_it(whole: Path, t
     ],
 )
 def test_what_no_corrector_may_return_is_told(spoil: Callable[[CorrectedDepth], Any], told: str) -> None:
-    result = Whole().process(Frames()[0])
+    result = Remembering().process(Frames()[0])
     assert fault_of(result, CAMERA.shape) is None
     fault = fault_of(spoil(result), CAMERA.shape)
     assert told in fault
@@ -290,10 +284,6 @@ def test_what_no_corrector_may_return_is_told(spoil: Callable[[CorrectedDepth], 
 
 
 def test_a_corrector_that_measures_no_steps_reports_no_times(tmp_path: Path) -> None:
-    class Untimed(Whole):
-        def process(self, frame: Frame) -> CorrectedDepth:
-            return replace(super().process(frame), timings_s={})
-
-    report = planned(make=Untimed).run(tmp_path / "out", None, ignore)
+    report = planned(make=lambda: whole_corrector(timings_s={})).run(tmp_path / "out", None, ignore)
     assert "frame_s" not in report["wall"]
     assert report["wall"]["steps_s"] == {}

@@ -11,6 +11,8 @@ import pandas as pd
 import pytest
 
 from scenarios.experiments import image_motion as motion
+from scenarios.experiments import paper_results
+from scenarios.experiments.experiment import Claim
 from scenarios.experiments.occlusion import (
     COMPLETED,
     OCCLUDED,
@@ -22,7 +24,7 @@ from scenarios.experiments.occlusion import (
     squared_error_m2,
 )
 from scenarios.experiments.paper_results import M_RMSE, SWITCHES, percentages_table, saturated
-from scenarios.experiments.quality import _masked_claims, _psnr_claims
+from scenarios.experiments.quality import _claims, _ratios
 from sim.types import Capture
 from tests.evaluation_clips import CAMERA, STEP_M, WALL_M, capture_of
 from voxdepth.geometry import exp_se3
@@ -57,34 +59,30 @@ def test_the_percentages_of_the_document_are_computed_or_printed_ones() -> None:
     assert {f"{printed:g}" for _, printed, *_ in rows} - {"290"} <= set(re.findall(r"\*\*([\d.]+) %\*\*", section))
 
 
-def of_methods(**by_sequence: tuple[float, float, float]) -> pd.DataFrame:
-    """Values of VD, RS and GS by sequence."""
-    names = [name.replace("_", "-") for name in by_sequence]
-    return pd.DataFrame(list(by_sequence.values()), index=names, columns=["VD", "RS", "GS"])
+def claims(ratios: dict[str, float]) -> tuple[Claim, Claim]:
+    return _claims("the lowest masked error", pd.Series(ratios), 1 / _ratios(M_RMSE, "min"))
 
 
-def test_a_lead_by_nothing_agrees_in_the_order_and_not_in_the_size() -> None:
-    order, size = _psnr_claims(of_methods(sim_LN=(23.61, 23.38, 23.56)))
-    assert order.found == "of VD, RS and GS, VD has the highest PSNR in 1 of 1 sequence"
-    assert (order.verdict, size.verdict) == ("agrees", "differs")
-    assert size.found.endswith("by sim-LN +0.2 %")
-    assert _psnr_claims(of_methods(sim_LN=(26.0, 20.0, 19.0)))[1].verdict == "agrees"
+def test_the_order_is_compared_with_the_paper_in_the_sequences_that_were_asked_for() -> None:
+    order, _ = claims({"sim-LN": 1.1, "sim-MB": 0.9})
+    assert order.paper == "of VD, RS and GS, VD has the lowest masked error in 1 of 2 sequences (sim-LN)"
+    assert (order.found, order.verdict) == ("VD has it in 1 of 2 sequences (sim-LN)", "agrees")
+    assert claims({"sim-LN": 0.9, "sim-MB": 1.1})[0].verdict == "differs"
+    assert claims({"sim-KTC": 0.9})[0].paper.endswith("1 of 1 sequence (sim-KTC)")
 
 
-def test_the_size_is_open_without_the_datasets_that_it_is_about() -> None:
-    order, size = _psnr_claims(of_methods(sim_KTC=(20.0, 29.0, 24.0)))
-    assert (order.verdict, size.verdict) == ("differs", "open")
+def test_leads_and_lags_are_those_of_the_paper_by_its_table() -> None:
+    all_six, size = claims(dict.fromkeys(paper_results.SEQUENCES, 1.2))
+    assert all_six.paper.endswith("in 4 of 6 sequences (sim-LN, sim-KTS, sim-KTC, sim-PLF)")
+    assert size.paper == "VD leads by 25.3 % on average, and where it does not, VD lags by 2.1 % on average"
+    assert (size.found, size.verdict) == ("VD leads by 20.0 % on average", "agrees")
+    assert claims({"sim-LN": 1.5, "sim-MB": 0.5})[1].verdict == "differs", "a lag of 100 % is not the paper's 1 %"
+    assert claims({"sim-LN": 1.2})[1].verdict == "differs", "the paper's lead is 49 % there"
 
 
-def test_masked_errors_are_compared_as_the_paper_compares_them() -> None:
-    order, size = _masked_claims(of_methods(sim_LN=(2.0, 3.0, 4.0), sim_KTS=(5.0, 4.0, 9.0)))
-    assert order.found == "of VD, RS and GS, VD has the lowest masked RMSE in 1 of 2 sequences"
-    assert size.found == (
-        "better of RS and GS / VD - 1 is sim-LN 50.0 %, 50.0 % on average; "
-        "VD / better of RS and GS - 1 is sim-KTS 25.0 %, 25.0 % on average"
-    )
-    assert (order.verdict, size.verdict) == ("differs", "differs"), "25 % behind is not the paper's 2 %"
-    assert _masked_claims(of_methods(sim_LN=(2.0, 2.5, 4.0)))[1].verdict == "agrees"
+def test_a_claim_is_open_without_the_datasets_that_it_is_about() -> None:
+    assert [claim.verdict for claim in claims({"sim-drive": 1.2})] == ["open", "open"]
+    assert claims({"sim-LN": 0.8})[1].verdict == "differs", "the paper has no lag there"
 
 
 SHAPE = (10, 100)

@@ -33,7 +33,7 @@ def answer(context: ExperimentContext) -> Findings:
     """The same table for every question."""
     return Findings(
         tables={"table": TABLE},
-        claims=(Claim("fast", "slow", False),),
+        claims=(Claim("fast", "slow", False, "it is fast"),),
         notes=(f"{context.frames} frames",),
         figure=panels("title", [lambda axes: label_axes(axes, "panel", "x [m]", "y [s]")]),
         files={"more.txt": b"more"},
@@ -70,7 +70,7 @@ def test_table_figure_and_report_are_written(tmp_path: Path) -> None:
     assert (stored["seed"], stored["frames"], stored["width_px"]) == (7, 4, 160)
     assert stored["command"] == "voxdepth experiment stub"
     assert stored["provenance"]["processor"] and "numpy" in stored["provenance"]["versions"]
-    assert stored["claims"] == [{"paper": "fast", "found": "slow", "holds": False}]
+    assert stored["claims"] == [{"paper": "fast", "found": "slow", "holds": False, "agrees_if": "it is fast"}]
 
 
 def test_what_the_user_does_not_say_the_experiment_does(tmp_path: Path) -> None:
@@ -111,7 +111,9 @@ def test_the_index_has_every_claim_of_the_experiments_that_have_results(tmp_path
     for name in ("fps", "rq1"):
         report(tmp_path, replace(STUB, name=name))
     table = write_index(tmp_path)
-    assert [tuple(row) for row in table.rows] == [(name, "fast", "slow", "differs") for name in ("rq1", "fps")]
+    assert [tuple(row) for row in table.rows] == [
+        (name, "fast", "slow", "differs", "it is fast") for name in ("rq1", "fps")
+    ]
     page = (tmp_path / "index.md").read_text()
     assert "| rq1 | fast | slow | differs |" in page
     assert "- [fps](fps/table.md), [figure](fps/figure.png): What is it?" in page

@@ -8,6 +8,7 @@ import pytest
 from scenarios.config import Run, Scenario, load_run
 from scenarios.errors import ScenarioError
 from voxdepth import registry
+from voxdepth.corrector_spec import parse_corrector
 from voxdepth.errors import ConfigError
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.files import to_toml
@@ -81,6 +82,17 @@ def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Pa
     path.write_text(to_toml(run))
     assert load_run(str(path), None, {}) == run
     assert load_run(str(path), None, {"corrector": "temporal"}) == with_corrector("temporal")
+
+
+def test_settings_in_brackets_are_keys_of_the_configuration() -> None:
+    assert parse_corrector("voxdepth[window_frames=8,motion=per_frame]")[1] == {
+        "window_frames": 8, "motion": "per_frame",
+    }  # fmt: skip
+    assert parse_corrector("voxdepth[voxels.cell_m=[0.2,0.2,0.1],voxels.a=1,b.c=x]")[1] == {
+        "voxels": {"cell_m": [0.2, 0.2, 0.1], "a": 1}, "b": {"c": "x"},
+    }  # fmt: skip
+    config = with_corrector("voxdepth[window_frames=8,motion=per_frame]").scenario.corrector.resolved_config()
+    assert (config.window_frames, config.motion) == (8, "per_frame")
 
 
 @pytest.mark.parametrize(

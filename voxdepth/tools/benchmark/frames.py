@@ -20,7 +20,7 @@ N_IMAGES, RATE_HZ = 16, 30.0
 """Number of images in a loop."""
 WALK = Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86, baseline_m=0.095)
 """The camera that walks."""
-SPEED_M_S, HEIGHT_M, FARTHEST_M = 1.2, 1.4, 13.0
+SPEED_M_S, HEIGHT_M, FARTHEST_M = 1.2, 1.4, 14.0
 """Speed and height of the camera, and the depth from which on there is sky."""
 N_BOARDS, BARE_SHARE, BARE_GRAY = 24, 0.25, 220.0
 """Number of boards, share of them that have no texture, and so no depth, and gray value of these and of the sky."""
@@ -77,11 +77,12 @@ def walk(frames: int, intrinsics: Intrinsics = WALK, seed: int = 0) -> Iterator[
     for k in range(frames):
         walked_m = k * SPEED_M_S / RATE_HZ
         depth_m = np.divide(HEIGHT_M, y, out=np.full(y.shape, np.inf), where=y > 0)
-        is_bare = depth_m > FARTHEST_M
+        is_bare = np.zeros(y.shape, np.bool_)
         for (width_m, height_m), low_m, z_m, is_blank in zip(size_m, left_m, far_m - walked_m, bare, strict=True):
             across, above = x * z_m - low_m, HEIGHT_M - y * z_m
             shown = (z_m > 0) & (z_m < depth_m) & (across > 0) & (across < width_m) & (above > 0) & (above < height_m)
             depth_m[shown], is_bare[shown] = z_m, is_blank
+        is_bare |= depth_m > FARTHEST_M
         at_m = np.where(is_bare, 0, depth_m)
         u, v = x * at_m * TEXTURE_PX_PER_M, (y * at_m + at_m + walked_m) * TEXTURE_PX_PER_M
         gray = np.where(is_bare, BARE_GRAY, texture[v.astype(int) % 512, u.astype(int) % 512])

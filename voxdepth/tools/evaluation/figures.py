@@ -51,9 +51,8 @@ def error_against_range(evaluation: Evaluation) -> list[Picture]:
 
     def data_of(info: SequenceInfo) -> pd.DataFrame:
         """The errors [m] of the methods (columns) by bin."""
-        selectors = [Selector("mae", info.independent, name) for name in BINS]
-        values = pd.DataFrame([_of_sequence(evaluation, info, one)["value"] for one in selectors], range(len(BINS)))
-        values = values[[name for name in methods if name in values]]
+        found = evaluation.measurements.table({name: Selector("mae", info.independent, name) for name in BINS})
+        values = found.loc[info.name].T.reset_index(drop=True).reindex(columns=methods)
         return values[values > 0].dropna(axis=0, how="all").dropna(axis=1, how="all")
 
     def draw(info: SequenceInfo, values: pd.DataFrame, axes: "Axes") -> None:
@@ -81,10 +80,10 @@ def error_against_latency(evaluation: Evaluation) -> list[Picture]:
 
     def data_of(info: SequenceInfo) -> pd.DataFrame:
         """Time [ms] and error [m] of the methods that have both."""
-        selectors = of_frames("latency_p50"), of_frames("latency_background"), Selector("mae", info.hidden)
-        waiting_ms, background_ms, error_m = (_of_sequence(evaluation, info, one)["value"] for one in selectors)
-        points = pd.concat([waiting_ms.add(background_ms, fill_value=0), error_m], axis=1).dropna()
-        return points.reindex([name for name in evaluation.methods if name in points.index])
+        latencies = {name: of_frames(f"latency_{name}") for name in ("p50", "background")}
+        found = evaluation.measurements.table(latencies | {"error": Selector("mae", info.hidden)}).loc[info.name]
+        time_ms = found["p50"].add(found["background"], fill_value=0)
+        return pd.DataFrame({"time": time_ms, "error": found["error"]}).dropna()
 
     def draw(info: SequenceInfo, points: pd.DataFrame, axes: "Axes") -> None:
         for name, x_ms, y_m in points.itertuples(name=None):
@@ -214,12 +213,6 @@ def _styles(evaluation: Evaluation) -> dict[str, dict[str, Any]]:
         name: {"color": line_color(k), "marker": MARKERS[k % len(MARKERS)], "label": legend_label(registry.title(name))}
         for k, name in enumerate(dict.fromkeys((*SHOWN, *evaluation.methods)))
     }
-
-
-def _of_sequence(evaluation: Evaluation, info: SequenceInfo, selector: Selector) -> pd.DataFrame:
-    """Select the values and sample sizes of one sequence by method."""
-    found = evaluation.measurements.select(selector)
-    return found[found.index.get_level_values("sequence") == info.name].droplevel("sequence")
 
 
 def _correct_by_confidence(evaluation: Evaluation) -> pd.DataFrame:
