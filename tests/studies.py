@@ -5,14 +5,14 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from scenarios.study.design import RunSpec, Study, expand
 from scenarios.study.executors import Processes
 from scenarios.study.run import Progress, run_study
-from scenarios.study.store import Completion, RunRecord, StudyData, read_study
+from scenarios.study.store import RunRecord, StudyData, read_study
 from sim.types import Contact
 from swarm.types import Outcome
 
@@ -80,19 +80,6 @@ def unseen(progress: Progress) -> None:
     """A display that shows nothing."""
 
 
-class Scripted:
-    """An executor that gives what it was told to."""
-
-    def __init__(self, done: Sequence[Completion | BaseException]) -> None:
-        self._done = done
-
-    def run(self, specs: Any) -> Iterator[Completion]:
-        for done in self._done:
-            if isinstance(done, BaseException):
-                raise done
-            yield done
-
-
 def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outcome]) -> StudyData:
     """A study with the results of some runs, by arm, level and seed."""
     specs = expand(study)
@@ -101,6 +88,18 @@ def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outc
     return StudyData(
         study=study, specs=specs, records=records, failures={}, versions={"numpy": "2"}, machine="a machine"
     )
+
+
+LETTERS = {"o": Outcome.SUCCESS, "x": Outcome.COLLISION, "s": Outcome.DEADLOCK, "l": Outcome.LOST, "t": Outcome.TIMEOUT}
+
+
+def flown(study: Study, outcomes: dict[tuple[str, str], str]) -> StudyData:
+    """A study with a letter for the outcome of each seed, by scenario and arm; a blank is a run that is missing."""
+    specs = expand(study)
+    letters = {spec.key: outcomes[spec.scenario, spec.arm][spec.seed] for spec in specs}
+    records = {s.key: record(s, LETTERS.get(letters[s.key]), sim_time_s=10.0 + 5 * s.seed) for s in specs}
+    flown = {key: one for key, one in records.items() if letters[key] != " "}
+    return replace(contents_of(study, {}), specs=specs, records=flown)
 
 
 def results_of(out: Path) -> dict[str, RunRecord]:

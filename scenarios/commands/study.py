@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 DEFAULT_OUT = Path("runs/studies")
 
-Folder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a study.")]
+Folder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a study, or an archive of one.")]
 
 
 class RunByDefault(TyperGroup):
@@ -51,7 +51,9 @@ def run(
     ] = 2,
     cluster: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Fly on the workers of a Dask scheduler; `local` makes one here."),
+        typer.Option(
+            metavar="ADDRESS", help="Fly on the workers of a Dask scheduler instead, as in tcp://10.0.0.1:8786."
+        ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on: fly what is missing.")] = False,
     retry_errors: Annotated[
@@ -74,7 +76,7 @@ def run(
     study = load_study(file)
     folder = out or DEFAULT_OUT / study.name
     if cluster is not None:
-        executor: Executor = Cluster(cluster, workers, study.time_limit_s)
+        executor: Executor = Cluster(cluster, study.time_limit_s)
     else:
         executor = Processes(workers, study.time_limit_s) if workers else Serial()
     try:
@@ -98,8 +100,12 @@ def report(
     effect: Annotated[
         float | None, typer.Option(min=1, max=99, help="Also print how many pairs would find so many points.")
     ] = None,
+    to: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help=f"Folder of the results. Default: OUT, of an archive {DEFAULT_OUT}/NAME."),
+    ] = None,
 ) -> None:
-    """Print the progress of a study, and write its results so far into OUT.
+    """Print the progress of a study, and write its results so far.
 
     These are report.html, its tables as report.md, its figures in figures/, all runs with a result as runs.csv and
     runs.parquet, and their drones as drones.csv and drones.parquet. --effect is by how many points the first arm of a
@@ -112,7 +118,8 @@ def report(
     _print_status(data)
     if progress:
         return
-    for path in (write_report(data, out), *(export(data, out) if data.records else ())):
+    folder = to or _folder_of(out, data)
+    for path in (write_report(data, out, folder), *(export(data, folder) if data.records else ())):
         typer.echo(f"written to {path}")
     if effect is not None:
         _print_pairs(data, effect)
@@ -147,7 +154,7 @@ def replay(
     key: Annotated[str, typer.Argument(metavar="KEY", help="Key of a run, or how it begins.")],
     to: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder in which the run gets a new folder. Default: OUT/replays."),
+        typer.Option(metavar="DIR", help="Folder in which the run gets a new folder. Default: replays in OUT."),
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="Write a Rerun recording.")] = False,
 ) -> None:
@@ -158,11 +165,16 @@ def replay(
     data = read_study(out)
     spec = find(data, key)
     typer.echo(f"run {spec.short_key}: {spec.label}")
-    folder, is_same, verdict = fly_again(data, spec, to or out / "replays", record=record)
+    folder, is_same, verdict = fly_again(data, spec, to or _folder_of(out, data) / "replays", record=record)
     typer.echo(verdict)
     typer.echo(f"its files are in {folder}")
     if is_same is False:
         raise typer.Exit(1)
+
+
+def _folder_of(out: Path, data: "StudyData") -> Path:
+    """Return the folder of what is made of a study, which may be an archive."""
+    return out if out.is_dir() else DEFAULT_OUT / data.study.name
 
 
 def _print_pairs(data: "StudyData", effect: float) -> None:
@@ -181,11 +193,11 @@ def _print_status(data: "StudyData") -> None:
     from rich.console import Console
 
     from ..study.report import result
-    from ..study.run import Progress
+    from ..study.tables import status_table
 
     typer.echo(f"study {data.study.name}: {data.study.description}".removesuffix(": "))
     typer.echo(result(data))
-    Progress(data).table().print(Console())
+    status_table(data).print(Console())
     for failure in list(data.failures.values())[:5]:
         typer.echo(f"{failure.kind} in run {data.runs[failure.key].short_key}: {failure.last_line}")
     kinds = {failure.kind for failure in data.failures.values()}

@@ -16,7 +16,6 @@ from .statistics import (
     DoseResponse,
     Estimate,
     IndexArray,
-    Interval,
     Pairs,
     SeedStatistic,
     bootstrap_ratio,
@@ -25,7 +24,6 @@ from .statistics import (
     holm,
     is_beyond,
     mcnemar,
-    newcombe,
     over_seeds,
     pairs_needed,
     pairs_of,
@@ -142,6 +140,11 @@ class ArmSummary:
         """Collision ratio: runs with a collision divided by runs; None without runs."""
         return self.collisions / self.n if self.n else None
 
+    @property
+    def mean_wall_s(self) -> float | None:
+        """Mean wall-clock time of a run; None without runs."""
+        return sum(record.wall_s for record in self.records) / self.n if self.n else None
+
     def count(self, *outcomes: Outcome) -> int:
         """Return the number of runs with one of some outcomes."""
         return sum(record.outcome in outcomes for record in self.records)
@@ -177,8 +180,6 @@ class Comparison:
     """Pairs by scenario."""
     pairs: Pairs
     """Pairs of all scenarios."""
-    difference: Interval
-    """Newcombe's interval of the difference of the shares that reached the endpoint, first minus second."""
     p: float
     """P-value of the exact McNemar test."""
     p_holm: float | None
@@ -188,6 +189,11 @@ class Comparison:
     def primary(self) -> bool:
         """Whether this is the pre-registered primary comparison."""
         return self.p_holm is None
+
+    @property
+    def by_scenario(self) -> Mapping[str, Pairs]:
+        """Pairs by scenario, and of all; nothing for one scenario."""
+        return {**self.cells, "all": self.pairs} if len(self.cells) > 1 else {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,7 +259,6 @@ def compare_arms(data: StudyData, endpoint: EndpointName) -> list[Comparison]:
             declared=sides == declared,
             cells={name: _counts(data, own, endpoint) for name, own in _by_scenario(matched[sides]).items()},
             pairs=pairs,
-            difference=newcombe(pairs),
             p=p_values[sides],
             p_holm=adjusted.get(sides),
         )

@@ -383,11 +383,10 @@ def by_importance(study: Study, specs: Iterable[RunSpec], waiting: Iterable[RunS
     return sorted(waiting, key=lambda spec: spec.key not in keys)
 
 
-def digest(study: Study, specs: Sequence[RunSpec]) -> str:
-    """Return a SHA-256 of a study with its resolved scenarios, but not of what no result depends on."""
-    design = study.model_dump_json(exclude={"scenarios", "description", "time_limit_s"})
-    runs = [f"{spec.scenario} {spec.arm} {spec.level} {spec.key}" for spec in specs]
-    return hashlib.sha256("\n".join([design, *runs]).encode()).hexdigest()
+def identity(study: Study, specs: Sequence[RunSpec]) -> tuple[object, ...]:
+    """Return what results depend on of a study with its resolved scenarios; it is the same wherever these lie."""
+    design = study.model_dump(exclude={"scenarios", "description", "time_limit_s"})
+    return design, [(spec.scenario, spec.arm, spec.level, spec.key) for spec in specs]
 
 
 def _spec(arm: Arm, level: float | None, run: Run) -> RunSpec:

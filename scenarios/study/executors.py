@@ -1,43 +1,64 @@
-"""How runs are flown: in this process, in worker processes, or on a cluster of machines with dask.distributed.
+"""How runs are flown: in this process, or by workers of Dask, on this machine or on several."""
 
-A worker process may hang, crash or be killed at any moment. Each has a pipe of its own and shares no lock with others,
-so that its end costs no more than its run.
-"""
-
-import multiprocessing
-import os
+import logging
+import math
 import platform
-import threading
+import signal
+import time
+import traceback
 import uuid
-from collections.abc import Generator, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
-from queue import SimpleQueue
 from typing import Any, Protocol
 
+from voxdepth.errors import PluginError
 from voxdepth.tools.options import use_one_thread
 
 from ..errors import ScenarioError
+from ..flight import fly
 from ..provenance import simulation_versions
-from .design import RunSpec
-from .one_run import FlyOne, attempt, run_one
-from .store import Completion, Failure
-from .worker import READY, ignore_interrupts, serve
+from .design import RunSpec, key_of
+from .store import Completion, Failure, FailureKind, RunRecord
 
-START_TIMEOUT_S = 300.0
-"""Longest time in which a worker must have imported its libraries."""
-MAX_FAILED_STARTS = 3
-"""Number of workers in a row that may end before they are ready."""
-RUNS_PER_WORKER = 20
-"""A worker is replaced after this many runs, which bounds the effect of a memory leak in a library."""
-LOCAL = "local"
-"""Stands for a cluster of processes on this machine, instead of an address."""
-JOIN_TIMEOUT_S = 60.0
-"""Longest time to wait for the first worker of a cluster."""
+LOCAL_SETTINGS = {
+    # A run that ends its worker would also end the next one.
+    "distributed.scheduler.allowed-failures": 0,
+    # Compiled code may keep a worker from answering for longer than Dask waits.
+    "distributed.scheduler.worker-ttl": None,
+    "distributed.worker.profile.enabled": False,
+}
+"""Settings of Dask for workers of this machine."""
+NO_WORKER_TIMEOUT_S = 60.0
+"""Longest time for which a cluster may be without workers."""
+FlyOne = Callable[[RunSpec], RunRecord]
+
+
+def run_one(spec: RunSpec) -> RunRecord:
+    """Fly one run on one thread. Except for its wall-clock time, the record depends on `spec.run` alone.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
+        ScenarioError: The key is not that of the run, or a number of the result is not finite.
+    """
+    if key_of(spec.run) != spec.key:
+        raise ScenarioError("the code of a controller or corrector has changed since the study began: see --resume")
+    record = RunRecord.of(spec.key, fly(spec.run, threads=1))
+    for figures in (record.metrics, *record.drones, *map(vars, record.contacts)):
+        for name, value in figures.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ScenarioError(f"expected finite numbers, or None, got {name} = {value}")
+    return record
+
+
+def attempt(fly_one: FlyOne, spec: RunSpec) -> Completion:
+    """Fly one run; an exception becomes a failure with its traceback."""
+    try:
+        return fly_one(spec)
+    except Exception as error:  # Any error belongs to this run and must not stop the others.
+        kind: FailureKind = "plugin error" if isinstance(error, PluginError) else "error"
+        return Failure(key=spec.key, kind=kind, text=traceback.format_exc())
 
 
 class Executor(Protocol):
@@ -67,10 +88,16 @@ class Serial:
 
 
 @dataclass(frozen=True)
-class Processes:
-    """Flies runs in worker processes on this machine, each of which a thread waits for."""
+class Cluster:
+    """Flies runs on the workers of a Dask scheduler, one at a time on each: `dask worker ADDRESS --nthreads 1`.
 
-    workers: int
+    A run that exceeds its time limit ends its worker, which Dask replaces. The scheduler repeats a run whose worker
+    ended as often as its `allowed-failures` says; then the run becomes a failure, by its time limit if that is over.
+    Closing the iterator drops the runs that wait; workers finish their run, and its result is discarded.
+    """
+
+    address: str
+    """Address of the scheduler, as in tcp://10.0.0.1:8786."""
     time_limit_s: float
     """Wall-clock time after which a run is stopped and becomes a failure of kind `timeout`."""
     fly_one: FlyOne = run_one
@@ -78,133 +105,15 @@ class Processes:
 
     def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
         """See `Executor`."""
-        use_one_thread()
-        workers = [_Worker() for _ in range(self.workers)]
-        idle: SimpleQueue[_Worker] = SimpleQueue()
-        for worker in workers:
-            idle.put(worker)
-
-        def flown(spec: RunSpec) -> Completion:
-            worker = idle.get()
-            try:
-                return worker.fly(self.fly_one, spec, self.time_limit_s)
-            finally:
-                idle.put(worker)
-
-        with ThreadPoolExecutor(self.workers) as pool:
-            try:
-                for future in as_completed([pool.submit(flown, spec) for spec in specs]):
-                    yield future.result()
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-                for worker in workers:
-                    worker.close()
-
-
-class _Worker:
-    """One worker process, which is replaced when it has ended, hangs, or has flown enough runs."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._is_closed = False
-        self._process: BaseProcess | None = None
-        self._pipe: Connection
-        self._runs = 0
-
-    def fly(self, fly_one: FlyOne, spec: RunSpec, time_limit_s: float) -> Completion:
-        """Fly a run; a worker that ends or misses the limit becomes its failure."""
-        if self._process is None or self._runs >= RUNS_PER_WORKER:
-            self._start()
-        self._runs += 1
-        try:
-            self._pipe.send((fly_one, spec))
-            if not self._pipe.poll(time_limit_s):
-                self._stop()
-                text = f"stopped at its time limit of {time_limit_s:g} s"
-                return Failure(key=spec.key, kind="timeout", text=text)
-            done: Completion = self._pipe.recv()
-        except (EOFError, OSError):
-            text = f"its process ended without a message, with exit code {self._stop()}"
-            return Failure(key=spec.key, kind="died", text=text)
-        return done
-
-    def close(self) -> None:
-        """Kill the process, and start no other one."""
-        with self._lock:
-            self._is_closed = True
-            if self._process is not None:
-                self._process.kill()
-                self._process.join()
-
-    def _start(self) -> None:
-        """Start a process and wait until it is ready."""
-        code: int | None = None
-        for _ in range(MAX_FAILED_STARTS):
-            self._stop()
-            with self._lock:
-                if self._is_closed:
-                    raise ScenarioError("the study was stopped")
-                context = multiprocessing.get_context("spawn")
-                self._pipe, theirs = context.Pipe()
-                self._process = context.Process(target=serve, args=(theirs,), daemon=True)
-                self._process.start()
-                theirs.close()  # Our end then reads end-of-file when the process has ended.
-            with suppress(EOFError, OSError):
-                if self._pipe.poll(START_TIMEOUT_S) and self._pipe.recv() == READY:
-                    self._runs = 0
-                    return
-            code = self._stop()
-        raise ScenarioError(
-            f"{MAX_FAILED_STARTS} workers in a row ended before they were ready, the last with exit code {code}: "
-            "see what they printed, or try --workers 0, which flies in this process"
-        )
-
-    def _stop(self) -> int | None:
-        """Kill the process, if there is one, and return its exit code."""
-        process, self._process = self._process, None
-        if process is None:
-            return None
-        process.kill()
-        process.join()
-        self._pipe.close()
-        return process.exitcode
-
-
-@dataclass(frozen=True)
-class Cluster:
-    """Flies runs on the workers of a Dask scheduler, one at a time on each: `dask worker ADDRESS --nthreads 1`.
-
-    A run that exceeds its time limit ends its worker, which Dask replaces. The scheduler repeats a run whose worker
-    ended as often as its `allowed-failures` says; then the run becomes a failure of kind `died`. Closing the iterator
-    ends the workers of a local cluster; other workers finish their run, and its result is discarded.
-    """
-
-    address: str
-    """Address of the scheduler, as in tcp://10.0.0.1:8786, or `local`."""
-    workers: int
-    """Number of processes of a local cluster."""
-    time_limit_s: float
-    fly_one: FlyOne = run_one
-
-    def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
-        """See `Executor`."""
-        waiting = iter(specs)
+        waiting, flying = iter(specs), dict[Any, tuple[RunSpec, float]]()
         with self._client() as client:
-            from distributed import as_completed
+            self._submit(client, waiting, flying)
+            while flying:
+                for future in _ended(client, [*flying]):
+                    yield self._completion(future, *flying.pop(future))
+                self._submit(client, waiting, flying)
 
-            for worker, theirs in client.run(simulation_versions).items():
-                _require_equal(worker, theirs, simulation_versions())
-            pending: dict[Any, RunSpec] = {}
-            ended = as_completed()
-            try:
-                self._submit(client, waiting, pending, ended)
-                for future in ended:
-                    yield self._result(future, pending.pop(future))
-                    self._submit(client, waiting, pending, ended)
-            finally:
-                client.cancel(list(pending), force=True)
-
-    def _submit(self, client: Any, waiting: Iterator[RunSpec], pending: dict[Any, RunSpec], ended: Any) -> None:
+    def _submit(self, client: Any, waiting: Iterator[RunSpec], flying: dict[Any, tuple[RunSpec, float]]) -> None:
         """Keep one run in progress for each worker of the cluster; workers may have joined.
 
         A second run that waits at a worker would count as failed if the first one ended the worker.
@@ -213,15 +122,16 @@ class Cluster:
         for worker, n in threads.items():
             if n != 1:  # A run past its limit would end other runs.
                 raise ScenarioError(f"the worker {worker} has {n} threads, expected one: start it with --nthreads 1")
-        for spec in islice(waiting, max(0, max(1, len(threads)) - len(pending))):
+        for spec in islice(waiting, max(0, max(1, len(threads)) - len(flying))):
             # Every attempt gets a new key, since a cluster caches the results of old keys.
             key = f"{spec.key}-{uuid.uuid4()}"
-            call = (_attempt_on_cluster, self.fly_one, spec, self.time_limit_s, simulation_versions())
-            future = client.submit(*call, key=key, pure=False)
-            pending[future] = spec
-            ended.add(future)
+            call = (_attempt_on_worker, self.fly_one, spec, self.time_limit_s, simulation_versions())
+            flying[client.submit(*call, key=key, pure=False)] = spec, time.monotonic()
 
-    def _result(self, future: Any, spec: RunSpec) -> Completion:
+    def _completion(self, future: Any, spec: RunSpec, start_s: float) -> Completion:
+        """Return the result of a run that was submitted at a time of the monotonic clock."""
+        from distributed import KilledWorker
+
         if future.cancelled():
             raise ScenarioError(f"the cluster at {self.address} is lost: its results are stored, go on with --resume")
         error = future.exception()
@@ -230,54 +140,95 @@ class Cluster:
         if error is None:
             done: Completion = future.result()
             return done
-        text = f"its worker ended: it died, or the run passed its time limit of {self.time_limit_s:g} s ({error})"
-        return Failure(key=spec.key, kind="died", text=text)
+        if not isinstance(error, KilledWorker):
+            return Failure(key=spec.key, kind="error", text=f"its worker failed: {error!r}")
+        if time.monotonic() - start_s >= self.time_limit_s:
+            return Failure(key=spec.key, kind="timeout", text=f"stopped at its time limit of {self.time_limit_s:g} s")
+        return Failure(key=spec.key, kind="died", text="its worker process ended without a message")
 
     @contextmanager
     def _client(self) -> Iterator[Any]:
-        """Connect to the cluster, or start a local one."""
-        try:
-            import dask.config
-            from distributed import Client, LocalCluster
-        except ImportError as error:
-            raise ScenarioError("--cluster needs dask.distributed: pip install 'voxdepth[cluster]'") from error
+        from distributed import Client
+
         with ExitStack() as opened:
-            if self.address == LOCAL:
-                # A run that ends its worker would also end the next one.
-                opened.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
-                one_thread = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
-                local = opened.enter_context(LocalCluster(n_workers=max(1, self.workers), **one_thread))
-                client = opened.enter_context(Client(local))
-                client.run(ignore_interrupts)
-            else:
-                try:
-                    client = opened.enter_context(Client(self.address))
-                    client.wait_for_workers(1, timeout=JOIN_TIMEOUT_S)
-                except (OSError, TimeoutError, ValueError) as error:
-                    raise ScenarioError(
-                        f"there is no cluster with a worker at {self.address} ({error}): start one with `dask "
-                        "scheduler` and `dask worker ADDRESS --nthreads 1`"
-                    ) from error
+            try:
+                client = opened.enter_context(Client(self.address))
+                client.wait_for_workers(1, timeout=NO_WORKER_TIMEOUT_S)
+            except (OSError, TimeoutError, ValueError) as error:
+                raise ScenarioError(
+                    f"there is no cluster with a worker at {self.address} ({error}): start one with `dask scheduler` "
+                    "and `dask worker ADDRESS --nthreads 1`"
+                ) from error
             yield client
 
 
-def _require_equal(worker: str, theirs: Mapping[str, str], ours: Mapping[str, str]) -> None:
-    """Refuse a worker with other versions, since its results could differ."""
-    for name, version in ours.items():
-        if theirs.get(name) != version:
+@dataclass(frozen=True)
+class Processes:
+    """Flies runs in worker processes of Dask on this machine, which nothing outside of it can reach."""
+
+    workers: int
+    time_limit_s: float
+    fly_one: FlyOne = run_one
+
+    def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
+        """See `Executor`; closing the iterator ends the workers."""
+        import dask.config
+
+        use_one_thread()
+        with dask.config.set(LOCAL_SETTINGS), self._started() as local:
+            yield from Cluster(local.scheduler_address, self.time_limit_s, self.fly_one).run(specs)
+
+    def _started(self) -> Any:
+        from distributed import LocalCluster
+
+        unreachable = {"host": "127.0.0.1", "dashboard_address": None}
+        alone = {"threads_per_worker": 1, "memory_limit": None, "preload": __name__}
+        try:
+            return LocalCluster(n_workers=self.workers, silence_logs=logging.CRITICAL, **unreachable, **alone)
+        except RuntimeError as error:
             raise ScenarioError(
-                f"the worker {worker} has {name} {theirs.get(name)}, where the study was started it is {version}: "
-                "install the same there, restart the worker, and go on with --resume"
+                f"the worker processes could not be started ({error}): see what they printed, or try --workers 0, "
+                "which flies in this process"
+            ) from error
+
+
+def _ended(client: Any, futures: list[Any]) -> set[Any]:
+    """Wait until one of some runs has ended, and return those that have; after a while without any, return none.
+
+    Raises:
+        ScenarioError: The cluster has lost its last worker.
+    """
+    from distributed import wait
+
+    try:
+        ended: set[Any] = wait(futures, timeout=NO_WORKER_TIMEOUT_S, return_when="FIRST_COMPLETED").done
+    except TimeoutError:
+        if not client.nthreads():
+            raise ScenarioError("no worker is left: finished runs are stored, go on with --resume") from None
+        return set()
+    return ended
+
+
+def _attempt_on_worker(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Completion:
+    """Fly a run in a worker, which its time limit ends, even where compiled code hangs.
+
+    Raises:
+        ScenarioError: The worker has other versions, so that its results could differ; it may have joined late.
+    """
+    ours = simulation_versions()
+    for name, version in versions.items():
+        if ours.get(name) != version:
+            raise ScenarioError(
+                f"the worker {platform.node()} has {name} {ours.get(name)}, where the study was started it is "
+                f"{version}: install the same there, restart the worker, and go on with --resume"
             )
-
-
-def _attempt_on_cluster(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Completion:
-    """Fly a run in a worker, and end the process at the time limit, since a thread cannot be stopped."""
-    _require_equal(platform.node(), simulation_versions(), versions)  # The worker may have joined after the check.
-    watchdog = threading.Timer(time_limit_s, os._exit, [1])
-    watchdog.daemon = True
-    watchdog.start()
+    signal.setitimer(signal.ITIMER_REAL, time_limit_s)  # Nobody handles this signal, so that it ends the process.
     try:
         return attempt(fly_one, spec)
     finally:
-        watchdog.cancel()
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def dask_setup(worker: Any) -> None:
+    """Let a worker of Dask ignore Ctrl-C, which a terminal sends to all processes: the study stops its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -13,7 +13,7 @@ from voxdepth.types import FloatArray
 from ..batch import OUTCOMES
 from .analysis import GOAL_SPEED, REACHED, ArmSummary, Comparison, headline
 from .design import ENDPOINTS, EndpointName, Study
-from .statistics import newcombe, wilson
+from .statistics import wilson
 from .tables import ENDPOINT_TITLES
 
 WIDTH_IN = 9.0
@@ -28,7 +28,7 @@ AXIS_LABELS: dict[EndpointName, str] = {"arrived": "arrived without a collision"
 
 def forest(comparisons: Sequence[Comparison], endpoint: EndpointName) -> list[Picture]:
     """Draw the effects of the headline comparisons by scenario; nothing for one scenario."""
-    found = [one for one in headline(comparisons) if len(one.cells) > 1]
+    found = [one for one in headline(comparisons) if one.by_scenario]
     if not found:
         return []
     height_in = 1.0 + 0.26 * sum(len(one.cells) + 2 for one in found)
@@ -41,8 +41,8 @@ def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
     row, names = 0, {}
     for one in comparisons:
         names[row] = legend_label(f"{one.first} - {one.second}")
-        for name, pairs in {**one.cells, "all": one.pairs}.items():
-            value, interval = pairs.difference, newcombe(pairs)
+        for name, pairs in one.by_scenario.items():
+            value, interval = pairs.difference, pairs.interval
             row += 1
             names[row] = f"{name}, n = {pairs.n}"
             error = 100 * np.maximum(0.0, [[value - interval.low], [interval.high - value]])

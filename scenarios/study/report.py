@@ -91,8 +91,10 @@ def result(data: StudyData) -> str:
     return verdict(compare_arms(data, data.study.endpoint), data.study.endpoint)
 
 
-def write_report(data: StudyData, out: Path) -> Path:
-    """Write `report.html`, its tables as `report.md`, and its figures as PNG; return the path of the first.
+def write_report(data: StudyData, place: Path, out: Path) -> Path:
+    """Write `report.html`, its tables as `report.md`, and its figures as PNG, into `out`; return the path of the first.
+
+    `place` is the folder or the archive of the study.
 
     The same results give the same bytes.
 
@@ -106,7 +108,7 @@ def write_report(data: StudyData, out: Path) -> Path:
         name = re.sub(r"\W+", "-", picture.title.lower())
         write(out / "figures" / f"{name}.png", picture.png)
     page = out / "report.html"
-    write(page, render(findings, pictures, out).encode())
+    write(page, render(findings, pictures, place).encode())
     return page
 
 
@@ -118,7 +120,7 @@ def summary(findings: Findings) -> str:
     return "\n".join([head, *(f"**{table.title}**\n\n{table.markdown()}" for table in tables)])
 
 
-def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
+def render(findings: Findings, pictures: Sequence[Picture], place: Path) -> str:
     """Return the text of the page."""
     data = findings.data
     seeds = data.study.seeds.first_seeds()
@@ -135,12 +137,12 @@ def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
         verdict=findings.verdict,
         figures=pictures,
         examples=[
-            (spec.label, f"voxdepth study replay {shlex.quote(str(out))} {spec.short_key} --record")
+            (spec.label, f"voxdepth study replay {shlex.quote(str(place))} {spec.short_key} --record")
             for spec in first_collisions(data)
         ],
         versions=data.versions,
         machine=data.machine,
-        out=out,
+        out=place,
     )
 
 

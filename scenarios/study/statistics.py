@@ -1,6 +1,6 @@
 """Statistics of runs: intervals of proportions, paired comparisons, and curves over the difficulty of flights.
 
-The unit of analysis is the run. All functions are pure.
+The unit of analysis is the run. All functions are pure. What SciPy and statsmodels have is theirs.
 
 Sources:
     [1] Wilson, J. Am. Stat. Assoc. 22 (1927) 209, doi:10.1080/01621459.1927.10502953.
@@ -49,10 +49,10 @@ class Interval(NamedTuple):
 
 def wilson(k: int, n: int) -> Interval:
     """Return Wilson's score interval of a proportion `k / n` with n > 0 [1]."""
-    from scipy.stats import binomtest
+    from statsmodels.stats.proportion import proportion_confint
 
-    found = binomtest(k, n).proportion_ci(LEVEL, method="wilson")
-    return Interval(float(found.low), float(found.high))
+    low, high = proportion_confint(k, n, 1 - LEVEL, method="wilson")
+    return Interval(float(low), float(high))
 
 
 class Estimate(NamedTuple):
@@ -83,6 +83,11 @@ class Pairs:
         """Share of runs of the first that reached the endpoint minus that of the second; n > 0."""
         return (self.first_only - self.second_only) / self.n
 
+    @property
+    def interval(self) -> Interval:
+        """Newcombe's interval of the difference; n > 0."""
+        return newcombe(self)
+
 
 def pairs_of(outcomes: Sequence[tuple[bool, bool]]) -> Pairs:
     """Count pairs of (first reached the endpoint, second reached it)."""
@@ -96,9 +101,9 @@ def pairs_of(outcomes: Sequence[tuple[bool, bool]]) -> Pairs:
 
 def mcnemar(b: int, c: int) -> float:
     """Return the exact two-sided p-value of McNemar's test [4] for b and c discordant pairs; 1 if there are none."""
-    from scipy.stats import binomtest
+    from statsmodels.stats.contingency_tables import mcnemar as test
 
-    return float(binomtest(b, b + c, 0.5).pvalue) if b + c else 1.0
+    return float(test([[0, b], [c, 0]], exact=True).pvalue)
 
 
 def pairs_needed(discordant: float, effect: float, power: float = 0.8) -> int:
@@ -115,12 +120,9 @@ def pairs_needed(discordant: float, effect: float, power: float = 0.8) -> int:
 
 def holm(p_values: Sequence[float]) -> list[float]:
     """Adjust p-values for multiple comparisons after Holm [3], in the given order."""
-    adjusted = [0.0] * len(p_values)
-    largest = 0.0
-    for rank, i in enumerate(sorted(range(len(p_values)), key=lambda i: p_values[i])):
-        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[i]))
-        adjusted[i] = largest
-    return adjusted
+    from statsmodels.stats.multitest import multipletests
+
+    return multipletests(p_values, method="holm")[1].tolist() if p_values else []
 
 
 def newcombe(pairs: Pairs) -> Interval:
@@ -329,6 +331,18 @@ def crossing(levels: FloatArray, values: FloatArray, height: float) -> float:
 
 def over_seeds(n: int, statistic: SeedStatistic) -> Estimate:
     """Return a statistic of n seeds with the percentile interval of a bootstrap over them."""
-    rng = np.random.default_rng(BOOTSTRAP_SEED)
-    whole = statistic(np.arange(n)[None])
-    return Estimate(float(whole[0]), percentiles(statistic(rng.integers(0, n, (RESAMPLES, n)))))
+    from scipy.stats import bootstrap
+
+    seeds = np.arange(n)
+    (value,) = statistic(seeds[None])
+    if n == 1:
+        return Estimate(float(value), Interval(float(value), float(value)))
+    drawn = bootstrap(
+        (seeds,),
+        lambda rows, axis: statistic(rows),
+        n_resamples=RESAMPLES,
+        confidence_level=LEVEL,
+        method="percentile",
+        rng=BOOTSTRAP_SEED,
+    )
+    return Estimate(float(value), Interval(*map(float, drawn.confidence_interval)))

@@ -1,54 +1,41 @@
-"""The SQLite file of a study: its design, the records of its runs, and the failures."""
+"""The folder of a study: what it was begun with in `study.json`, and a file for each run that has ended.
+
+Every file appears whole: it is written under another name and renamed. A run has its file in `runs` by its key, or in
+`failures` if it has no result. An archive of the folder is read like the folder.
+"""
 
 import json
-import sqlite3
+import lzma
+import os
+import tarfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, field
-from datetime import datetime
-from pathlib import Path
-from typing import Any, Literal, Self
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal, Self, TypeVar
 
 import pydantic
 
 from sim.types import Contact
 from swarm.types import Outcome
-from voxdepth.model import problems
-from voxdepth.tools.files import to_toml
+from voxdepth.model import Model, problems
+from voxdepth.tools.files import as_tool_error, atomic
 from voxdepth.tools.locks import locked
 from voxdepth.tools.provenance import machine
 
 from ..config import Run
 from ..errors import ScenarioError
-from ..files import Loaded
 from ..flight import Finished
-from .design import RunSpec, Study, digest, versions_of
+from .design import RunSpec, Study, identity, versions_of
 
-FILE = "study.sqlite"
-UNREADABLE = (ValueError, TypeError, KeyError)
-"""Errors that damaged content causes; SQLite has its own."""
-SCHEMA = 3
-"""Version of the tables."""
-BUSY_TIMEOUT_S = 60.0
-"""Longest time for which a reader or the writer waits for the other."""
-TABLES = """
-CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT;
-CREATE TABLE runs (key TEXT PRIMARY KEY, run TEXT NOT NULL) STRICT;
-CREATE TABLE cells (
-    place INTEGER PRIMARY KEY, scenario TEXT NOT NULL, arm TEXT NOT NULL, theta REAL, key TEXT NOT NULL REFERENCES runs
-) STRICT;
-CREATE TABLE results (
-    key TEXT PRIMARY KEY REFERENCES runs, outcome TEXT NOT NULL, metrics TEXT NOT NULL, drones TEXT NOT NULL,
-    contacts TEXT NOT NULL, wall_s REAL NOT NULL, ended_at TEXT NOT NULL
-) STRICT;
-CREATE TABLE failures (
-    place INTEGER PRIMARY KEY, key TEXT NOT NULL REFERENCES runs, kind TEXT NOT NULL, text TEXT NOT NULL,
-    ended_at TEXT NOT NULL
-) STRICT;
-"""
+MANIFEST = "study.json"
+RUNS, FAILURES = "runs", "failures"
+FORMAT = 1
+"""Version of the files."""
+
+Ended = TypeVar("Ended", "RunRecord", "Failure")
 
 
-CONTACTS = pydantic.TypeAdapter(list[Contact])
 FailureKind = Literal["error", "plugin error", "timeout", "died"]
 
 
@@ -134,242 +121,197 @@ class StudyData:
         passed = self.records.keys() if retry_errors else self.records.keys() | self.failures.keys()
         return [spec for key, spec in self.runs.items() if key not in passed]
 
+    def after(self, done: Completion) -> Self:
+        """Return the content when one more run has ended."""
+        failures = {key: failure for key, failure in self.failures.items() if key != done.key}
+        if isinstance(done, Failure):
+            return replace(self, failures=failures | {done.key: done})
+        return replace(self, failures=failures, records={**self.records, done.key: done})
 
-class Store:
-    """The open store of a study; `begin` opens it."""
 
-    def __init__(self, folder: Path, database: sqlite3.Connection) -> None:
-        self._folder = folder
-        self._path = folder / FILE
-        self._database = database
+class Cell(Model):
+    """The runs of an arm at one level of the axis in one scenario, which differ in their seed alone."""
+
+    scenario: str
+    arm: str
+    level: float | None
+    run: Run
+    """Any of them."""
+    keys: dict[int, str]
+    """Their keys by seed."""
 
     @classmethod
-    @contextmanager
-    def begin(cls, folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> Iterator[Self]:
-        """Create the store of a study in a folder, or open an existing one, as its only writer.
-
-        Raises:
-            ScenarioError: Another process writes to the store, it belongs to another version or study, or it contains
-                runs and `resume` is not set.
-        """
-        look = f"voxdepth study report {folder} --progress"
-        busy = f"another process is flying the study: wait for it, or look at it with {look}"
-        with locked(folder, busy), cls._connected(folder) as store:
-            with store._writing():
-                if store._is_empty():
-                    store._create(study, specs)
-            store._require_schema()
-            with store._as_damage():
-                store._require_same(study, specs, resume=resume)
-            yield store
-
-    def add(self, done: Completion) -> None:
-        """Store one run in one transaction, so that a crash leaves it complete or absent.
-
-        Raises:
-            ScenarioError: The file cannot be written.
-        """
-        now = datetime.now().astimezone().isoformat(timespec="seconds")
-        row: tuple[object, ...]
-        if isinstance(done, Failure):
-            insert = "INSERT INTO failures (key, kind, text, ended_at) VALUES (?, ?, ?, ?)"
-            row = (done.key, done.kind, done.text, now)
-        else:
-            insert = (
-                "INSERT INTO results (key, outcome, metrics, drones, contacts, wall_s, ended_at) "
-                "VALUES (?, ?, ?, ?, ?, ?, ?)"
-            )
-            metrics, drones = (json.dumps(part, allow_nan=False) for part in (done.metrics, done.drones))
-            contacts = json.dumps([asdict(contact) for contact in done.contacts], allow_nan=False)
-            row = (done.key, done.outcome.value, metrics, drones, contacts, done.wall_s, now)
-        with self._writing():
-            self._database.execute(insert, row)
-
-    def read(self) -> StudyData:
-        """Read the whole content in one transaction.
-
-        Raises:
-            ScenarioError: The store is damaged, or contains keys that this version of VoxDepth does not know.
-        """
-        with self._as_damage(), self._transaction("DEFERRED"):
-            return self._content()
-
-    def _content(self) -> StudyData:
-        meta = self._meta()
-        runs = self._rows("SELECT key, run FROM runs")
-        cells = self._rows("SELECT scenario, arm, theta AS level, key FROM cells ORDER BY place")
-        results = self._rows("SELECT key, outcome, metrics, drones, contacts, wall_s FROM results")
-        failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
-        records = {row["key"]: _record(row) for row in results}
-        if {row["key"] for row in (*runs, *results, *failures)} != {cell["key"] for cell in cells} or not cells:
-            raise self._damaged(ValueError("its runs are not those of its cells"))
-        resolved = {row["key"]: self._parsed(Run, row["run"]) for row in runs}
-        return StudyData(
-            study=self._parsed(Study, meta["study"]),
-            specs=[RunSpec(**cell, run=resolved[cell["key"]]) for cell in cells],
-            records=records,
-            failures={row["key"]: Failure(**row) for row in failures if row["key"] not in records},
-            versions=json.loads(meta["versions"]),
-            machine=meta["machine"],
+    def all_of(cls, specs: Sequence[RunSpec]) -> tuple[Self, ...]:
+        """Gather the specs of a study."""
+        found: dict[tuple[str, str, float | None], list[RunSpec]] = {}
+        for spec in specs:
+            found.setdefault((spec.scenario, spec.arm, spec.level), []).append(spec)
+        return tuple(
+            cls(scenario=scenario, arm=arm, level=level, run=own[0].run, keys={spec.seed: spec.key for spec in own})
+            for (scenario, arm, level), own in found.items()
         )
 
-    @contextmanager
-    def _as_damage(self) -> Iterator[None]:
-        """Turn what a damaged file does to the block into a `ScenarioError`."""
-        try:
-            yield
-        except sqlite3.OperationalError as error:
-            if "locked" in str(error):
-                raise ScenarioError(
-                    f"another process has been writing to {self._path} for too long: try again"
-                ) from error
-            raise self._damaged(error) from error
-        except (sqlite3.Error, *UNREADABLE) as error:
-            raise self._damaged(error) from error
+    def spec(self, seed: int) -> RunSpec:
+        """Return the run with a seed."""
+        run = self.run.model_copy(update={"seed": seed})
+        return RunSpec(scenario=self.scenario, arm=self.arm, level=self.level, run=run, key=self.keys[seed])
 
-    def _damaged(self, error: Exception) -> ScenarioError:
-        problem = str(error).partition("\n")[0]
-        return ScenarioError(f"{self._path} is damaged ({type(error).__name__}: {problem}): restore a copy of it")
+
+class Manifest(Model):
+    """What a study was begun with."""
+
+    format: int
+    study: Study
+    versions: dict[str, str]
+    machine: str
+    cells: tuple[Cell, ...] = pydantic.Field(min_length=1)
 
     @classmethod
-    @contextmanager
-    def _connected(cls, folder: Path) -> Iterator[Self]:
-        try:
-            database = sqlite3.connect(folder / FILE, timeout=BUSY_TIMEOUT_S, isolation_level=None)
-            # A rollback journal instead of WAL: the single file is complete whenever it is copied, and it may lie on a
-            # network disk. A run takes seconds to minutes, so the slower commit does not matter.
-            database.execute("PRAGMA journal_mode=DELETE")
-            database.execute("PRAGMA synchronous=EXTRA")
-            database.execute("PRAGMA foreign_keys=ON")
-            (found,) = database.execute("PRAGMA quick_check(1)").fetchone()
-        except (sqlite3.Error, UnicodeDecodeError) as error:
-            raise ScenarioError(f"{folder / FILE} is no store of a study ({error}): use another --out") from error
-        database.row_factory = sqlite3.Row
-        with closing(database):
-            store = cls(folder, database)
-            if found != "ok":
-                raise store._damaged(sqlite3.DatabaseError(found))
-            yield store
+    def of(cls, study: Study, specs: Sequence[RunSpec]) -> Self:
+        """Return that of a study that begins here and now."""
+        versions, cells = versions_of(specs), Cell.all_of(specs)
+        return cls(format=FORMAT, study=study, versions=versions, machine=machine(), cells=cells)
 
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        """Write the block as a whole; what cannot be written is a `ScenarioError`."""
-        try:
-            with self._transaction("IMMEDIATE"):
-                yield
-        except sqlite3.OperationalError as error:
-            raise ScenarioError(f"cannot write {self._path}: {error}; completed runs are stored") from error
-
-    @contextmanager
-    def _transaction(self, mode: Literal["DEFERRED", "IMMEDIATE"]) -> Iterator[None]:
-        """Commit the block as a whole or not at all. `DEFERRED` is for reading: it needs no permission to write."""
-        self._database.execute(f"BEGIN {mode}")
-        try:
-            yield
-        except BaseException:
-            if self._database.in_transaction:  # SQLite ends one by itself when the disk is full.
-                self._database.execute("ROLLBACK")
-            raise
-        self._database.execute("COMMIT")
-
-    def _parsed(self, model: type[Loaded], text: str) -> Loaded:
-        try:
-            return model.model_validate_json(text)
-        except pydantic.ValidationError as error:
-            if error.errors()[0]["type"] == "json_invalid":
-                raise  # Damage, not other keys.
-            raise ScenarioError(
-                f"{self._path} was written by a version of voxdepth with other keys "
-                f"({problems(error, model, 'scenario')}): use that one"
-            ) from error
-
-    def _rows(self, query: str) -> list[sqlite3.Row]:
-        return self._database.execute(query).fetchall()
-
-    def _meta(self) -> dict[str, str]:
-        return {row["name"]: row["value"] for row in self._rows("SELECT name, value FROM meta")}
-
-    def _is_empty(self) -> bool:
-        return not self._rows("SELECT 1 FROM sqlite_master LIMIT 1")
-
-    def _create(self, study: Study, specs: Sequence[RunSpec]) -> None:
-        for statement in TABLES.split(";")[:-1]:
-            self._database.execute(statement)
-        meta = {
-            "schema": str(SCHEMA),
-            "study": study.model_dump_json(),
-            "study_toml": to_toml(study),
-            "digest": digest(study, specs),
-            "versions": json.dumps(versions_of(specs)),
-            "machine": machine(),
-        }
-        runs = {spec.key: spec.run.model_dump_json() for spec in specs}
-        cells = [(spec.scenario, spec.arm, spec.level, spec.key) for spec in specs]
-        self._database.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
-        self._database.executemany("INSERT INTO runs VALUES (?, ?)", runs.items())
-        self._database.executemany("INSERT INTO cells (scenario, arm, theta, key) VALUES (?, ?, ?, ?)", cells)
-
-    def _require_schema(self) -> None:
-        if self._is_empty():
-            raise ScenarioError(f"{self._path} holds no study yet: its start is in progress or failed")
-        try:
-            schema = self._meta().get("schema")
-        except (sqlite3.Error, *UNREADABLE):
-            schema = None
-        if schema != str(SCHEMA):
-            raise ScenarioError(
-                f"{self._path} has the format {schema or 'unknown'}, this version reads {SCHEMA}: "
-                "use another --out, or the version of voxdepth that wrote it"
-            )
-
-    def _require_same(self, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> None:
-        meta = self._meta()
-        name = self._parsed(Study, meta["study"]).name
-        before, now = json.loads(meta["versions"]), versions_of(specs)
-        changed = [one for one in before | now if before.get(one) != now.get(one)]
-        if edited := [one for one in changed if ":" in one and one in before and one in now]:
-            raise ScenarioError(
-                f"the code of {' and '.join(edited)} has changed since {self._folder} was begun, so results may "
-                "differ: take the change back, or use another --out"
-            )
-        if meta["digest"] != digest(study, specs):
-            raise ScenarioError(
-                f"{self._folder} holds another version of the study {name!r}: the study or one of its scenarios has "
-                "changed; use another --out"
-            )
-        begun = self._rows("SELECT 1 FROM results UNION SELECT 1 FROM failures LIMIT 1")
-        if begun and not resume:
-            raise ScenarioError(
-                f"{self._folder} holds runs of the study {name!r}: go on with --resume, or use another --out"
-            )
-        if changed:
-            told = ", ".join(f"{one} {before.get(one, 'unknown')} -> {now.get(one, 'unknown')}" for one in changed)
-            raise ScenarioError(
-                f"{self._folder} was begun with other versions ({told}), so results may differ: install "
-                "those versions (code: check out that revision), or use another --out"
-            )
+    @property
+    def specs(self) -> list[RunSpec]:
+        """All runs, in the order of `expand`."""
+        seeds = sorted({seed for cell in self.cells for seed in cell.keys})
+        return [cell.spec(seed) for seed in seeds for cell in self.cells if seed in cell.keys]
 
 
-def read_study(folder: Path) -> StudyData:
-    """Read the store in a folder; another process may write to it at the same time.
+@contextmanager
+def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> Iterator[StudyData]:
+    """Begin a study in a folder, or go on with the one that is there, as the only writer; yields what is there.
 
     Raises:
-        ScenarioError: There is no store, or it belongs to another version.
+        ScenarioError: It belongs to another version or study, or it contains runs and `resume` is not set.
+        ToolError: Another process flies the study, or the folder cannot be written.
     """
-    if not (folder / FILE).is_file():
-        raise ScenarioError(f"there is no study in {folder}: expected a folder with the file {FILE}")
-    with Store._connected(folder) as store:
-        store._require_schema()
-        return store.read()
+    look = f"voxdepth study report {folder} --progress"
+    busy = f"another process is flying the study: wait for it, or look at it with {look}"
+    with locked(folder, busy):
+        if not (folder / MANIFEST).exists():
+            _write(folder / MANIFEST, Manifest.of(study, specs).model_dump_json(indent=1))
+        data = read_study(folder)
+        _require_same(folder, data, study, specs, resume=resume)
+        yield data
 
 
-def _record(row: sqlite3.Row) -> RunRecord:
-    """Decode a result; a damaged one is one of the errors `UNREADABLE`."""
-    return RunRecord(
-        key=row["key"],
-        outcome=Outcome(row["outcome"]),
-        metrics=json.loads(row["metrics"]),
-        drones=tuple(json.loads(row["drones"])),
-        contacts=tuple(CONTACTS.validate_json(row["contacts"])),
-        wall_s=row["wall_s"],
+def add(folder: Path, done: Completion) -> None:
+    """Store one run that has ended, so that a crash leaves its file whole or absent; failing is a `ToolError`."""
+    kind = FAILURES if isinstance(done, Failure) else RUNS
+    _write(folder / kind / f"{done.key}.json", json.dumps(asdict(done), allow_nan=False, indent=1))
+
+
+def read_study(place: Path) -> StudyData:
+    """Read a study from its folder, to which another process may write at the same time, or from an archive of it.
+
+    Raises:
+        ScenarioError: There is no study, a file of it is damaged, or it belongs to another version.
+    """
+    files = _files(place)
+    if MANIFEST not in files:
+        raise ScenarioError(f"there is no study in {place}: expected a folder with {MANIFEST}, or an archive of one")
+    manifest = _manifest(place, files[MANIFEST])
+    specs = manifest.specs
+    keys = {spec.key for spec in specs}
+    records = _ended(place, files, RUNS, RunRecord, keys)
+    failures = _ended(place, files, FAILURES, Failure, keys)
+    return StudyData(
+        study=manifest.study,
+        specs=specs,
+        records=records,
+        failures={key: failure for key, failure in failures.items() if key not in records},
+        versions=manifest.versions,
+        machine=manifest.machine,
     )
+
+
+def _files(place: Path) -> dict[str, bytes]:
+    """Return the files of a study by their names in its folder, without those that are being written."""
+    try:
+        if not place.is_file():
+            found = [place / MANIFEST, *place.glob(f"{RUNS}/*.json"), *place.glob(f"{FAILURES}/*.json")]
+            return {path.relative_to(place).as_posix(): path.read_bytes() for path in sorted(found) if path.is_file()}
+        with tarfile.open(place) as packed:
+            members = [(str(PurePosixPath(one.name)), packed.extractfile(one)) for one in packed.getmembers()]
+            return {name: member.read() for name, member in members if member is not None}
+    except (OSError, EOFError, tarfile.TarError, lzma.LZMAError) as error:
+        raise ScenarioError(f"cannot read {place} ({error}): restore a copy of it") from error
+
+
+def _manifest(place: Path, text: bytes) -> Manifest:
+    try:
+        found = json.loads(text).get("format")
+    except (ValueError, AttributeError) as error:
+        raise _damaged(place / MANIFEST, error, "restore a copy of it") from error
+    if found != FORMAT:
+        raise ScenarioError(
+            f"{place} has the format {found}, this version reads {FORMAT}: use another --out, or the version of "
+            "voxdepth that wrote it"
+        )
+    try:
+        return Manifest.model_validate_json(text)
+    except pydantic.ValidationError as error:
+        raise ScenarioError(
+            f"{place / MANIFEST} is damaged, or was written by a version of voxdepth with other keys "
+            f"({problems(error, Manifest, 'study')}): restore a copy of it, or use that version"
+        ) from error
+
+
+def _ended(place: Path, files: Mapping[str, bytes], kind: str, record: type[Ended], keys: set[str]) -> dict[str, Ended]:
+    """Decode the runs of a kind, by key."""
+    parse, found = pydantic.TypeAdapter(record).validate_json, {}
+    for name in (name for name in files if name.startswith(f"{kind}/")):
+        try:
+            one = parse(files[name])
+            if one.key not in keys or f"{kind}/{one.key}.json" != name:
+                raise ValueError(f"the key {one.key} is that of another run")
+        except ValueError as error:
+            remedy = "restore a copy of it, or delete it and fly that run again with --resume"
+            raise _damaged(place / name, error, remedy) from error
+        found[one.key] = one
+    return found
+
+
+def _damaged(path: Path, error: Exception, remedy: str) -> ScenarioError:
+    problem = "; ".join(str(error).splitlines()[:3])
+    return ScenarioError(f"{path} is damaged ({problem}): {remedy}")
+
+
+def _write(path: Path, text: str) -> None:
+    """Make or replace a file in one step that survives a loss of power; failing is a `ToolError`."""
+    with atomic(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    with as_tool_error(f"cannot write {path}"):
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+def _require_same(folder: Path, data: StudyData, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> None:
+    """Refuse to go on with what is not the study that was begun, or was begun with other versions."""
+    name, before, now = data.study.name, data.versions, versions_of(specs)
+    changed = [one for one in {**before, **now} if before.get(one) != now.get(one)]
+    if edited := [one for one in changed if ":" in one and one in before and one in now]:
+        raise ScenarioError(
+            f"the code of {' and '.join(edited)} has changed since {folder} was begun, so results may differ: take "
+            "the change back, or use another --out"
+        )
+    if identity(data.study, data.specs) != identity(study, specs):
+        raise ScenarioError(
+            f"{folder} holds another version of the study {name!r}: the study or one of its scenarios has changed; "
+            "use another --out"
+        )
+    if (data.records or data.failures) and not resume:
+        raise ScenarioError(f"{folder} holds runs of the study {name!r}: go on with --resume, or use another --out")
+    if changed:
+        told = ", ".join(f"{one} {before.get(one, 'unknown')} -> {now.get(one, 'unknown')}" for one in changed)
+        raise ScenarioError(
+            f"{folder} was begun with other versions ({told}), so results may differ: install those versions (code: "
+            "check out that revision), or use another --out"
+        )

@@ -19,6 +19,7 @@ from .analysis import (
     Threshold,
     headline,
     pairs_to_find,
+    summarise_arms,
 )
 from .design import EndpointName, Study
 from .statistics import (
@@ -27,10 +28,10 @@ from .statistics import (
     DoseResponse,
     Estimate,
     Interval,
-    newcombe,
     told,
     wilson,
 )
+from .store import StudyData
 
 ENDPOINT_TITLES: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "collisions"}
 EFFECT = 0.1
@@ -85,7 +86,7 @@ def verdict(comparisons: Sequence[Comparison], endpoint: EndpointName) -> str:
         return "Nothing to compare: that takes two arms with results."
     found, what = comparisons[0], ENDPOINT_TITLES[endpoint]
     pairs, p = found.pairs, found.p if found.p_holm is None else found.p_holm
-    low, high = (100 * end for end in found.difference)
+    low, high = (100 * end for end in pairs.interval)
     points = f"{100 * pairs.difference:+.0f} points [{low:.0f}, {high:.0f}]"
     if p < 1 - LEVEL:
         return f"{found.first} against {found.second}: {what} {points}, by {pairs.n} pairs, p = {_p_text(p)}."
@@ -103,6 +104,24 @@ def gain_verdict(gain: Gain, unit: str) -> str:
     if gain.estimate is None:
         return f"{what}: a curve may come down to half of the full goal speed {BEYOND}."
     return f"{what}: half of the full goal speed is kept {_estimate(gain.estimate, '+.2f')} {unit} farther."
+
+
+def status_table(data: StudyData) -> Table:
+    """Return the counts of each arm at each level in each scenario."""
+    errors = f", {len(data.failures)} errors" if data.failures else ""
+    columns = ("scenario", "arm", "runs", "arrived", "collisions", Column("time of a run", "s", ".1f"))
+    rows: list[list[Value]] = [
+        [
+            arm.scenario,
+            arm.label,
+            f"{arm.n} of {arm.planned}",
+            arm.count(Outcome.SUCCESS),
+            arm.collisions,
+            arm.mean_wall_s,
+        ]
+        for arm in summarise_arms(data)
+    ]
+    return Table.of(f"{len(data.records)} of {len(data.runs)} runs{errors}", columns, rows)
 
 
 def end_table(arms: Iterable[ArmSummary]) -> Table:
@@ -153,9 +172,9 @@ def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> T
     columns = ("first - second", "scenario", "pairs", "b", "c", Column("difference", number="+.3f"), "95 % interval")
     rows: list[list[Value]] = []
     for found in headline(comparisons):
-        for name, pairs in {**found.cells, "all": found.pairs}.items() if len(found.cells) > 1 else ():
+        for name, pairs in found.by_scenario.items():
             label, counts = f"{found.first} - {found.second}", (pairs.n, pairs.first_only, pairs.second_only)
-            rows.append([label, name, *counts, pairs.difference, _interval(newcombe(pairs), "+.3f")])
+            rows.append([label, name, *counts, pairs.difference, _interval(pairs.interval, "+.3f")])
     return Table.of(f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=EFFECT_NOTE)
 
 
@@ -239,7 +258,7 @@ def comparison_table(comparisons: Iterable[Comparison], endpoint: EndpointName) 
         [
             *(f"{found.first} - {found.second}", "declared" if found.primary else "other"),
             *(found.pairs.n, found.pairs.first_only, found.pairs.second_only, found.pairs.difference),
-            *(_interval(found.difference, "+.3f"), found.p, found.p_holm),
+            *(_interval(found.pairs.interval, "+.3f"), found.p, found.p_holm),
         ]
         for found in comparisons
     ]

@@ -10,8 +10,7 @@ import pytest
 
 from scenarios.errors import ScenarioError
 from scenarios.study.design import expand
-from scenarios.study.executors import Serial
-from scenarios.study.one_run import run_one
+from scenarios.study.executors import Serial, run_one
 from scenarios.study.run import run_study
 from swarm.controllers import Role, load_controller
 from swarm.task import MissionConfig

@@ -1,6 +1,7 @@
 """Studies of which the arms fly along an axis, such as the light."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pydantic
@@ -40,16 +41,12 @@ def flown(planned: Study, half_at: dict[str, float], noise_m_s: float = 0.1) -> 
     return replace(contents_of(planned, {}), records=records)
 
 
-def test_every_arm_flies_every_level_of_the_axis_unless_it_names_its_own() -> None:
-    specs = expand(light(seeds=1))
-    assert [(s.arm, s.level) for s in specs] == [(a, s) for a in "ab" for s in STOPS] + [("full", 0.0)]
+def test_every_arm_flies_every_level_of_the_axis_unless_it_names_its_own_and_seed_after_seed() -> None:
+    planned = light(seeds=2)
+    specs = expand(planned)
+    assert [(s.arm, s.level) for s in specs] == [*((a, s) for a in "ab" for s in STOPS), ("full", 0.0)] * 2
     assert [s.run.scenario.rig.light_stops for s in specs[:9]] == list(STOPS)
     assert specs[1].label == "scenario city, arm a at -0.5, seed 0"
-
-
-def test_a_study_of_curves_flies_seed_after_seed() -> None:
-    planned = light(seeds=3)
-    specs = expand(planned)
     assert by_importance(planned, specs, specs) == specs
 
 
@@ -80,17 +77,12 @@ def test_an_arm_has_one_noise_ratio_along_another_axis() -> None:
 
 
 @pytest.mark.parametrize("levels", [STOPS, tuple(-level for level in STOPS)])
-def test_a_straight_line_crosses_where_it_does(levels: tuple[float, ...]) -> None:
+def test_a_line_crosses_where_it_does_and_means_that_rise_by_chance_once(levels: tuple[float, ...]) -> None:
     x = np.array(levels)
     values = 2 - 0.5 * np.abs(x)
     assert crossing(x, values, 1.3) == pytest.approx(np.sign(x[-1]) * 1.4)
-    assert crossing(x, values, 5.0) == x[0]
-    assert crossing(x, values, -5.0) == x[-1]
-
-
-def test_means_that_rise_by_chance_cross_once() -> None:
-    x = np.arange(5.0)
-    assert crossing(x, np.array([2.0, 0.9, 1.1, 0.9, 0.0]), 1.5) == pytest.approx(0.5)
+    assert (crossing(x, values, 5.0), crossing(x, values, -5.0)) == (x[0], x[-1])
+    assert crossing(np.arange(5.0), np.array([2.0, 0.9, 1.1, 0.9, 0.0]), 1.5) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("place", [-1.2, -2.5, -3.0])
@@ -125,6 +117,12 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
         assert half_arrive.value == pytest.approx(place, abs=0.25)
 
 
+def test_curves_of_two_scenarios_are_not_compared(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text('name = "own"\ndescription = "Mine."\n')
+    data = flown(light(seeds=2, scenarios=["city", str(tmp_path / "own.toml")]), {"a": -1.7, "b": -2.4})
+    assert [(gain.scenario, gain.first, gain.second) for gain in gains(data)] == [("city", "b", "a"), ("own", "b", "a")]
+
+
 @pytest.mark.parametrize("half_at", [{"a": -1.7, "b": -6.0}, {"a": 1.0, "b": -2.4}])
 def test_a_gain_is_not_extrapolated(half_at: dict[str, float]) -> None:
     data = flown(light(), half_at)
@@ -134,11 +132,15 @@ def test_a_gain_is_not_extrapolated(half_at: dict[str, float]) -> None:
     assert "may lie outside of 0 to -4" in Findings(data).tables["thresholds"].markdown()
 
 
-def test_measures_are_compared_as_the_gain_was_declared() -> None:
+def test_measures_are_compared_as_the_gain_was_declared_and_the_report_shows_every_level() -> None:
     data = flown(light(), {"a": -1.7, "b": -2.4})
     pairs = [(one.first, one.second) for one in compare_means(data, [GOAL_SPEED])]
     assert pairs[: len(STOPS)] == [(f"b at {level:g}", f"a at {level:g}") for level in STOPS]
     assert len(pairs) == len(STOPS) + 2, "and both against the reference at its level"
+    findings = Findings(data)
+    arms = findings.tables["means"].column("arm")
+    assert [arm for arm in arms if str(arm).startswith("a ")] == [f"a at {level:g}" for level in STOPS]
+    assert "city: curves over light_stops" in [picture.title for picture in findings.pictures()]
 
 
 def test_seeds_without_a_result_at_every_level_are_left_out() -> None:
@@ -147,10 +149,3 @@ def test_seeds_without_a_result_at_every_level_are_left_out() -> None:
     data = replace(data, records={key: one for key, one in data.records.items() if key != lost})
     assert gains(data)[0].seeds == 7
     assert [seeds for _, _, seeds, *_ in thresholds(data)] == [7, 8]
-
-
-def test_the_report_has_a_row_for_each_level_of_an_arm_and_a_figure() -> None:
-    findings = Findings(flown(light(), {"a": -1.7, "b": -2.4}))
-    arms = findings.tables["means"].column("arm")
-    assert [arm for arm in arms if str(arm).startswith("a ")] == [f"a at {level:g}" for level in STOPS]
-    assert "city: curves over light_stops" in [picture.title for picture in findings.pictures()]

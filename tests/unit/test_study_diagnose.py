@@ -54,31 +54,29 @@ def cause_of(observations: Sequence[Observation], point_m: FloatArray = AHEAD_M)
     return diagnose(observations, WALL, point_m).cause
 
 
+UNTRUSTED, AWAY = seen(1.0, trusted=False), seen(1.0, shows=OTHER)
+
+
 @pytest.mark.parametrize(
-    ("ratio", "cause"),
-    [(0.0, Cause.NO_DEPTH), (1.0, Cause.CORRECT), (0.8, Cause.CORRECT), (1.05, Cause.CORRECT), (1.3, Cause.TOO_FAR)],
+    ("observations", "cause"),
+    [
+        ([seen(1.05)] * 5, Cause.CORRECT),
+        ([seen(1.3)] * 5, Cause.TOO_FAR),
+        # A hole is not trusted whatever its confidence.
+        ([seen(0.0, trusted=False)] * 5, Cause.NO_DEPTH),
+        ([seen(0.0)] * 2 + [UNTRUSTED] * 3, Cause.UNTRUSTED),
+        # What most pixels showed decides.
+        ([seen(0.0)] * 3 + [seen(1.0)] * 2, Cause.NO_DEPTH),
+        ([seen(0.0)] * 2 + [seen(1.0)] * 3, Cause.CORRECT),
+        ([UNTRUSTED] * 2 + [seen(1.3)] * 3, Cause.TOO_FAR),
+        ([UNTRUSTED] * 3 + [seen(1.3)] * 2, Cause.UNTRUSTED),
+        ([AWAY] * 9 + [seen(1.0)], Cause.NOT_IN_VIEW),
+        ([AWAY] * 7 + [seen(1.0)] * 3, Cause.CORRECT),
+        ([], Cause.NOT_IN_VIEW),
+    ],
 )
-def test_the_cause_is_what_the_wall_looked_like(ratio: float, cause: Cause) -> None:
-    assert cause_of([seen(ratio)] * 5) is cause
-
-
-def test_a_depth_that_was_not_trusted_is_no_hole_and_a_hole_is_not_trusted_whatever_its_confidence() -> None:
-    """Confidence means nothing where there is no depth; an arm that ignores it trusts every pixel."""
-    assert cause_of([seen(0.0, trusted=False)] * 5) is Cause.NO_DEPTH
-    assert cause_of([seen(0.0)] * 2 + [seen(1.0, trusted=False)] * 3) is Cause.UNTRUSTED
-
-
-def test_what_most_images_showed_decides() -> None:
-    assert cause_of([seen(0.0)] * 3 + [seen(1.0)] * 2) is Cause.NO_DEPTH
-    assert cause_of([seen(0.0)] * 2 + [seen(1.0)] * 3) is Cause.CORRECT
-    assert cause_of([seen(1.0, trusted=False)] * 2 + [seen(1.3)] * 3) is Cause.TOO_FAR
-
-
-def test_a_wall_that_few_images_showed_was_not_in_view() -> None:
-    away = seen(1.0, shows=OTHER)
-    assert cause_of([away] * 9 + [seen(1.0)]) is Cause.NOT_IN_VIEW
-    assert cause_of([away] * 7 + [seen(1.0)] * 3) is Cause.CORRECT
-    assert cause_of([]) is Cause.NOT_IN_VIEW
+def test_the_cause_is_what_the_wall_looked_like(observations: list[Observation], cause: Cause) -> None:
+    assert cause_of(observations) is cause
 
 
 def test_only_the_part_that_was_hit_counts() -> None:
@@ -87,22 +85,16 @@ def test_only_the_part_that_was_hit_counts() -> None:
     assert cause_of([seen(1.0, shift_m=5.0)] * 5, ASIDE_M) is Cause.CORRECT
 
 
-@pytest.mark.parametrize(("texture", "textureless"), [(0.0, True), (1.25, False)])
-def test_what_was_hit_is_blank_if_its_surface_is(texture: float, textureless: bool) -> None:
-    probe = CollisionProbe(PilotConfig())
+@pytest.mark.parametrize("texture", [0.0, 1.25])
+def test_the_first_collision_alone_is_explained_and_a_surface_may_be_blank(texture: float) -> None:
+    probes = CollisionProbe(PilotConfig()), CollisionProbe(PilotConfig())
     with world_of(replace(wall(2.0, name="hit"), surface=Surface(texture=texture)), starts_m=[(0, 0, 0)]) as world:
-        probe.start(world, [])
-        probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
-    assert probe.diagnosis == Diagnosis(cause=Cause.NOT_IN_VIEW, textureless=textureless)
-
-
-def test_the_first_collision_alone_is_explained() -> None:
-    probe = CollisionProbe(PilotConfig())
-    with world_of(wall(2.0, name="hit"), starts_m=[(0, 0, 0)]) as world:
-        probe.start(world, [])
-        for kind in ("drone", "building"):
-            probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind=kind, speed_m_s=1.0))
-    assert probe.diagnosis == Diagnosis(cause=Cause.DRONE)
+        for probe, kinds in zip(probes, (["building"], ["drone", "building"]), strict=True):
+            probe.start(world, [])
+            for kind in kinds:
+                probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind=kind, speed_m_s=1.0))
+    assert probes[0].diagnosis == Diagnosis(cause=Cause.NOT_IN_VIEW, textureless=texture == 0)
+    assert probes[1].diagnosis == Diagnosis(cause=Cause.DRONE)
 
 
 def test_what_the_map_of_the_drone_held_is_told() -> None:

@@ -1,8 +1,11 @@
 """The store of a study: nothing lost, nothing twice, and nothing mixed."""
 
-import shutil
-import sqlite3
-from contextlib import closing
+import errno
+import json
+import os
+import stat
+import subprocess
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +15,9 @@ from scenarios.errors import ScenarioError
 from scenarios.study.design import expand
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
-from scenarios.study.store import FILE, Failure, Store, read_study
+from scenarios.study.store import Failure, add, begun, read_study
 from swarm.types import Outcome
-from tests.studies import HIT, Scripted, arm, fake, noisy, record, results_of, study, unseen
+from tests.studies import HIT, arm, fake, noisy, record, results_of, study, unseen
 from voxdepth.tools.errors import ToolError
 
 AGAIN, RETRY = {"resume": True}, {"resume": True, "retry_errors": True}
@@ -26,9 +29,10 @@ def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     odd = record(specs[0], Outcome.COLLISION, min_clearance_m=0.1 + 0.2, dropped_frames=3, depth_mae_m=None)
     odd = replace(odd, drones=({"drone": 0, "path_length_m": 0.1 + 0.7}, {"drone": 1, "path_length_m": None}))
     failure = Failure(key=specs[1].key, kind="error", text="Traceback\nZeroDivisionError: a % ' \" one")
-    with Store.begin(tmp_path, tiny, specs, resume=False) as store:
-        store.add(odd)
-        store.add(failure)
+    with begun(tmp_path, tiny, specs, resume=False) as nothing:
+        assert not nothing.flown
+        add(tmp_path, odd)
+        add(tmp_path, failure)
     contents = read_study(tmp_path)
     assert contents.study == tiny
     assert list(contents.specs) == specs
@@ -40,43 +44,65 @@ def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     ]
 
 
+Damage = Callable[[Path], Path]
+"""Changes a file of a study and returns its path."""
+
+
+def edited(name: str, **values: object) -> Damage:
+    """Give other values to the first file that has such a name, or cut it in the middle if there are none."""
+
+    def edit(folder: Path) -> Path:
+        path, text = next((path, path.read_text()) for path in sorted(folder.glob(name)))
+        path.write_text(json.dumps(json.loads(text) | values) if values else text[:100])
+        return path
+
+    return edit
+
+
+def of_another_study(folder: Path) -> Path:
+    """Add a run that is none of the study."""
+    content = json.loads(next(folder.glob("runs/*")).read_text())
+    path = folder / "runs" / "another.json"
+    path.write_text(json.dumps(content | {"key": "another"}))
+    return path
+
+
 @pytest.mark.parametrize(
-    "change",
+    "damage",
     [
-        "DROP TABLE cells",
-        "UPDATE results SET outcome = 'flown' WHERE rowid = 1",
-        "UPDATE results SET metrics = '{' WHERE rowid = 1",
-        "UPDATE results SET contacts = '[{}]' WHERE rowid = 1",
-        "DELETE FROM meta WHERE name = 'study'",
-        "UPDATE meta SET value = '[' WHERE name = 'versions'",
-        "DELETE FROM runs",
-        "DELETE FROM cells WHERE rowid = 1",
+        edited("study.json"),
+        edited("study.json", study={}),
+        edited("study.json", cells=[]),
+        edited("runs/*"),
+        edited("runs/*", outcome="flown"),
+        edited("runs/*", metrics="none"),
+        edited("runs/*", contacts=[{}]),
+        edited("runs/*", key="another"),
+        of_another_study,
     ],
 )
-def test_a_damaged_study_is_told_in_one_line(change: str, tmp_path: Path) -> None:
-    run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
-    changed(tmp_path, change)
-    with pytest.raises(ScenarioError, match="is damaged") as told:
+def test_a_damaged_file_is_named_in_one_line_and_a_run_can_be_flown_again(damage: Damage, tmp_path: Path) -> None:
+    before = run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
+    path = damage(tmp_path)
+    with pytest.raises(ScenarioError, match=r"is damaged.*: restore a copy of it") as told:
         read_study(tmp_path)
     assert "\n" not in str(told.value)
+    assert str(path) in str(told.value)
+    path.unlink()
+    if path.name != "study.json":
+        assert run_study(study(arm("a")), tmp_path, Serial(fake), unseen, **AGAIN) == before
 
 
-def test_a_result_cannot_be_there_twice(tmp_path: Path) -> None:
-    tiny = study(arm("a"))
-    specs = expand(tiny)
-    with Store.begin(tmp_path, tiny, specs, resume=False) as store:
-        store.add(record(specs[0]))
-        with pytest.raises(sqlite3.IntegrityError):
-            store.add(record(specs[0]))
-        store.add(record(specs[1]))
-    assert len(results_of(tmp_path)) == 2
-
-
-def test_arms_that_set_the_same_share_their_runs(tmp_path: Path) -> None:
-    same = {"changes": {"mission.latency_s": 0.01}}
-    twins = study(arm("a", **same), arm("b", **same))
-    contents = run_study(twins, tmp_path, Serial(fake), unseen)
-    assert (len(contents.specs), len(contents.records)) == (4, 2)
+def test_an_archive_of_a_study_is_read_as_it_is(tmp_path: Path) -> None:
+    tiny, out = study(arm("a"), arm("raises")), tmp_path / "out"
+    flown = run_study(tiny, out, Serial(fake), unseen)
+    subprocess.run(["tar", "-cJf", tmp_path / "tiny.tar.xz", "-C", out, "."], check=True)
+    assert read_study(tmp_path / "tiny.tar.xz") == flown
+    packed = (tmp_path / "tiny.tar.xz").read_bytes()
+    for damaged in (packed[:-200], b"something else " * 1000):
+        (tmp_path / "tiny.tar.xz").write_bytes(damaged)
+        with pytest.raises(ScenarioError, match=r"cannot read .*tiny\.tar\.xz"):
+            read_study(tmp_path / "tiny.tar.xz")
 
 
 def test_only_what_is_missing_is_flown_again(tmp_path: Path) -> None:
@@ -91,104 +117,86 @@ def test_only_what_is_missing_is_flown_again(tmp_path: Path) -> None:
     assert [failure.kind for failure in first.failures.values()] == ["error", "error"]
     assert "ZeroDivisionError: seed 0" in next(iter(first.failures.values())).text
     assert len(first.records) == 2, "a failure is no outcome"
-    with pytest.raises(ScenarioError, match="go on with --resume, or use another --out"):
-        run_study(tiny, tmp_path, Serial(counted), unseen)
+    only_failures, fails = tmp_path / "failures only", study(arm("raises"))
+    run_study(fails, only_failures, Serial(fake), unseen)
+    for planned, folder in ((tiny, tmp_path), (fails, only_failures)):
+        with pytest.raises(ScenarioError, match="go on with --resume, or use another --out"):
+            run_study(planned, folder, Serial(counted), unseen)
     assert len(flown) == 4
     assert run_study(tiny, tmp_path, Serial(counted), unseen, **AGAIN) == first
     assert len(flown) == 4
     mended = run_study(tiny, tmp_path, Serial(record), unseen, **RETRY)
     assert not mended.failures
     assert len(mended.records) == 4
-    with closing(sqlite3.connect(tmp_path / FILE)) as database:
-        assert database.execute("SELECT count(*) FROM failures").fetchone() == (2,), "what went wrong stays on record"
+    assert len(list(tmp_path.glob("failures/*.json"))) == 2, "what went wrong stays on record"
 
 
-def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
-    tiny = study(arm("a"), arm("b"))
-    specs = expand(tiny)
-    with pytest.raises(KeyboardInterrupt):
-        run_study(tiny, tmp_path, Scripted([fake(specs[2]), KeyboardInterrupt()]), unseen)
-    assert results_of(tmp_path) == {specs[2].key: fake(specs[2])}
-    assert run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN).records == {s.key: fake(s) for s in specs}
-
-
-def test_another_study_is_refused(tmp_path: Path) -> None:
+def test_another_study_is_refused_but_not_with_more_time_for_each_run(tmp_path: Path) -> None:
     run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
+    run_study(study(arm("a"), time_limit_s=90.0, description="The same."), tmp_path, Serial(fake), unseen, **AGAIN)
     for other in (study(arm("a"), seeds=3), study(arm("b")), study(arm("a", corrector="median"))):
         with pytest.raises(ScenarioError, match="another version of the study"):
             run_study(other, tmp_path, Serial(fake), unseen, **AGAIN)
 
 
-def test_a_study_goes_on_with_more_time_for_each_run(tmp_path: Path) -> None:
+def test_a_study_of_another_version_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
     run_study(tiny, tmp_path, Serial(fake), unseen)
-    run_study(study(arm("a"), time_limit_s=90.0, description="The same."), tmp_path, Serial(fake), unseen, **AGAIN)
-
-
-def changed(folder: Path, statement: str) -> None:
-    with closing(sqlite3.connect(folder / FILE)) as database, database:
-        database.execute(statement)
-
-
-def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
-    tiny = study(arm("a"))
-    run_study(tiny, tmp_path, Serial(fake), unseen)
-    changed(tmp_path, "UPDATE runs SET run = json_set(run, '$.scenario.wings', 2)")
+    edited("study.json", wings=2)(tmp_path)
     with pytest.raises(ScenarioError, match=r"other keys \(unknown key 'wings'\)"):
         read_study(tmp_path)
-    changed(tmp_path, "UPDATE meta SET value = '99' WHERE name = 'schema'")
-    with pytest.raises(ScenarioError, match="has the format 99, this version reads 3: use another --out"):
+    edited("study.json", format=99)(tmp_path)
+    with pytest.raises(ScenarioError, match="has the format 99, this version reads 1: use another --out"):
         run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN)
-    with pytest.raises(ScenarioError, match="has the format 99"):
-        read_study(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("json_set(value, '$.numpy', '1.0')", r"\(numpy 1\.0 -> 2"),
-        ("json_set(value, '$.code', 'abc')", r"\(code abc -> [0-9a-f]{12}\)"),
-        ("json_remove(value, '$.code')", r"\(code unknown -> [0-9a-f]{12}\)"),
+        ({"numpy": "1.0"}, r"\(numpy 1\.0 -> 2"),
+        ({"code": "abc"}, r"\(code abc -> [0-9a-f]{12}\)"),
+        ({"code": None}, r"\(code unknown -> [0-9a-f]{12}\)"),
     ],
 )
-def test_a_store_of_other_packages_or_code_is_refused(tmp_path: Path, change: str, message: str) -> None:
+def test_a_study_of_other_packages_or_code_is_refused(
+    tmp_path: Path, change: dict[str, str | None], message: str
+) -> None:
     tiny = study(arm("a"))
-    run_study(tiny, tmp_path, Serial(fake), unseen)
-    changed(tmp_path, f"UPDATE meta SET value = {change} WHERE name = 'versions'")
+    versions = dict(run_study(tiny, tmp_path, Serial(fake), unseen).versions)
+    other = {name: version for name, version in (versions | change).items() if version is not None}
+    edited("study.json", versions=other)(tmp_path)
     with pytest.raises(ScenarioError, match=f"begun with other versions {message}"):
         run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN)
 
 
-def test_what_is_no_store_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match="there is no study in"):
+def test_a_folder_without_a_study_and_one_that_cannot_be_written_are_told(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"there is no study in .*: expected a folder with study\.json"):
         read_study(tmp_path)
-    (tmp_path / FILE).write_bytes(b"something else " * 1000)
-    with pytest.raises(ScenarioError, match="use another --out"):
-        run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
-    shutil.rmtree(tmp_path)
-    tmp_path.write_text("a file")
+    (tmp_path / "file").write_text("a file")
     with pytest.raises(ToolError, match="cannot write to"):
-        run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
+        run_study(study(arm("a")), tmp_path / "file", Serial(fake), unseen)
 
 
-def test_a_second_study_on_the_same_store_is_refused(tmp_path: Path) -> None:
+def test_a_second_study_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
     busy = r"wait for it, or look at it with voxdepth study report .* --progress"
-    with Store.begin(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ToolError, match=busy):
+    with begun(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ToolError, match=busy):
         run_study(tiny, tmp_path, Serial(fake), unseen)
-    run_study(tiny, tmp_path, Serial(fake), unseen)
 
 
-def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path) -> None:
-    tiny = study(arm("a"), seeds=40)
-    specs = expand(tiny)
-    with Store.begin(tmp_path, tiny, specs, resume=False) as store:
-        store.add(record(specs[0]))
-        pages = store._database.execute("PRAGMA page_count").fetchone()[0]
-        store._database.execute(f"PRAGMA max_page_count = {pages}")
-        with pytest.raises(ScenarioError, match="cannot write"):
-            for spec in specs[1:]:
-                store.add(record(spec))
-        kept = store.read().records
-    assert results_of(tmp_path) == kept
-    assert 0 < len(kept) < 40
+def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tiny = study(arm("a"), seeds=6)
+    keys = [spec.key for spec in expand(tiny)]
+    synced = os.fsync
+
+    def fsync(handle: int) -> None:
+        if stat.S_ISREG(os.fstat(handle).st_mode) and len(list(tmp_path.glob("runs/*.json"))) == 3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        synced(handle)
+
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", fsync)
+        with pytest.raises(ToolError, match=rf"cannot write .*{keys[3]}\.json: No space left"):
+            run_study(tiny, tmp_path, Serial(fake), unseen)
+    assert set(results_of(tmp_path)) == set(keys[:3])
+    assert len(run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN).records) == 6

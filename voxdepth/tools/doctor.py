@@ -18,7 +18,6 @@ EXTRAS = {
     "cuda": "the paper's method on a GPU",
     "sim": "the testbed",
     "gym": "learning with the testbed",
-    "cluster": "voxdepth study --cluster",
 }
 """What each extra adds."""
 
