@@ -132,7 +132,7 @@ def test_names() -> None:
     assert set(paper) < set(EXPERIMENTS)
     assert [experiment.name for experiment in find_experiments(["fps", "rq1"])] == ["fps", "rq1"]
     assert [experiment.name for experiment in find_experiments(["all"])] == paper
-    with pytest.raises(ScenarioError, match="no experiment 'rq5' .did you mean rq"):
+    with pytest.raises(ScenarioError, match=r"no experiment 'rq5' \(did you mean rq"):
         find_experiments(["rq5"])
     with pytest.raises(ScenarioError, match="'rq1' is named twice"):
         find_experiments(["all", "rq1"])
