@@ -21,8 +21,8 @@ class Inpainting(Model):
     """A method with a square window around each pixel. A pixel stays empty (0) if its whole window is empty."""
 
     method: InpaintingName = "dilation"
-    """`dilation` is the paper's choice; the function of that name in this module describes the method. `convex` is a
-    network, which needs the extra `learned`."""
+    """`dilation`, the paper's choice, takes the farthest depth of the window, and `erosion` the nearest; `median` and
+    `nearest` are filters, `bilinear` interpolates, and `convex` is a network, which needs the extra `learned`."""
     size_px: int = 5
     """Width of the window; odd. A larger one closes wider gaps and blurs more."""
 

@@ -49,7 +49,10 @@ def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> No
         if others := sorted(path.parent.glob("*.rrd")):
             names = ", ".join(map(str, others[:SHOWN])) + (", ..." if len(others) > SHOWN else "")
             raise ToolError(f"there is no recording at {path}: name one of {names}")
-        raise ToolError(f"there is no recording at {path}: a run leaves a {RECORDING}, unless it flew with --no-record")
+        raise ToolError(
+            f"there is no recording at {path}: a run leaves a {RECORDING}, unless it flew with --no-record, and a "
+            "correction what --record FILE.rrd names"
+        )
     if path.suffix != ".rrd":
         raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
     require_installed("rerun")
