@@ -180,11 +180,12 @@ def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> T
 
 def threshold_table(found: Iterable[Threshold], unit: str) -> Table:
     """Return how far along the axis each arm comes."""
-    columns = ("scenario", "arm", "seeds", f"half arrive [{unit}]", f"half of the full goal speed [{unit}]")
+    ends = (f"{end} [{unit}]" if unit else end for end in ("half arrive", "half of the full goal speed"))
+    columns = ("scenario", "arm", "seeds", *ends)
     rows: list[list[Value]] = []
     for scenario, arm, seeds, half_arrive, half_speed, levels in found:
-        ends = [None if end is None else told(end, levels) for end in (half_arrive, half_speed)]
-        rows.append([scenario, arm, seeds, *ends])
+        found_at = [None if end is None else told(end, levels) for end in (half_arrive, half_speed)]
+        rows.append([scenario, arm, seeds, *found_at])
     return Table.of("Thresholds", columns, rows, note=THRESHOLD_NOTE)
 
 
