@@ -70,7 +70,7 @@ class PlannedPath(NamedTuple):
 class CostMap:
     """What is known of the air through which a drone flies at its height, and what paths through it cost.
 
-    `width_m` is the clearance that it needs, from its centre to what is not free. Places are in the frame of the
+    `half_width_m` is the clearance that it needs, from its centre to what is not free. Places are in the frame of the
     drone's odometry, to which `T_odom_world` leads from that of the world. Paths are planned around `drones_m`, discs
     (x, y, radius) of shape (n, 3), which are no part of the map.
     """
@@ -79,7 +79,7 @@ class CostMap:
         self,
         state: npt.NDArray[np.uint8],
         origin_m: FloatArray,
-        width_m: float,
+        half_width_m: float,
         config: MapConfig,
         T_odom_world: FloatArray | None = None,
         drones_m: FloatArray = NO_DISCS,
@@ -92,7 +92,7 @@ class CostMap:
         self.voxel_m = config.voxel_m
         """Side of a cell."""
         self._config = config
-        self._width = width_m / config.voxel_m
+        self._half_width = half_width_m / config.voxel_m
         self._clearance = _clearance(state)
         self._taken, self._passage = state, self._clearance
         """State and clearance with the other drones as surfaces."""
@@ -113,7 +113,7 @@ class CostMap:
 
     def fits(self, places_m: FloatArray) -> MaskImage:
         """Return whether a drone has its whole width at each position (x, y), shape (..., 2), where no other one is."""
-        return np.asarray(_look_up(self._passage, self._cells(places_m)) >= self._width)
+        return np.asarray(_look_up(self._passage, self._cells(places_m)) >= self._half_width)
 
     def free_length_m(self, at_m: FloatArray, along: FloatArray, longest_m: float) -> float:
         """Return how far a drone may plan to fly from a position in a direction of length 1 (x, y)."""
@@ -153,7 +153,7 @@ class CostMap:
     def way_out(self, at_m: FloatArray) -> FloatArray:
         """Return what a drone misses to its width at a position, as a vector (x, y) to a more open side if one is."""
         here_m = self.clearance_m(at_m)
-        missing_m = self.voxel_m * self._width - here_m
+        missing_m = self.voxel_m * self._half_width - here_m
         if missing_m <= 0:
             return np.zeros(2)
         ahead_m = self.clearance_m(at_m[:2] + ESCAPE_M * COMPASS)
@@ -180,7 +180,7 @@ class CostMap:
     @cached_property
     def _blocked(self) -> npt.NDArray[np.uint8]:
         """Worst state within reach of a drone in each cell of a path, which are fewer than those of the map."""
-        blocked = cv2.dilate(self._taken, _disc(self._width + 0.5))
+        blocked = cv2.dilate(self._taken, _disc(self._half_width + 0.5))
         pairs = np.maximum(blocked[::2], blocked[1::2])
         return np.asarray(np.maximum(pairs[:, ::2], pairs[:, 1::2]))
 
@@ -199,7 +199,7 @@ class CostMap:
         ahead = STEP_CELLS * np.arange(1, math.ceil(longest_m / self.voxel_m / STEP_CELLS) + 1)
         least = _look_up(clearance, start) + ESCAPE_SLOPE * (ahead - 2 * STEP_CELLS)
         found = _look_up(clearance, start + ahead[:, None] * directions[:, None])
-        is_narrow = found < np.minimum(least, self._width)
+        is_narrow = found < np.minimum(least, self._half_width)
         return np.where(is_narrow.any(axis=1), self.voxel_m * STEP_CELLS * is_narrow.argmax(axis=1), longest_m)
 
     def _path_cell(self, at_m: FloatArray) -> tuple[int, int]:

@@ -78,7 +78,7 @@ class Link:
         return Neighbours(drone=np.flatnonzero(known), position_m=position_m, velocity_m_s=velocity_m_s)
 
     def leader_of(self, drone: int, time_s: float) -> Motion:
-        """Return the motion of a drone's leader, extrapolated from its last message however old that is."""
+        """Return the motion of a drone's leader, extrapolated from its last message for as long as it is remembered."""
         leader = self._leaders[drone]
         velocity_m_s = self._velocity_m_s[drone, leader]
         age_s = min(time_s - self._sent_at_s[drone, leader], self._config.delay_s + self._config.memory_s)

@@ -88,7 +88,7 @@ class MappingPilot(Pilot):
         super().__init__(config, control_hz, start_yaw_rad, radius_m)
         self._sensor = InverseSensorModel(camera.intrinsics, config.evidence, config.holes)
         self._voxels = VoxelMap(config.map, self._sensor, camera.intrinsics)
-        self._width_m, self._half_height_m = radius_m + config.keep_m, radius_m + config.keep_above_m
+        self._half_width_m, self._half_height_m = radius_m + config.keep_m, radius_m + config.keep_above_m
         if 2 * self._half_height_m > config.map.height_m:
             raise MissionError(
                 f"a drone of radius {radius_m} m that keeps {config.keep_above_m} m above and below does not fit "
@@ -166,7 +166,7 @@ class MappingPilot(Pilot):
         self._voxels.mark_free(places_m, self._radius_m, self._half_height_m, stamp_s)
         layer, origin_m = self._voxels.layer(*self._band(at_m), stamp_s), self._voxels.origin_m[:2]
         discs_m = self._slow_drones(at_m, places_m[1:], others.velocity_m_s)
-        costs = CostMap(layer, origin_m, self._width_m, self._config.map, T, discs_m)
+        costs = CostMap(layer, origin_m, self._half_width_m, self._config.map, T, discs_m)
         return LocalMap(stamp_s, at_m, costs, T[:3, :3], T[:3, 3])
 
     def _slow_drones(self, at_m: FloatArray, drones_m: FloatArray, velocities_m_s: FloatArray) -> FloatArray:
@@ -178,7 +178,7 @@ class MappingPilot(Pilot):
         if not len(slow_m):
             return NO_DISCS
         kept_m = 2 * self._radius_m + self._config.nearby.drone_clearance_m
-        radius_m = np.sqrt(np.maximum(kept_m**2 - (slow_m[:, 2] - at_m[2]) ** 2, 0)) - self._width_m
+        radius_m = np.sqrt(np.maximum(kept_m**2 - (slow_m[:, 2] - at_m[2]) ** 2, 0)) - self._half_width_m
         return np.asarray(np.column_stack([slow_m[:, :2], radius_m])[radius_m > 0])
 
     def _has_jumped(self, before: LocalMap, stamp_s: float, at_m: FloatArray, velocity_m_s: FloatArray) -> bool:
@@ -272,7 +272,7 @@ class MappingPilot(Pilot):
         if not len(points_m) or length(points_m[0] - at_m[:2]) > BEFORE_IT_M:
             return False
         places_m = np.column_stack([points_m, np.full(len(points_m), at_m[2])])
-        self._voxels.blacklist(places_m, self._width_m, self._half_height_m, time_s)
+        self._voxels.blacklist(places_m, self._half_width_m, self._half_height_m, time_s)
         return True
 
 

@@ -1,7 +1,7 @@
-"""The rules that move a follower, as pure functions of positions and velocities in the world frame.
+"""The rules that move followers and leaders, as pure functions of positions and velocities in the world frame.
 
 Their names are those of SmrtSwarm (Drones 2023, 7(9), 573); its weights are not public. Each rule returns a velocity of
-shape (3,) in m/s. Its arguments, positions [m] and velocities [m/s], have the same shape.
+shape (3,) in m/s. Its arguments are positions [m] and velocities [m/s] of that shape, or (n, 3) for several drones.
 """
 
 from typing import NamedTuple

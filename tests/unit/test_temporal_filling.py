@@ -97,6 +97,13 @@ class TestSurfaces:
         assert error < 0.6 * flat_error
 
     @DECIMATIONS
+    def test_a_far_surface_of_which_too_little_is_seen_for_a_slope_comes_no_nearer(self, decimation: int) -> None:
+        true_px = np.full(CAMERA.shape, 1.0)
+        hole = (8 * decimation <= COL) & (COL < 120)
+        result = Result(with_holes(true_px, hole), decimation)
+        np.testing.assert_allclose(result.disparity_px[hole & (COL < 60)], 1.0, rtol=0.02)
+
+    @DECIMATIONS
     def test_what_is_measured_stays(self, decimation: int) -> None:
         rng = np.random.default_rng(1)
         measured_px = np.where(rng.random(CAMERA.shape) < 0.3, 0, rng.uniform(1, 30, CAMERA.shape)).astype(np.float32)

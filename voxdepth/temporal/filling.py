@@ -280,9 +280,9 @@ def continue_lone_ends(
             if pixel(known_px, row + MIN_LINE_PX * down, col + MIN_LINE_PX * right) == 0:
                 rays.end_px[ray, k], rays.steps[ray, k] = 0, INFINITE
                 continue
-            rise_px = pixel(known_px, row + LINE_PX * down, col + LINE_PX * right) - known_px[row, col]
-            max_rise_px = rules.max_slope * float32(scale * LINE_PX)
-            if abs(rise_px) <= max_rise_px:
+            behind_px = pixel(known_px, row + LINE_PX * down, col + LINE_PX * right)
+            rise_px, max_rise_px = behind_px - known_px[row, col], rules.max_slope * float32(scale * LINE_PX)
+            if behind_px > 0 and abs(rise_px) <= max_rise_px:
                 continued_px = end_px - rise_px * steps / float32(scale * LINE_PX)
                 rays.end_px[ray, k] = min(max(continued_px, end_px / float32(2)), end_px * float32(2))
 

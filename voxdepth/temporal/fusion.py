@@ -78,7 +78,7 @@ class PixelClass(IntEnum):
     MEASURED = 2
     """The measurement: the memory is empty, or is contradicted."""
     REMEMBERED = 3
-    """The memory: there is no measurement, or it is rejected."""
+    """The memory: the measurement is rejected. Where there is none, the pixel becomes one when it is filled."""
 
 
 class Fused(NamedTuple):

@@ -43,7 +43,7 @@ HOW_TO = ": voxdepth "
 
 
 Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING BAG")
-"""Formats of recorded sequences, with the names of the library."""
+"""Formats of recorded sequences: `auto` and `datasets.DATASET_FORMATS`, which would have to be imported for --help."""
 
 
 def correct(
