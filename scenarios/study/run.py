@@ -81,7 +81,7 @@ Display = Callable[[Progress], None]
 
 @contextmanager
 def display_on(console: Console) -> Iterator[Display]:
-    """Give a display of one line: it is renewed on a terminal, and otherwise printed anew every half minute."""
+    """Give a display of one line: it is renewed on a terminal, and otherwise printed again every half minute."""
     next_s = 0.0
 
     def print_line(progress: Progress) -> None:
