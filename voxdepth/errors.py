@@ -41,7 +41,8 @@ def did_you_mean(*likely: str) -> str:
 def similar(wrong: str, names: Iterable[str], cutoff: float = 0.6) -> list[str]:
     """The two names that are most like a wrong one, by `difflib`, or else that it is a part of."""
     known = list(names)
-    return get_close_matches(wrong, known, 2, cutoff) or [name for name in known if wrong.lower() in name.lower()][:2]
+    parts = [name for name in known if wrong and wrong.lower() in name.lower()]
+    return get_close_matches(wrong, known, 2, cutoff) or parts[:2]
 
 
 def no_such(kind: str, name: str, names: Iterable[str]) -> str:

@@ -105,13 +105,13 @@ def _ratios(of: pd.DataFrame, best: str = "max") -> pd.Series:
     return of["VD"] / of[["RS", "GS"]].agg(best, axis="columns")
 
 
-def _claims(what: str, found: pd.Series, paper_s: pd.Series) -> tuple[Claim, Claim]:
+def _claims(what: str, found: pd.Series, printed: pd.Series) -> tuple[Claim, Claim]:
     """Where VD is ahead of RS and GS and by how much, by its ratio to the better one, beside the paper's table.
 
     A ratio above 1 is a lead. As in the paper, a lead is the ratio less 1, and a lag that of its inverse.
     """
-    names = [name for name in found.dropna().index if paper.SEQUENCES.get(name) in paper_s.index]
-    ours, theirs = found[names], paper_s[[paper.SEQUENCES[name] for name in names]].set_axis(names)
+    names = [name for name in found.dropna().index if paper.SEQUENCES.get(name) in printed.index]
+    ours, theirs = found[names], printed[[paper.SEQUENCES[name] for name in names]].set_axis(names)
     sizes = [_lead_and_lag(of) for of in (theirs, ours)]
     pairs = [(a, b) for a, b in zip(*sizes, strict=True) if not (isnan(a) or isnan(b))]
     order = Claim(

@@ -107,7 +107,7 @@ class Correction:
 class FrameLine(NamedTuple):
     """One line of `frames.csv`, by the names of its columns."""
 
-    pixels: dict[str, Any]
+    values: dict[str, Any]
     """Name and time of the frame, number of pixels with a depth from the sensor and median of these depths [m], which
     is 0 without one, and number of corrected pixels by source."""
     facts: Mapping[str, Fact]
@@ -125,7 +125,7 @@ class FrameLine(NamedTuple):
 
     def columns(self) -> dict[str, Fact]:
         """Return all values."""
-        return {**self.pixels, **self.facts, **{f"wall_{step}_s": time_s for step, time_s in self.wall_s.items()}}
+        return {**self.values, **self.facts, **{f"wall_{step}_s": time_s for step, time_s in self.wall_s.items()}}
 
 
 def _column(source: Source) -> str:
@@ -142,14 +142,14 @@ def require_absent(out: Path) -> None:
 
 def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, Any]:
     """Summarise all frames. Everything that depends on the clock or the machine is below the key `wall`."""
-    n_raw = sum(line.pixels["raw_pixels"] for line in lines)
-    pixels = {source: sum(line.pixels[_column(source)] for line in lines) for source in Source}
+    n_raw = sum(line.values["raw_pixels"] for line in lines)
+    pixels = {source: sum(line.values[_column(source)] for line in lines) for source in Source}
     n_pixels, frame_s = sum(pixels.values()), [sum(line.wall_s.values()) for line in lines if line.wall_s]
     return {
         **vars(config),
         "frames": len(lines),
         "pixel_shares": {source.name.lower(): n / n_pixels for source, n in pixels.items()},
-        "raw_median_m": _spread([line.pixels["raw_median_m"] for line in lines if line.pixels["raw_pixels"]] or [0.0]),
+        "raw_median_m": _spread([line.values["raw_median_m"] for line in lines if line.values["raw_pixels"]] or [0.0]),
         "coverage": {"raw": n_raw / n_pixels, "corrected": 1 - pixels[Source.INVALID] / n_pixels},
         "facts": {name: _summary(values) for name, values in _by_name([line.facts for line in lines]).items()},
         "wall": {
