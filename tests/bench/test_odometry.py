@@ -20,11 +20,14 @@ from sim.render.meshes import open3d
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
 from voxdepth.geometry import exp_se3
+from voxdepth.paper import odometry as paper
 from voxdepth.paper.odometry import (
+    MAX_DEPTH_DIFFERENCE_M,
+    MAX_DEPTH_M,
+    MAX_WIDTH_PX,
     OPENCV_DEPTH_UNITS_PER_M,
     Comparison,
     Motion,
-    OdometryConfig,
     PhotometricOdometry,
     _opencv_images,
     _opencv_solver,
@@ -47,8 +50,7 @@ STEPS = (1, 2, 4, 6)
 """Frames from the first to the second of a pair."""
 GAINS = (1.0, 1.1)
 """Exposure of the first and of the second frame of a pair."""
-REDUCED = CAMERA.reduced(OdometryConfig().max_width_px)
-NO_LIMITS = OdometryConfig(max_residual_px=1e9, min_overlap=0)
+REDUCED = CAMERA.reduced(MAX_WIDTH_PX)
 
 
 class Pair(NamedTuple):
@@ -103,8 +105,8 @@ def bad_pairs() -> list[Pair]:
     return [Pair(a[i], b[i]) for (a, _), (_, b) in permutations(both, 2) for i in (0, 3, 6)]
 
 
-def estimates(pairs: list[Pair], config: OdometryConfig | None = None) -> list[tuple[Pair, Motion]]:
-    odometry = PhotometricOdometry(CAMERA, config)
+def estimates(pairs: list[Pair]) -> list[tuple[Pair, Motion]]:
+    odometry = PhotometricOdometry(CAMERA)
     return [(pair, odometry.estimate(pair.source, pair.target)) for pair in pairs]
 
 
@@ -125,8 +127,10 @@ def test_error_by_step_and_sequence() -> None:
 
 
 @pytest.mark.parametrize(("holes", "noise_gray"), [(0.15, 0), (0.5, 0), (0.15, 5)])
-def test_what_the_images_say_of_estimates(holes: float, noise_gray: float) -> None:
-    done = estimates(good_pairs(holes, noise_gray), NO_LIMITS)
+def test_what_the_images_say_of_estimates(holes: float, noise_gray: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper, "MAX_RESIDUAL_PX", 1e9)
+    monkeypatch.setattr(paper, "MIN_OVERLAP", 0)
+    done = estimates(good_pairs(holes, noise_gray))
     for kind, far in (("within", False), ("beyond", True)):
         motions = [m for pair, m in done if m.ok and (pair.error_mm(m) > 50) == far]
         residuals_px, overlaps = ([getattr(m, name) for m in motions] for name in ("residual_px", "overlap"))
@@ -138,10 +142,9 @@ def test_what_the_images_say_of_estimates(holes: float, noise_gray: float) -> No
 def test_what_the_images_say_of_falsified_motions(offset_mm: float, turn_mrad: float) -> None:
     T = np.eye(4)
     T[:3, :3], T[0, 3] = cv2.Rodrigues(np.array([0, turn_mrad / 1e3, 0]))[0], offset_mm / 1e3
-    camera, max_depth_m = CAMERA.reduced(OdometryConfig().max_width_px), OdometryConfig().max_depth_m
     found = []
     for pair in good_pairs():
-        comparison = Comparison(view_of(pair.source, camera), view_of(pair.target, camera), camera, max_depth_m)
+        comparison = Comparison(view_of(pair.source, REDUCED), view_of(pair.target, REDUCED), REDUCED)
         found.append(comparison.residual_px(T @ pair.truth()))
     figure = f"{len(found):3}, residual_px {span([residual_px for residual_px in found if residual_px is not None])}"
     show(f"true motions falsified by {offset_mm} mm, {turn_mrad} mrad", figure)
@@ -226,13 +229,13 @@ def by_the_default_method(pair: Pair) -> Found:
 
 def by_opencv(pair: Pair) -> Found:
     before, after = (_opencv_images(view_of(frame, REDUCED), REDUCED) for frame in pair[:2])
-    solved, T = _opencv_solver(REDUCED, OdometryConfig()).compute(before[1], before[0], after[1], after[0])
+    solved, T = _opencv_solver(REDUCED).compute(before[1], before[0], after[1], after[0])
     return np.asarray(T, np.float64) if solved else None
 
 
 def by_open3d(pair: Pair) -> Found:
     """By gray values, with three scales."""
-    o3d, config, tensor = open3d(), OdometryConfig(), open3d().core.Tensor
+    o3d, tensor = open3d(), open3d().core.Tensor
     odometry, camera = o3d.t.pipelines.odometry, REDUCED
     matrix = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]])
     images = []
@@ -242,9 +245,9 @@ def by_open3d(pair: Pair) -> Found:
         images.append(o3d.t.geometry.RGBDImage(*(o3d.t.geometry.Image(tensor(array)) for array in both)))
     try:
         found = odometry.rgbd_odometry_multi_scale(
-            *images, tensor(matrix), tensor(np.eye(4)), OPENCV_DEPTH_UNITS_PER_M, config.max_depth_m,
+            *images, tensor(matrix), tensor(np.eye(4)), OPENCV_DEPTH_UNITS_PER_M, MAX_DEPTH_M,
             [odometry.OdometryConvergenceCriteria(n) for n in (20, 10, 5)], odometry.Method.Intensity,
-            odometry.OdometryLossParams(config.max_depth_difference_m),
+            odometry.OdometryLossParams(MAX_DEPTH_DIFFERENCE_M),
         )  # fmt: skip
     except RuntimeError as error:
         assert "tracking failed" in str(error)

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from tests.voxel_twins import occupied_centres, project_nearest
 from voxdepth import VoxDepthConfig
-from voxdepth.paper.config import CombineConfig
 from voxdepth.paper.steps import HostSteps
 from voxdepth.paper.voxels import VoxelConfig
 from voxdepth.paper.warp_steps import WarpSteps
@@ -97,10 +96,9 @@ def test_warped_templates_agree(M: list[list[float]]) -> None:
     assert (to_a_middle < 1e-3).all()
 
 
-@given(st.integers(0, 1000), st.booleans(), st.booleans(), st.sampled_from([3.0, 65.0]))
-def test_combinations_agree(seed: int, reject_near: bool, reject_far: bool, empty_from_m: float) -> None:
-    rule = CombineConfig(reject_near=reject_near, reject_far=reject_far, empty_from_m=empty_from_m)
-    host, warp = both_steps(combine=rule)
+@given(st.integers(0, 1000), st.booleans(), st.sampled_from([3.0, 65.0]))
+def test_combinations_agree(seed: int, only_empty: bool, empty_from_m: float) -> None:
+    host, warp = both_steps(only_empty=only_empty, empty_from_m=empty_from_m)
     raw, template = depth_image(seed), depth_image(seed + 1)
     got = warp.combine(warp.upload(raw), warp.upload(template))
     for expected, image in zip(host.combine(raw, template), got, strict=True):

@@ -11,11 +11,11 @@ from sim.camera_noise import photon_noise
 from sim.render import create_renderer
 from sim.types import Images
 from tests.helpers import block, camera_at, wall, world_of
+from voxdepth.paper import odometry as parts
 from voxdepth.paper.method import constant_velocity, motion_per_frame
 from voxdepth.paper.odometry import (
     Motion,
     MotionStatus,
-    OdometryConfig,
     PhotometricOdometry,
     PriorsFirst,
     motion_from_priors,
@@ -25,7 +25,6 @@ from voxdepth.types import FloatArray, Frame, Intrinsics
 SMALL = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)
 LARGE = Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86)
 STEP_M = 0.118
-NO_LIMITS = OdometryConfig(max_residual_px=1e9, min_overlap=0)
 
 
 @cache
@@ -107,7 +106,7 @@ def test_a_cut_to_another_scene_is_a_failure(camera: Intrinsics) -> None:
     require_failure(motion)
 
 
-def test_an_image_that_no_motion_explains_fails_by_its_residual() -> None:
+def test_an_image_that_no_motion_explains_fails_by_its_residual(monkeypatch: pytest.MonkeyPatch) -> None:
     first = frame()
     torn = first.gray.reshape(6, 30, 320).copy()
     torn[::2], torn[1::2] = np.roll(torn[::2], 4, axis=2), np.roll(torn[1::2], -4, axis=2)
@@ -115,11 +114,12 @@ def test_an_image_that_no_motion_explains_fails_by_its_residual() -> None:
     motion = PhotometricOdometry(SMALL).estimate(first, second)
     assert motion.status is MotionStatus.RESIDUAL
     require_failure(motion)
-    assert motion.residual_px > OdometryConfig().max_residual_px
-    assert PhotometricOdometry(SMALL, NO_LIMITS).estimate(first, second).residual_px == motion.residual_px
+    assert motion.residual_px > parts.MAX_RESIDUAL_PX
+    monkeypatch.setattr(parts, "MAX_RESIDUAL_PX", 1e9)
+    assert PhotometricOdometry(SMALL).estimate(first, second).residual_px == motion.residual_px
 
 
-def test_a_target_with_little_depth_fails_by_its_overlap() -> None:
+def test_a_target_with_little_depth_fails_by_its_overlap(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = frame(), frame(x=STEP_M, seed=2)
     blind = second.depth_m.copy()
     blind[:, 70:] = 0
@@ -128,13 +128,15 @@ def test_a_target_with_little_depth_fails_by_its_overlap() -> None:
     assert motion.status is MotionStatus.OVERLAP
     require_failure(motion)
     assert motion.overlap == pytest.approx(70 / 320, abs=0.1)
-    assert PhotometricOdometry(SMALL, OdometryConfig(min_overlap=0.1)).estimate(first, half_blind).ok
+    monkeypatch.setattr(parts, "MIN_OVERLAP", 0.1)
+    assert PhotometricOdometry(SMALL).estimate(first, half_blind).ok
 
 
-@pytest.mark.parametrize("limit", [{"max_translation_m": 0.05}, {"max_rotation_deg": 1.0}])
-def test_motion_beyond_the_bound_is_too_far(limit: dict[str, Any]) -> None:
+@pytest.mark.parametrize(("bound", "value"), [("MAX_TRANSLATION_M", 0.05), ("MAX_ROTATION_DEG", 1.0)])
+def test_motion_beyond_the_bound_is_too_far(bound: str, value: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parts, bound, value)
     first, second = frame(), frame(x=STEP_M, yaw=0.05, seed=2)
-    motion = PhotometricOdometry(SMALL, OdometryConfig(**limit)).estimate(first, second)
+    motion = PhotometricOdometry(SMALL).estimate(first, second)
     assert motion.status is MotionStatus.TOO_FAR
     require_failure(motion)
 
@@ -202,7 +204,7 @@ class Growing:
 @pytest.mark.parametrize(("first", "second"), [(None, moved(0)), (moved(0), None), (None, None)])
 def test_without_poses_of_both_frames_odometry_is_asked(first: FloatArray | None, second: FloatArray | None) -> None:
     odometry = Growing()
-    motion = PriorsFirst(odometry, OdometryConfig()).estimate(bare(0, first), bare(1, second))
+    motion = PriorsFirst(odometry).estimate(bare(0, first), bare(1, second))
     np.testing.assert_array_equal(motion.T_target_source, moved(1.0))
     assert odometry.asked == [0]
 
@@ -216,7 +218,7 @@ def test_poses_go_before_odometry_but_not_where_they_jump(
     there: FloatArray, expected: tuple[MotionStatus, FloatArray]
 ) -> None:
     odometry = Growing()
-    motion = PriorsFirst(odometry, OdometryConfig()).estimate(bare(0, moved(1.0)), bare(1, there))
+    motion = PriorsFirst(odometry).estimate(bare(0, moved(1.0)), bare(1, there))
     assert (motion.status, odometry.asked) == (expected[0], [])
     np.testing.assert_allclose(motion.T_target_source, expected[1], atol=1e-12)
 

@@ -9,7 +9,6 @@ from numba import float32, uint8, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
 from ..corrector import StreamCorrector, checked_config
-from ..geometry import PointArray
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import MotionModelName, VoxDepthConfig
@@ -56,9 +55,9 @@ class VoxDepth(StreamCorrector):
     def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
         camera, config = intrinsics, checked_config(intrinsics, config, VoxDepthConfig)
         self._steps = create_steps(config.device, camera, config)
-        registration = ChainedRegistration if config.registration.chained else OrbRegistration
-        self._registration = registration(config.registration, camera.shape)
-        odometry = PriorsFirst(PhotometricOdometry(camera, config.odometry), config.odometry)
+        registration = ChainedRegistration if config.chained else OrbRegistration
+        self._registration = registration(config, camera.shape)
+        odometry = PriorsFirst(PhotometricOdometry(camera))
         motion_model = MOTION_MODELS[config.motion]
         self._epochs = Epochs(
             partial(fuse_window, steps=self._steps, odometry=odometry, motion_model=motion_model),
@@ -77,20 +76,6 @@ class VoxDepth(StreamCorrector):
         """Wait for a fusion that is under way, and accept no more frames."""
         super().close()
         self._epochs.close()
-
-    @property
-    def template_m(self) -> FloatImage | None:
-        """The present template: a depth image [m], shape (H, W), 0 = unknown; None before the first epoch."""
-        return None if self._epochs.template is None else self._epochs.template.depth_m
-
-    @property
-    def voxel_points_m(self) -> PointArray:
-        """Centres of the voxels of the present template [m], shape (N, 3), float32; none before the first epoch.
-
-        They are in the camera of the last frame of its window.
-        """
-        template = self._epochs.template
-        return np.empty((0, 3), np.float32) if template is None else template.voxels.centres_m
 
     def _align(self, frame: Frame) -> Aligned:
         timer = StepTimer()

@@ -65,7 +65,7 @@ class HostSteps:
     def combine(self, raw: FloatImage, template: FloatImage) -> tuple[FloatImage, GrayImage]:
         """Depth and `Source` after the invalid pixels of a frame are replaced by those of the warped template."""
         source = np.empty(raw.shape, np.uint8)
-        combine(np.ascontiguousarray(raw), *self._config.combine.bounds, template, source)
+        combine(np.ascontiguousarray(raw), *self._config.bounds, template, source)
         return template, source
 
     def filter(self, depth: FloatImage) -> FloatImage:
@@ -103,7 +103,7 @@ def combine(
     depthcor.
 
     Images have shape (H, W) and depth in metres, 0 = invalid. A pixel is kept within the bounds of the
-    `CombineConfig`, and where the template is empty. That is in the pixels of the frame, and overwritten by the result.
+    configuration, and where the template is empty. That is in the pixels of the frame, and overwritten by the result.
     """
     for row in range(raw_m.shape[0]):
         for col in range(raw_m.shape[1]):

@@ -66,7 +66,7 @@ class WarpSteps:
     def combine(self, raw: Any, template: Any) -> tuple[Any, Any]:
         """See `HostSteps`."""
         depth, source = wp.empty_like(raw), wp.empty(raw.shape, dtype=wp.uint8, device=self._device)
-        self._launch(kernels.combine, [raw, template, *self._config.combine.bounds], [depth, source])
+        self._launch(kernels.combine, [raw, template, *self._config.bounds], [depth, source])
         return depth, source
 
     def filter(self, depth: Any) -> Any:
