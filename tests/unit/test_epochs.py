@@ -22,8 +22,8 @@ def frame(number: int) -> Frame:
 
 def template(number: int, features: Features) -> Template:
     """A template whose depth is a number."""
-    depth_m, voxels = np.zeros((2, 2), np.float32), OccupiedVoxels.of(np.zeros(1, np.uint32), VoxelConfig())
-    return Template(depth=number, depth_m=depth_m, voxels=voxels, stamp_s=0.0, features=features, timings_s={})
+    depth_m, voxels = np.full((2, 2), number, np.float32), OccupiedVoxels.of(np.zeros(1, np.uint32), VoxelConfig())
+    return Template(depth_m=depth_m, voxels=voxels, stamp_s=0.0, features=features, timings_s={})
 
 
 class Fuser:
@@ -56,7 +56,7 @@ def run(epochs: Epochs, numbers: range, lost: tuple[int, ...] = ()) -> list[tupl
     for number in numbers:
         template = epochs.begin(frame(number), NO_FEATURES)
         registration = LOST if number in lost else OK
-        seen.append((template and template.depth, epochs.end(frame(number), NO_FEATURES, registration)))
+        seen.append((template and template.depth_m[0, 0], epochs.end(frame(number), NO_FEATURES, registration)))
     return seen
 
 

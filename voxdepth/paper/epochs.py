@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
 
 from ..types import FloatImage, Frame
-from .registration import Features, Registration, RegistrationStatus, warped
+from .registration import Features, Registration, RegistrationStatus
+from .steps import warped
 from .voxels import OccupiedVoxels
 
 
@@ -74,10 +74,8 @@ class VoxDepthDiagnostics:
 class Template:
     """Dense depth of the scene in the last frame of a fusion window, and the features of its gray image."""
 
-    depth: Any
-    """Depth [m], shape (H, W), 0 = unknown, in the memory of the `ImageSteps` that made it."""
     depth_m: FloatImage
-    """The same as a NumPy array, which nothing changes."""
+    """Depth [m], shape (H, W), 0 = unknown."""
     voxels: OccupiedVoxels
     """The cloud that was fused, in the camera of that frame."""
     stamp_s: float

@@ -1,7 +1,5 @@
 """Camera motion between two RGB-D frames, its refinement by Gauss-Newton, and checks of its plausibility."""
 
-from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
 import cv2
@@ -57,44 +55,11 @@ NEAREST_M = 0.1
 """Points nearer to the target camera than this are not compared."""
 
 
-class MotionStatus(StrEnum):
-    """How the estimate of a motion went."""
-
-    OK = "ok"
-    NOT_SOLVED = "not_solved"
-    """Too little texture or depth, or the solver found no solution."""
-    TOO_FAR = "too_far"
-    """The translation or the rotation is implausibly large."""
-    OVERLAP = "overlap"
-    """Too few pixels of the source land where the target has a depth."""
-    RESIDUAL = "residual"
-    """The images differ too much after warping by the estimate."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
-    """Result of an odometry. `T_target_source` is the identity and must not be used unless `ok`."""
-
-    T_target_source: FloatArray = field(default_factory=lambda: np.eye(4))
-    """Maps points of the source camera into the target camera, shape (4, 4)."""
-    status: MotionStatus = MotionStatus.OK
-    residual_px: float | None = None
-    """Median absolute gray difference of textured pixels after warping, exposure removed, over their median gradient:
-    about the shift in the reduced image that would explain it. None if not measured."""
-    overlap: float | None = None
-    """Share of the source's pixels with depth that land where the target has a depth, 0..1; None if not measured."""
-
-    @property
-    def ok(self) -> bool:
-        """True if the motion may be used."""
-        return self.status is MotionStatus.OK
-
-
 class Odometry(Protocol):
     """Estimates the rigid motion between two frames of one camera."""
 
-    def estimate(self, source: Frame, target: Frame) -> Motion:
-        """Motion from `source` to `target`; a failure is a status, not an exception."""
+    def estimate(self, source: Frame, target: Frame) -> FloatArray | None:
+        """`T_target_source`, shape (4, 4); None if the motion is not found."""
 
 
 class PhotometricOdometry:
@@ -117,16 +82,15 @@ class PhotometricOdometry:
         self._coarse_camera = intrinsics.reduced(COARSE_WIDTH_PX)
         self._solver = _opencv_solver(self._coarse_camera)
 
-    def estimate(self, source: Frame, target: Frame) -> Motion:
-        """Motion from `source` to `target`; not `ok` if there is no solution or a check fails."""
+    def estimate(self, source: Frame, target: Frame) -> FloatArray | None:
+        """See `Odometry`. A motion that is too large, or that the images do not confirm, is not found."""
         before, after = view_of(source, self._camera), view_of(target, self._camera)
         comparison = Comparison(before, after, self._camera)
-        T_coarse = self._coarse(before, after) if comparison.n_points >= MIN_POINTS else None
-        if T_coarse is None:
-            return Motion(status=MotionStatus.NOT_SOLVED)
-        if _too_far(T_coarse):
-            return Motion(status=MotionStatus.TOO_FAR)
-        return self._judged(comparison, comparison.refined(T_coarse))
+        T = self._coarse(before, after) if comparison.n_points >= MIN_POINTS else None
+        if T is None or not is_plausible(T):
+            return None
+        T = comparison.refined(T)
+        return T if is_plausible(T) and comparison.confirms(T) else None
 
     def _coarse(self, source: "View", target: "View") -> FloatArray | None:
         """OpenCV's estimate on small images of the same mean brightness, shape (4, 4); None if it has none."""
@@ -134,17 +98,6 @@ class PhotometricOdometry:
         gray_b, units_b = _opencv_images(target, self._coarse_camera)
         solved, T_target_source = self._solver.compute(units_a, gray_a, units_b, gray_b)
         return np.asarray(T_target_source, np.float64) if solved else None
-
-    def _judged(self, comparison: "Comparison", T_target_source: FloatArray) -> Motion:
-        """The motion, or the status of the first check that fails."""
-        if _too_far(T_target_source):
-            return Motion(status=MotionStatus.TOO_FAR)
-        overlap, residual_px = comparison.overlap(T_target_source), comparison.residual_px(T_target_source)
-        if overlap < MIN_OVERLAP or residual_px is None:
-            return Motion(status=MotionStatus.OVERLAP, overlap=overlap)
-        if residual_px > MAX_RESIDUAL_PX:
-            return Motion(status=MotionStatus.RESIDUAL, residual_px=residual_px, overlap=overlap)
-        return Motion(T_target_source=T_target_source, residual_px=residual_px, overlap=overlap)
 
 
 class PriorsFirst:
@@ -156,19 +109,27 @@ class PriorsFirst:
     def __init__(self, odometry: Odometry) -> None:
         self._odometry = odometry
 
-    def estimate(self, source: Frame, target: Frame) -> Motion:
+    def estimate(self, source: Frame, target: Frame) -> FloatArray | None:
         """See `Odometry`."""
-        motion = motion_from_priors(source, target)
-        if motion is None:
+        T = motion_of_priors(source, target)
+        if T is None:
             return self._odometry.estimate(source, target)
-        return Motion(status=MotionStatus.TOO_FAR) if _too_far(motion.T_target_source) else motion
+        return T if is_plausible(T) else None
 
 
-def motion_from_priors(source: Frame, target: Frame) -> Motion | None:
-    """The motion between the poses of two frames; None if a frame has no pose."""
+def motion_of_priors(source: Frame, target: Frame) -> FloatArray | None:
+    """`T_target_source` by the poses of two frames, shape (4, 4); None if a frame has no pose."""
     if source.T_world_cam is None or target.T_world_cam is None:
         return None
-    return Motion(T_target_source=inverse_rigid(target.T_world_cam) @ source.T_world_cam)
+    return inverse_rigid(target.T_world_cam) @ source.T_world_cam
+
+
+def is_plausible(T: FloatArray) -> bool:
+    """Whether translation and rotation are within the limits, and not NaN."""
+    cos_angle = np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)
+    turned_deg = float(np.degrees(np.arccos(cos_angle)))
+    moved_m = float(np.linalg.norm(T[:3, 3]))
+    return moved_m <= MAX_TRANSLATION_M and turned_deg <= MAX_ROTATION_DEG
 
 
 class View(NamedTuple):
@@ -213,8 +174,16 @@ class Comparison:
                 break
         return T
 
+    def confirms(self, T_target_source: FloatArray) -> bool:
+        """Whether both images show the same surfaces after warping by a motion."""
+        residual_px, overlap = self.residual_px(T_target_source), self.overlap(T_target_source)
+        return overlap >= MIN_OVERLAP and residual_px is not None and residual_px <= MAX_RESIDUAL_PX
+
     def residual_px(self, T_target_source: FloatArray) -> float | None:
-        """See `Motion`; None if too few pixels are compared."""
+        """Median absolute gray difference after warping, exposure removed, over the median gradient.
+
+        That is about the shift in the reduced image which would explain it. None if too few pixels are compared.
+        """
         seen, there = self._look_up(transform(T_target_source, self._points))
         if there.sum() < MIN_POINTS:
             return None
@@ -298,14 +267,6 @@ def _weights(difference: Any) -> Any:
     """Cauchy weights, shape (N,): large differences are occlusions or reflections."""
     deviation = 1.4826 * np.median(np.abs(difference)) + 1e-3
     return 1 / (1 + (difference / np.float32(OUTLIER_DEVIATIONS * deviation)) ** 2)
-
-
-def _too_far(T: FloatArray) -> bool:
-    """Whether translation or rotation exceed the limits or are NaN."""
-    cos_angle = np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)
-    turned_deg = float(np.degrees(np.arccos(cos_angle)))
-    moved_m = float(np.linalg.norm(T[:3, 3]))
-    return not (moved_m <= MAX_TRANSLATION_M and turned_deg <= MAX_ROTATION_DEG)
 
 
 def _opencv_images(view: View, camera: Intrinsics) -> tuple[Any, Any]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from numba import int64, types, uint64, void
 
 from ..compiled import compiled, compiled_part
-from ..types import FloatArray, FloatImage, GrayImage, resized
+from ..types import FloatArray, GrayImage, resized
 from .config import VoxDepthConfig
 
 Indices = npt.NDArray[np.intp]
@@ -65,15 +65,6 @@ class Features:
 
     points_px: npt.NDArray[np.float32]
     descriptors: npt.NDArray[np.uint64]
-
-
-def warped(image: FloatImage, M_frame_template: FloatArray, out: FloatImage | None = None) -> FloatImage:
-    """An image of the template in the pixels of a frame, shape (H, W), sampled at the nearest pixel; 0 outside of it.
-
-    `out` is overwritten and returned; None makes a new image.
-    """
-    size = image.shape[1], image.shape[0]
-    return cv2.warpAffine(image, M_frame_template, size, dst=out, flags=cv2.INTER_NEAREST)  # type: ignore[return-value]
 
 
 class OrbRegistration:
