@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from sim.decimation import decimated, decimated_intrinsics
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.calibration import Fills
+from voxdepth.calibration import Fills, by_source
 from voxdepth.metrics import is_correct
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
 from voxdepth.tools.figure import label_axes, panels
@@ -59,18 +59,18 @@ def bin_of(confidence: FloatImage) -> npt.NDArray[np.int64]:
 
 
 def fit(counts: FloatArray) -> Fills:
-    """The share of correct pixels of each source of fills; 0 for a source without pixels."""
+    """The share of correct pixels of each source of fills that has some."""
     n, _, correct = counts.sum(axis=2)
     shares = correct / np.maximum(n, 1)
-    memory, inpainted = (round(float(shares[source]), DIGITS) for source in (Source.MEMORY, Source.INPAINTED))
-    return Fills(memory=memory, inpainted=inpainted)
+    fills = {source.name.lower(): round(float(shares[source]), DIGITS) for source in (Source.MEMORY, Source.INPAINTED)}
+    return {source: share for source, share in fills.items() if share}
 
 
 def sorted_by(fills: Fills, counts: FloatArray) -> FloatArray:
     """The pixels by fitted confidences: their number, sum of confidence and correct ones by bin, shape (3, bins)."""
     n, _, correct = counts.sum(axis=2)
-    place = bin_of(fills.by_source)
-    return np.array([np.bincount(place, each, BINS) for each in (n, n * fills.by_source, correct)])
+    probability = by_source(fills)
+    return np.array([np.bincount(bin_of(probability), each, BINS) for each in (n, n * probability, correct)])
 
 
 def shares(bins: FloatArray) -> dict[str, float]:
@@ -101,7 +101,7 @@ def confidence(context: ExperimentContext) -> Findings:
     after = {name: sorted_by(fills, measured[name]) for name, fills in fitted.items()}
     own, new = (pd.DataFrame({name: shares(bins) for name, bins in found.items()}).T for found in (before, after))
     columns = {f"{what}, {when} [%]": of[what] for what in own for when, of in (("own", own), ("fitted", new))}
-    text = tomli_w.dumps({name: fills.model_dump(exclude_defaults=True) for name, fills in fitted.items()})
+    text = tomli_w.dumps(fitted)
     return Findings(
         tables={"table": pd.DataFrame(columns, CORRECTOR_NAMES).rename_axis("corrector").reset_index()},
         notes=(

@@ -1,6 +1,7 @@
 """`voxdepth experiment` as a user meets it, and what each experiment finds on a few tiny frames."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import pandas as pd
@@ -10,7 +11,6 @@ from typer.testing import CliRunner, Result
 from scenarios.experiments.frame_rate import SETUPS
 from scenarios.experiments.runner import find_experiments, run
 from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
-from voxdepth.calibration import read
 from voxdepth.networks import has_runtime
 from voxdepth.tools.cli import create_app
 
@@ -61,7 +61,7 @@ def test_confidence_is_fitted_where_there_are_fills_and_its_file_can_be_read(out
     assert list(fitted.index[fitted == own]) == ["raw"]
     ((name, content),) = result.files.items()
     (tmp_path / name).write_bytes(content)
-    assert list(read(tmp_path / name)) == list(fitted.drop("temporal").index)
+    assert list(tomllib.loads((tmp_path / name).read_text())) == list(fitted.drop("temporal").index)
 
 
 @pytest.mark.slow

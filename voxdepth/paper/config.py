@@ -49,8 +49,8 @@ class VoxDepthConfig(Model):
     median_size_px: int = 5
     """Window of the median filter against flicker: 1 (off), 3 or 5."""
     device: DeviceName = "cpu"
-    """What fuses and projects voxels: `cpu`, `cuda`, `warp-cpu` (the kernels of `cuda` without a GPU), or `auto`.
-    Frames are corrected on the CPU."""
+    """What fuses and projects voxels: `cpu`, `cuda`, or `warp-cpu` (the kernels of `cuda` without a GPU). Frames are
+    corrected on the CPU."""
 
     @field_validator("dilation_px")
     @classmethod
