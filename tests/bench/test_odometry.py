@@ -19,7 +19,7 @@ from scenarios.sequences import captures, load_sequence
 from sim.render.meshes import open3d
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
-from voxdepth.geometry import exp_se3
+from voxdepth.geometry import exp_se3, inverse_rigid
 from voxdepth.paper import odometry as paper
 from voxdepth.paper.odometry import (
     MAX_DEPTH_DIFFERENCE_M,
@@ -30,7 +30,6 @@ from voxdepth.paper.odometry import (
     PhotometricOdometry,
     _opencv_images,
     _opencv_solver,
-    motion_of_priors,
     view_of,
 )
 from voxdepth.temporal.method import TemporalCorrector
@@ -58,7 +57,7 @@ class Pair(NamedTuple):
     kinds: tuple[str, ...] = ()
 
     def truth(self) -> FloatArray:
-        return motion_of_priors(self.source, self.target)
+        return inverse_rigid(self.target.T_world_cam) @ self.source.T_world_cam
 
     def error_mm(self, T: FloatArray) -> float:
         return 1e3 * float(np.linalg.norm(T[:3, 3] - self.truth()[:3, 3]))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from scenarios.sequences import captures, load_sequence
 from tests.property.test_temporal import seeds
-from tests.temporal_scenes import CAMERA, ROOM, frames_of, method, noisy, run, walk
+from tests.temporal_scenes import CAMERA, ROOM, depth_of, frames_of, method, noisy, run, walk
 from voxdepth import TemporalConfig, TemporalCorrector
 from voxdepth.metrics import is_correct
 from voxdepth.metrics.obstacles import Phantoms
@@ -23,7 +23,7 @@ ROW, COL = np.indices(CAMERA.shape)
 
 def frame_of_disparity(disparity_px: FloatImage, index: int = 0) -> Frame:
     gray = np.full(CAMERA.shape, 128, np.uint8)
-    return Frame(stamp_s=index / 30, gray=gray, depth_m=RESOLUTION.depth(np.asarray(disparity_px, np.float32)))
+    return Frame(stamp_s=index / 30, gray=gray, depth_m=depth_of(RESOLUTION, np.asarray(disparity_px, np.float32)))
 
 
 def filled_px(disparity_px: FloatImage, decimation: int) -> FloatImage:
@@ -114,7 +114,7 @@ class TestHoverBeforeSpecks:
                 disparity_px[row - reach : row + reach + 1, col - reach : col + reach + 1] = 0
                 for down, right in TestSpeckles.SHAPES[place % 3]:
                     disparity_px[row + down, col + right] = near_px
-            frames.append(Frame(stamp_s=index / 30, gray=gray, depth_m=RESOLUTION.depth(disparity_px)))
+            frames.append(Frame(stamp_s=index / 30, gray=gray, depth_m=depth_of(RESOLUTION, disparity_px)))
         return frames
 
     @pytest.mark.slow
@@ -122,7 +122,7 @@ class TestHoverBeforeSpecks:
     @pytest.mark.parametrize("hole_px", [3, 15, 61])
     @pytest.mark.parametrize("near_px", [17.0, 40.0])
     def test_no_phantom_obstacle_grows(self, near_px: float, hole_px: int, decimation: int) -> None:
-        phantoms, true_m = Phantoms(), RESOLUTION.depth(self.TRUE_PX)
+        phantoms, true_m = Phantoms(), depth_of(RESOLUTION, self.TRUE_PX)
         for result in run(method(decimation=decimation), self.frames(60, hole_px=hole_px, near_px=near_px)):
             phantoms.add(result.depth_m, true_m)
         assert phantoms.count == 0

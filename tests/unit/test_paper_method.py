@@ -195,9 +195,8 @@ def approaching(start_m: float, step_m: float, n: int) -> list[Frame]:
     return frames
 
 
-@pytest.mark.parametrize("motion", ["constant", "per_frame"])
-def test_a_moving_camera_fuses_its_window_into_the_last_frame(motion: str) -> None:
-    config = VoxDepthConfig(window_frames=8, fusion_lag_frames=0, motion=motion)  # type: ignore[arg-type]
+def test_a_moving_camera_fuses_its_window_into_the_last_frame() -> None:
+    config = VoxDepthConfig(window_frames=8, fusion_lag_frames=0)
     *window, last = approaching(10.0, 0.1, 8)
     corrector = VoxDepth(CAMERA, config)
     for frame in window:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.temporal_scenes import CAMERA, ROOM, frame_of, pose, render
+from tests.temporal_scenes import CAMERA, ROOM, depth_of, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.confidence import UNANIMOUS_FILL, estimate_confidence
 from voxdepth.temporal.forward_warp import ForwardWarp
@@ -28,7 +28,7 @@ ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=
 
 def measurement_of(full_px: FloatImage, decimation: int, camera: Intrinsics = CAMERA) -> Measurement:
     resolution = WorkingResolution.of(camera, decimation)
-    frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=resolution.depth(full_px))
+    frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=depth_of(resolution, full_px))
     return measure(frame, resolution)
 
 
@@ -114,7 +114,7 @@ class TestMeasurement:
 def shown_from(full_px: FloatImage, estimate: Estimate, camera: Intrinsics = CAMERA) -> Shown:
     """The output from estimates at half resolution, by a measurement at full resolution."""
     resolution = WorkingResolution.of(camera, 2)
-    return Upsampler(camera.shape, resolution).show(resolution.depth(full_px), estimate)
+    return Upsampler(camera.shape, resolution).show(depth_of(resolution, full_px), estimate)
 
 
 def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage, camera: Intrinsics = CAMERA) -> FloatImage:
