@@ -14,7 +14,7 @@ from voxdepth.temporal.fusion import PixelClass
 from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import NOISE_PX, smooth_guided
-from voxdepth.temporal.upsampling import Estimate, Shown, Upsampler
+from voxdepth.temporal.upsampling import Estimate, Shown, show
 from voxdepth.temporal.working_resolution import (
     MAX_DISPARITY_PX,
     MAX_FULL_RESOLUTION_PX,
@@ -114,7 +114,7 @@ class TestMeasurement:
 def shown_from(full_px: FloatImage, estimate: Estimate, camera: Intrinsics = CAMERA) -> Shown:
     """The output from estimates at half resolution, by a measurement at full resolution."""
     resolution = WorkingResolution.of(camera, 2)
-    return Upsampler(camera.shape, resolution).show(depth_of(resolution, full_px), estimate)
+    return show(depth_of(resolution, full_px), estimate, resolution)
 
 
 def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage, camera: Intrinsics = CAMERA) -> FloatImage:
@@ -199,7 +199,7 @@ class TestUpsampling:
         kind = rng.integers(0, len(PixelClass), CAMERA.shape).astype(np.uint8)
         confidence = rng.choice(np.array([0.1, 0.49, 0.5, 0.51, 0.9], np.float32), CAMERA.shape)
         estimate = Estimate(constant(8), kind, confidence)
-        shown = Upsampler(CAMERA.shape, resolution).show(constant(0), estimate, 0.5)
+        shown = show(constant(0), estimate, resolution, 0.5)
         hidden = np.isin(kind, [PixelClass.UNMEASURED, PixelClass.MEASURED]) & (estimate.confidence < 0.5)
         np.testing.assert_array_equal(shown.source == Source.INVALID, hidden)
         np.testing.assert_array_equal(shown.depth_m == 0, hidden)

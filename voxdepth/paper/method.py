@@ -35,7 +35,6 @@ class Aligned:
     """A frame with everything that its correction needs: the result of the first half of the work."""
 
     frame: Frame
-    template: Template | None
     diagnostics: VoxDepthDiagnostics
     timings_s: Mapping[str, float]
 
@@ -107,12 +106,12 @@ class VoxDepth(StreamCorrector):
             epoch_end=epoch_end,
             template=template,
         )
-        return Aligned(frame=frame, template=template, diagnostics=diagnostics, timings_s=timer.times_s)
+        return Aligned(frame=frame, diagnostics=diagnostics, timings_s=timer.times_s)
 
     def combine(self, aligned: Aligned) -> CorrectedDepth:
         """Correct the aligned frame, which depends on nothing else."""
         timer, registration = StepTimer(aligned.timings_s), aligned.diagnostics.registration
-        measured_m, template = aligned.frame.depth_m, aligned.template if registration.ok else None
+        measured_m, template = aligned.frame.depth_m, aligned.diagnostics.template if registration.ok else None
         depth_m, source_before = measured_m, (measured_m > 0).view(np.uint8)
         with timer("warp"):  # from the original, since repeated warps would mix edges
             if template is not None:
