@@ -42,7 +42,7 @@ HOW_TO = ": voxdepth "
 """Part of the lines of these files that say how they are used."""
 
 
-Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING BAG")
+Format = StrEnum("Format", "AUTO TUM REALSENSE RECORDING BAG")
 """Formats of recorded sequences: `auto` and `datasets.DATASET_FORMATS`, which would have to be imported for --help."""
 
 
