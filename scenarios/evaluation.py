@@ -16,7 +16,6 @@ from sim.errors import RecordingError, SimError
 from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.metrics import SeenBefore
 from voxdepth.tools.evaluation.groups import TRUE_GROUPS
 from voxdepth.tools.evaluation.references import TRUE_DEPTHS
 from voxdepth.tools.evaluation.sources import Code, EvaluationFrame
@@ -107,18 +106,16 @@ class SimulatedSource:
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
         """Read the first frames; a file that is missing or damaged is a `ScenarioError`.
 
-        Holes are split by what was measured before, and moving objects are marked.
+        Holes and occluded pixels are told apart, and moving objects are marked.
         """
-        seen_before, departures = SeenBefore(self.intrinsics), Departures()
+        departures = Departures()
         before: Capture | None = None
         for index in range(frames):
             with _as_our_errors():
                 capture = self._recording[index]
             truth_m, occluded = capture.depth_true_m, capture.occluded
             known = np.isfinite(truth_m)
-            hole = (capture.depth_raw_m == 0) & known
-            seen, never = seen_before.split(hole, truth_m, capture.T_world_cam, capture.depth_raw_m)
-            kind = occluded + np.uint8(2) * seen + np.uint8(4) * never
+            kind = occluded + np.uint8(2) * (capture.depth_raw_m == 0)
             before = capture if before is None else before
             with np.errstate(invalid="ignore"):
                 close = np.abs(truth_m - before.depth_true_m) <= np.float32(SAME_SURFACE) * truth_m

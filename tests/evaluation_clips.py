@@ -80,7 +80,7 @@ def evaluation_frames(n_frames: int = 4) -> list[EvaluationFrame]:
             frame=Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m.copy()),
             T_world_cam=capture.T_world_cam,
             reference_m=capture.depth_true_m,
-            labels=TRUE_GROUPS.label(capture.depth_true_m, 5 * (capture.depth_raw_m == 0).astype(np.uint8)),
+            labels=TRUE_GROUPS.label(capture.depth_true_m, 3 * (capture.depth_raw_m == 0).astype(np.uint8)),
             static=np.full(CAMERA.shape, index > 0),
         )
         for index, capture in enumerate(map(capture_of, range(n_frames)))

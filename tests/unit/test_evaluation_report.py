@@ -113,8 +113,8 @@ def test_a_failed_method_has_no_number_and_is_in_no_sample_size_and_missing_figu
     table = method_table(done, mae())
     assert row(table, "bad")[0] == ("failed", "failed")
     assert [text for text, _ in row(table, "n")] == ["1.0 k to 2.0 k", "1.0 k"]
-    (seen,) = (q for q in QUANTITIES if q.selectors[0].mask == "holes seen")
-    assert {text for entries in method_table(done, seen).cells for text, _ in entries[1:]} == {"-", "failed"}
+    (changes,) = (q for q in QUANTITIES if q.selectors[0].mask == "static filled")
+    assert {text for entries in method_table(done, changes).cells for text, _ in entries[1:]} == {"-", "failed"}
 
 
 def test_results_are_tidy(done: Evaluation, tmp_path: Path) -> None:

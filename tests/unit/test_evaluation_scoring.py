@@ -82,10 +82,10 @@ def test_the_sums_of_groups_are_those_of_each_mask_and_range(groups: Groups, see
 
 def test_pixels_without_a_reference_are_in_no_group() -> None:
     reference_m = np.array([[0, np.inf, 1, 25]], np.float32)
-    labels = TRUE_GROUPS.label(reference_m, np.array([[0, 0, 3, 5]], np.uint8))
-    assert labels.tolist() == [[NONE, NONE, 3, 4 * 6 + 5]]
+    labels = TRUE_GROUPS.label(reference_m, np.array([[0, 0, 2, 3]], np.uint8))
+    assert labels.tolist() == [[NONE, NONE, 2, 4 * 4 + 3]]
     groups = split(labels, len(TRUE_GROUPS))
-    assert {k: list(where) for k, where in enumerate(groups) if where.size} == {3: [2], 29: [3]}
+    assert {k: list(where) for k, where in enumerate(groups) if where.size} == {2: [2], 19: [3]}
 
 
 @pytest.mark.parametrize("groups", [TRUE_GROUPS, HOLE_GROUPS, PATCH_GROUPS])
@@ -99,7 +99,7 @@ def test_a_perfect_method_has_no_error() -> None:
     truths_m = map(truth_of, range(4))
     done = scored(lambda depth_m: next(truths_m))
     for metric in METRICS:
-        assert done[metric, "all", "all", "completed"].value == {"psnr_40m": np.inf, "close": 1}.get(metric, 0), metric
+        assert done[metric, "all", "all", "completed"].value == (metric == "close"), metric
     assert done["m_rmse_u16_wrap", "occluded", "all", "as given"].value == 0
     assert done["flicker", "static", "0-20 m", "filled"].value == 0
     assert done["coverage", "holes", "0-20 m", "filled"].value == 1
@@ -139,13 +139,11 @@ def test_a_wrong_depth_that_stays_does_not_flicker_and_one_that_changes_does() -
     assert scored(lambda d: np.full_like(d, 9 + 0.5 * next(signs)))["flicker", "static", "0-20 m", "filled"].value > 0.9
 
 
-def test_flicker_of_measured_pixels_leaves_out_what_was_a_hole_in_either_frame() -> None:
+def test_flicker_of_fills_leaves_out_what_was_measured_in_either_frame() -> None:
     fills_m = cycle([3, 9])
-    done = scored(lambda depth_m: np.where(depth_m > 0, np.float32(WALL_M), np.float32(next(fills_m))))
-    everywhere, measured = (done["flicker", mask, "0-20 m", "filled"] for mask in ("static", "static measured"))
-    raw = scored(lambda depth_m: depth_m)["flicker", "static", "0-20 m", "filled"]
-    assert everywhere.value > 0.1
-    assert measured.n == raw.n < everywhere.n, "raw has a change where both frames were measured, and nowhere else"
+    done = scored(lambda depth_m: np.where(depth_m > 0, depth_m, np.float32(next(fills_m))))
+    everywhere, filled = (done["flicker", mask, "0-20 m", "filled"] for mask in ("static", "static filled"))
+    assert filled.n < everywhere.n and filled.value == pytest.approx(6, abs=1.5), "the change of the fills alone"
 
 
 def test_frames_are_averaged_as_told_and_settled_errors_leave_the_warm_up_out() -> None:
@@ -168,8 +166,7 @@ def test_without_the_truth_held_out_pixels_are_judged_and_the_change_of_depth_is
     changes_m, off_m = iter([0, 0.1, 0]), np.float32(0.5) * kind
     done = scores_of(PATCH_GROUPS, [labelled] * 3, lambda _: frame.reference_m + off_m + np.float32(next(changes_m)))
     flicker = [found for (metric, mask, *_), found in done.items() if (metric, mask) == ("flicker", "static")]
-    assert {found.range for found in flicker} == {"all", "0-20 m", "2-5 m", "5-10 m"}
-    assert all(found.value == pytest.approx(0.1, rel=1e-4) for found in flicker)
+    assert [(found.range, found.value) for found in flicker] == [("0-20 m", pytest.approx(0.1, rel=1e-4))]
     ratio = scores_of(PATCH_GROUPS, [labelled], lambda _: frame.reference_m + off_m)
     found = ratio["psnr16_mm", "patches", "all", "completed"]
     assert (found.value, found.n) == (pytest.approx(20 * np.log10(65.535 / 0.5), rel=1e-5), kind.sum())
@@ -280,7 +277,6 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
     approximate = {mask: (pytest.approx(value, abs=1e-6), n) for mask, (value, n) in expected.items()}
     assert by_mask(calibrated(*found), "mae") == approximate
     assert by_mask(calibrated(*found), "correct")["confidence 0.9-1"] == (0.5, 2)
-    assert by_mask(calibrated(*found), "median")["confidence 0-0.1"][0] == pytest.approx(2, rel=0.01)
     short = replace(TELE, baseline_m=0.02)  # 2 px at 10 m: a quarter of a pixel decides
     assert by_mask(calibrated(*found, short), "correct")["confidence 0.9-1"] == (1, 2)
 

@@ -64,23 +64,20 @@ def split(labels: GrayImage, n_groups: int) -> Sequence[npt.NDArray[np.intp]]:
 
 
 TRUE_GROUPS = Groups(
-    kinds=("measured", "measured occluded", "seen", "seen occluded", "never", "never occluded"),
+    kinds=("measured", "measured occluded", "hole", "hole occluded"),
     masks={
-        "all": ("measured", "measured occluded", "seen", "seen occluded", "never", "never occluded"),
+        "all": ("measured", "measured occluded", "hole", "hole occluded"),
         "measured": ("measured", "measured occluded"),
-        "occluded": ("measured occluded", "seen occluded", "never occluded"),
-        "holes": ("seen", "seen occluded", "never", "never occluded"),
-        "holes seen": ("seen", "seen occluded"),
-        "holes never seen": ("never", "never occluded"),
+        "occluded": ("measured occluded", "hole occluded"),
+        "holes": ("hole", "hole occluded"),
     },
     hidden="holes",
     independent="all",
     reference_name="the truth",
     is_true=True,
 )
-"""Groups of sequences with the truth. Holes are pixels that the sensor has no depth for. They are seen if the sensor
-measured the same surface correctly within the last 60 frames. Occluded pixels are those that the second camera does not
-see."""
+"""Groups of sequences with the truth. Holes are pixels that the sensor has no depth for. Occluded pixels are those that
+the second camera does not see."""
 
 
 def held_out_groups(name: str) -> Groups:

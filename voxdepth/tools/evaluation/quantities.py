@@ -8,7 +8,7 @@ from typing import Literal
 import pandas as pd
 
 from ..table import MISSING
-from .groups import ALL, BINS, TRUE_GROUPS
+from .groups import TRUE_GROUPS
 from .intervals import CLOSE, ERROR_CHANGE, LEAD
 from .kinds import HELD_OUT
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames
@@ -16,9 +16,7 @@ from .scoring import (
     BELIEVED,
     CALIBRATION_RANGE,
     FILL_RATE,
-    FLYING,
     GHOSTS,
-    PHANTOMS,
     PLANE_FIT_RMS,
     SKY_NEAR,
     SOURCES,
@@ -34,7 +32,7 @@ HIDDEN = "hidden"
 HIDDEN_MASKS = (TRUE_GROUPS.hidden, *(kind.name for kind in HELD_OUT))
 MILLIMETRES_BELOW_M = 0.1
 """Lengths with a smaller median are shown in millimetres, as at a desk, and others in metres, as in a street."""
-UNITS = {"%": (100, 1), "mm": (1000, 1), "m": (1, 3), "1/m": (1, 4), "dB": (1, 2), "ms": (1, 1), "count": (1, 0)}
+UNITS = {"%": (100, 1), "mm": (1000, 1), "m": (1, 3), "dB": (1, 2), "ms": (1, 1)}
 """Factor from the unit of the measurements, and decimal places, by the unit of a quantity."""
 
 
@@ -132,15 +130,8 @@ QUANTITIES = (
     Quantity("MAE of all pixels within 20 m, after completion by the nearest valid", "m", [Selector("mae")],
              best="low", short="MAE all"),
     Quantity("RMSE of all pixels within 20 m, after completion", "m", [Selector("rmse")], best="low"),
-    Quantity("Median error of all pixels within 20 m, after completion", "m", [Selector("median")], best="low"),
-    Quantity("RMSE of inverse depth, all surfaces, after completion", "1/m", [Selector("inverse_rmse", range=ALL)],
-             best="low"),
     Quantity("MAE in the sensor's holes (held-out pixels where there is no truth), within 20 m, after completion", "m",
              [Selector("mae", HIDDEN)], best="low", short="MAE holes"),
-    Quantity("MAE in holes whose surface was measured correctly in the last 60 frames, within 20 m, completed", "m",
-             [Selector("mae", "holes seen")], "A memory could know these.", best="low"),
-    Quantity("MAE in holes never seen, within 20 m, after completion", "m", [Selector("mae", "holes never seen")],
-             "These can only be guessed.", best="low"),
     Quantity("More than 10 % too far / too near in those holes (held-out pixels), within 20 m, after completion", "%",
              [Selector("too_far", HIDDEN), Selector("too_near", HIDDEN)],
              "Together, because a bias to one side wins either alone.", short="far/near"),
@@ -155,9 +146,8 @@ QUANTITIES = (
              [Selector("coverage", HIDDEN, on=FILLED)], short="coverage of holes"),
     WITHIN_5,
     OVER_BEST,
-    Quantity("Median / mean absolute error of measured pixels within 20 m", "m",
-             [Selector(metric, "measured", on=FILLED) for metric in ("median", "mae")], best="low",
-             short="median/mean error of measured"),
+    Quantity("MAE of measured pixels within 20 m", "m", [Selector("mae", "measured", on=FILLED)], best="low",
+             short="mean error of measured"),
     Quantity("Change of the mean error of measured pixels from raw's, within 20 m, with a 95 % interval", "%",
              [Selector(metric, "measured", on=FILLED) for metric in ERROR_CHANGE],
              "The interval is a bootstrap over the frames of both.", best="low", layout="interval",
@@ -174,14 +164,9 @@ QUANTITIES = (
              [Selector(metric, BELIEVED, CALIBRATION_RANGE, FILLED) for metric in ("too_far", "too_near")],
              "Holes (held-out pixels where there is no truth) that a method fills with a confidence of at least 0.5, "
              "or at all if it gives none. Too far hides an obstacle, too near is a phantom."),
-    Quantity("Flying pixels: of those beside depth edges, those that hang in empty space", "%", [FLYING],
-             "Between the nearest and the farthest reference of a window of a 32nd of the width, and not within 5 % of "
-             "any in it.", best="low"),
     Quantity("Flicker of static pixels within 20 m that the sensor measured in neither frame", "m",
              [Selector("flicker", STATIC_FILLED, on=FILLED)],
              "Fills in both frames: the silhouettes that move over measured pixels are left out."),
-    Quantity(f"Flicker by range, {' / '.join(BINS)}", "m",
-             [Selector("flicker", STATIC, name, FILLED) for name in BINS], digits=-1),
     Quantity("Static pixels within 20 m that gain or lose their depth from frame to frame", "%",
              [Selector("switched", STATIC, on=FILLED)]),
     Quantity("Survival: pixels of moving objects within 5 % of the truth, of raw depth, and the method's difference",
@@ -193,9 +178,6 @@ QUANTITIES = (
              "sizes.", best="low", layout="against raw", short="ghosts raw, difference"),
     Quantity("Sky that a method shows within 20 m", "%", [SKY_NEAR],
              "Raw depth has some beside near objects. Only sequences with the truth have a known sky."),
-    Quantity("Phantom obstacles", "count", [PHANTOMS],
-             "Blobs of at least 30 px nearer than half the true depth that stay for 5 frames at overlapping places. "
-             "The measure is meant for a camera that hardly moves; n is the number of frames."),
     Quantity(f"MAE by the source that a method names for a pixel: sensor / memory / inpainted, {CALIBRATION_RANGE}",
              "m", [Selector("mae", mask, CALIBRATION_RANGE, FILLED) for mask in SOURCES.values()],
              "The number of pixels of each source is in results.csv.", digits=-1),

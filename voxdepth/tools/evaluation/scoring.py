@@ -9,13 +9,10 @@ import numpy.typing as npt
 
 from ...geometry import fill_from_nearest
 from ...metrics import (
-    Changes,
     Flicker,
-    Phantoms,
     Share,
     Sums,
     fill_rate,
-    flying_share,
     ghost_share,
     is_correct,
     is_plane,
@@ -27,17 +24,13 @@ from ...metrics import (
 from ...metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
 from ...types import CorrectedDepth, FloatImage, Intrinsics, MaskImage, Source
 from ..output import to_millimetres
-from .groups import ALL, BINS, NEAR, NONE, RANGES, Groups, split
+from .groups import ALL, NEAR, NONE, RANGES, Groups, split
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector
 from .sources import EvaluationFrame
 
-PEAK_M = 40.0
-"""Peak of the PSNR `psnr_40m` [m]."""
-STATIC, STATIC_MEASURED, STATIC_FILLED = "static", "static measured", "static filled"
-"""Masks of flicker: pixels that show the same surface as in the frame before, those of them that the sensor measured in
-both frames, and those that it measured in neither."""
-FLYING = Selector("flying", "beside edges", ALL, FILLED)
-"""Share of the pixels beside depth edges that hang in empty space."""
+STATIC, STATIC_FILLED = "static", "static filled"
+"""Masks of flicker, within 20 m: pixels that show the same surface as in the frame before, and those of them that the
+sensor measured in neither frame."""
 BELIEVED = "believed"
 """Mask: the hidden pixels that a method fills with a confidence of at least `MIN_BELIEVED`."""
 MIN_BELIEVED = 0.5
@@ -51,8 +44,6 @@ GHOSTS = [Selector(metric, DEPARTED, ALL, FILLED) for metric in ("ghosts", "ghos
 SKY_NEAR = Selector("near", "sky", ALL, AS_GIVEN)
 """Share of the pixels without a true surface that are given a depth within `SKY_RANGE_M`."""
 SKY_RANGE_M = 20.0
-PHANTOMS = Selector("phantoms", "all", ALL, AS_GIVEN)
-"""Number of phantom obstacles."""
 FILL_RATE, Z_ACCURACY, PLANE_FIT_RMS = (
     Selector(metric, "center", ALL, FILLED) for metric in ("fill_rate", "z_accuracy", "plane_fit_rms")
 )
@@ -73,19 +64,15 @@ SOURCES = {Source.SENSOR: "source sensor", Source.MEMORY: "source memory", Sourc
 METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "mae": ("m", lambda sums: sums.mae_m),
     "rmse": ("m", lambda sums: sums.rmse_m),
-    "median": ("m", lambda sums: sums.median_abs_m),
-    "inverse_rmse": ("1/m", lambda sums: sums.inverse_rmse_per_m),
     "too_far": ("share", lambda sums: sums.too_far_share),
     "too_near": ("share", lambda sums: sums.too_near_share),
-    "off": ("share", lambda sums: sums.mean(sums.too_far + sums.too_near)),
     "close": ("share", lambda sums: sums.mean(sums.close)),
-    "psnr_40m": ("dB", lambda sums: sums.psnr_db(PEAK_M)),
 }
 """Unit of each metric of errors, and how it follows from the sums. A new metric is one line here, and one in
 `quantities.py` for its table in the report.
 
-`too_far` and `too_near` are off by more than 10 %, `off` is either of them, and `close` is within 5 % of the truth. Of
-pixels `as given`, `close` counts those without a depth as wrong.
+`too_far` and `too_near` are off by more than 10 %, `close` is within 5 % of the truth. Of pixels `as given`, `close`
+counts those without a depth as wrong.
 """
 SERIES: Mapping[str, tuple[str, Callable[[list[float]], float]]] = {
     "z_accuracy": ("share", np.median),
@@ -108,12 +95,12 @@ class Score:
         self._groups, self._intrinsics = groups, intrinsics
         self._occluded = "occluded" if "occluded" in groups.masks else groups.hidden
         self._sums = {on: [Sums()] * len(groups) for on in (FILLED, COMPLETED)}
-        self._flicker = {mask: Flicker(len(BINS)) for mask in (STATIC, STATIC_MEASURED, STATIC_FILLED)}
+        self._flicker = {mask: Flicker() for mask in (STATIC, STATIC_FILLED)}
         self._measured_before: MaskImage | None = None
         self._shares: defaultdict[Selector, Share] = defaultdict(Share)
         self._completed: defaultdict[Selector, Sums] = defaultdict(Sums)
         self._series: defaultdict[Selector, list[float | None]] = defaultdict(list)
-        self._calibration, self._phantoms = CalibrationScore(intrinsics, groups.hidden), Phantoms()
+        self._calibration = CalibrationScore(intrinsics, groups.hidden)
         self.frame_close: tuple[tuple[int, int], ...] = ()
         """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
         self.frame_errors_m: tuple[tuple[float, int], ...] = ()
@@ -135,7 +122,7 @@ class Score:
         """Return everything that is known after the last frame; measurements of no pixel are left out."""
         return [
             *(m for mask, name in product(self._groups.masks, RANGES) for m in self._measured_errors(mask, name)),
-            *(m for mask, name in product(self._flicker, RANGES) for m in self._measured_flicker(mask, name)),
+            *self._measured_flicker(),
             *(Measurement(*of, share.value, "share", share.of) for of, share in self._shares.items() if share.of),
             *self._measured_series(),
             *self._calibration.measurements(),
@@ -166,26 +153,22 @@ class Score:
         """Without the truth the depth itself, and not its error, should stay the same."""
         known = frame.labels != NONE
         steady_m = frame.reference_m if self._groups.is_true else known.astype(np.float32)
-        bins = np.where(known, frame.labels // np.uint8(len(self._groups.kinds)), np.uint8(0))
-        static: MaskImage = frame.static & known
+        static: MaskImage = frame.static & self._pixels(frame, "all", NEAR)
         now: MaskImage = frame.frame.depth_m > 0
         before = now if self._measured_before is None else self._measured_before
-        masks = {STATIC: static, STATIC_MEASURED: static & now & before, STATIC_FILLED: static & ~(now | before)}
-        for name, mask in masks.items():
-            self._flicker[name].add(depth_m, steady_m, mask, bins)
+        self._flicker[STATIC].add(depth_m, steady_m, static)
+        self._flicker[STATIC_FILLED].add(depth_m, steady_m, static & ~(now | before))
         self._measured_before = now
 
     def _add_shares(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Add what is known: moving objects of few sequences, and the sky only with the truth."""
         self._shares[FILL_RATE] += fill_rate(depth_m)
-        self._shares[FLYING] += flying_share(depth_m, frame.reference_m)
         if frame.moving is not None and frame.departed_m is not None:
             for k, given_m in enumerate((depth_m, frame.frame.depth_m)):
                 self._shares[SURVIVAL[k]] += survival(given_m, frame.reference_m, frame.moving)
                 self._shares[GHOSTS[k]] += ghost_share(given_m, frame.reference_m, frame.departed_m)
         if self._groups.is_true:
             self._shares[SKY_NEAR] += near_share(depth_m, frame.reference_m, SKY_RANGE_M)
-            self._phantoms.add(depth_m, frame.reference_m)
 
     def _add_quality(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         if self._groups.is_true:
@@ -223,20 +206,18 @@ class Score:
                 value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
                 yield Measurement(metric, mask, range_name, on, value, unit, sums.filled)
 
-    def _measured_flicker(self, mask: str, range_name: str) -> Iterator[Measurement]:
-        changes = sum((self._flicker[mask].groups[index] for index in RANGES[range_name]), Changes())
-        if changes.pixels:
-            yield Measurement("flicker", mask, range_name, FILLED, changes.mean_change_m, "m", changes.changes)
-            yield Measurement("switched", mask, range_name, FILLED, changes.switched_share, "share", changes.pixels)
+    def _measured_flicker(self) -> Iterator[Measurement]:
+        for mask, flicker in self._flicker.items():
+            if (changes := flicker.total).pixels:
+                yield Measurement("flicker", mask, NEAR, FILLED, changes.mean_change_m, "m", changes.changes)
+                yield Measurement("switched", mask, NEAR, FILLED, changes.switched_share, "share", changes.pixels)
 
     def _measured_series(self) -> Iterator[Measurement]:
-        """Yield the mean or the median over the frames of which a value is known, and the number of phantoms."""
+        """Yield the mean or the median over the frames of which a value is known."""
         for selector, values in self._series.items():
             unit, average = SERIES[selector.metric]
             if known := [value for value in values if value is not None]:
                 yield Measurement(*selector, float(average(known)), unit, len(known))
-        if self._groups.is_true:
-            yield Measurement(*PHANTOMS, self._phantoms.count, "1", len(self.frame_close))
 
     def _measured_completed(self) -> Iterator[Measurement]:
         """Yield the errors of completed pixels that are judged by the paper's peak or after the warm-up."""
@@ -292,7 +273,6 @@ class CalibrationScore:
             where = mask, CALIBRATION_RANGE, FILLED
             if share.of and mask in self._sums:
                 yield Measurement("mae", *where, self._sums[mask].mae_m, "m", share.of)
-                yield Measurement("median", *where, self._sums[mask].median_abs_m, "m", share.of)
             if share.of:
                 yield Measurement("correct", *where, share.value, "share", share.of)
 
