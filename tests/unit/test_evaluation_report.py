@@ -259,9 +259,9 @@ def test_time_in_a_thread_of_its_own_is_shown_apart_and_counts_on_the_front(monk
 def test_the_terminal_shows_every_sequence_in_80_columns_and_what_failed(done: Evaluation) -> None:
     text = io.StringIO()
     console = Console(width=80, file=text)
-    longest = result("sim-MB", "ip-basic-multiscale", 99.99)
+    longest = result("sim-MB", "temporal[fill=all]", 99.99)
     print_results(console, Evaluation(results=(longest, *done.results), sequences=done.sequences, reused=0))
-    assert re.search(r"ip-basic-multiscale\s+99.990", text.getvalue())
+    assert re.search(r"temporal\[fill=all\]\s+99.990", text.getvalue())
     assert "sim-MB: 2 frames of 12x9, 1,000 pixels within 20 m, scored by the truth" in text.getvalue()
     assert re.search(r"good\s+0.300\s+0.600", text.getvalue())
     assert f"sim-MB, bad failed: frame 0: {NASTY}" in text.getvalue()
