@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from voxdepth.datasets import open_dataset
-from voxdepth.tools.evaluation.sources import SAME_GRAY
+from voxdepth.tools.evaluation.recordings import SAME_GRAY
 from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import FloatArray, FloatImage, Frame, Intrinsics
 

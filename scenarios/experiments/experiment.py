@@ -149,7 +149,7 @@ class ExperimentContext:
         plan = Plan(sequences=sequences, methods=find_methods(list(methods)), frames=self.frames, out=self.out)
         evaluation = evaluate(plan, lambda what, results: self.report(f"{what}; {results} of {len(plan)} done"))
         for failed in evaluation.failures:
-            raise ScenarioError(f"{failed.key.method} failed on {failed.key.sequence}: {failed.error}")
+            raise ScenarioError(f"{failed.method} failed on {failed.sequence}: {failed.error}")
         return evaluation
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from voxdepth.paper.epochs import EpochEnd, Phase
 from voxdepth.registry import AUTHORS, PAPER, config_of, installed_names
-from voxdepth.tools.evaluation.groups import ALL
+from voxdepth.tools.evaluation.frames import ALL
 from voxdepth.tools.evaluation.measurements import AS_GIVEN, Selector
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 from voxdepth.tools.figure import Draw, panels, plotted

@@ -5,16 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from voxdepth.errors import FrameError
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import (
     DepthErrors,
-    Share,
     depth_errors,
     fill_rate,
     is_correct,
     is_plane,
-    near_share,
     plane_fit_rms,
     z_accuracy,
 )
@@ -109,14 +106,6 @@ def test_an_image_without_depth_stays_without() -> None:
     assert not dense_m.any()
     assert dense_m is not empty
     assert dense_m.dtype == np.float32
-
-
-def test_near_depth_on_the_sky_is_counted_and_far_or_no_depth_is_not() -> None:
-    truth_m = np.array([[np.inf, np.inf, np.inf, np.inf, 5, 0]], np.float32)
-    depth_m = np.array([[19.9, 20, 0, 3, 5, 1]], np.float32)
-    assert near_share(depth_m, truth_m, 20) == Share(hits=2, of=4)
-    with pytest.raises(FrameError):
-        near_share(np.where(depth_m == 3, np.float32(np.nan), depth_m), truth_m, 20)
 
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=70)

@@ -4,7 +4,7 @@ from .depth_quality import fill_rate, is_plane, plane_fit_rms, z_accuracy
 from .flicker import Changes, Flicker
 from .paper import m_rmse_u16_wrap, psnr_minmax8
 from .pixels import RANGE_BINS_M, is_correct
-from .shares import Share, ghost_share, near_share, survival
+from .shares import Share, ghost_share, survival
 from .sums import TOO_FAR, DepthErrors, Sums, depth_errors
 
 __all__ = [
@@ -21,7 +21,6 @@ __all__ = [
     "is_correct",
     "is_plane",
     "m_rmse_u16_wrap",
-    "near_share",
     "plane_fit_rms",
     "psnr_minmax8",
     "survival",

@@ -1,11 +1,11 @@
-"""Shares of pixels: ghosts where a moving object was, survival where it is, and near depth on the sky."""
+"""Shares of pixels: ghosts where a moving object was, and survival where it is."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..types import FloatImage, MaskImage
-from .pixels import Addable, require_depth, require_same_shape, select_judged
+from .pixels import Addable, require_same_shape, select_judged
 from .sums import CLOSE
 
 
@@ -58,20 +58,3 @@ def survival(depth_m: FloatImage, truth_m: FloatImage, moving: MaskImage) -> Sha
     depth, truth = select_judged(depth_m, truth_m, moving)
     kept = np.abs(depth - truth) <= np.float32(CLOSE) * truth
     return Share(hits=int(np.count_nonzero(kept)), of=depth.size)
-
-
-def near_share(depth_m: FloatImage, truth_m: FloatImage, range_m: float) -> Share:
-    """Pixels of the sky that are given a depth below a range, among all pixels of the sky.
-
-    Args:
-        depth_m: Depth under test [m], shape (H, W); 0 = invalid, which is not near.
-        truth_m: True depth [m]; +inf is the sky, and all else is not counted.
-        range_m: The range [m].
-
-    Raises:
-        FrameError: The shapes differ, or the depth of the sky is negative, NaN or infinite.
-    """
-    require_same_shape(depth_m=depth_m, truth_m=truth_m)
-    shown_m = depth_m[np.isposinf(truth_m)]
-    require_depth(shown_m)
-    return Share(hits=int(np.count_nonzero((shown_m > 0) & (shown_m < range_m))), of=shown_m.size)
