@@ -15,8 +15,8 @@ def experiment(
         list[str],
         typer.Argument(
             metavar="NAME",
-            help="quality and fps, which are about the paper; artefacts, which is about the simulator; confidence, "
-            "which is about all correctors.",
+            help="quality, which is about the paper; artefacts, which is about the simulator; confidence, which is "
+            "about all correctors.",
         ),
     ],
     sequences: Annotated[
@@ -35,7 +35,7 @@ def experiment(
         Path, typer.Option(metavar="DIR", help="Folder of the results; recordings are shared with `evaluate`.")
     ] = (Path("evaluation")),
 ) -> None:
-    """Repeat the paper's main experiments on rendered sequences, quality and frame rate, and two of our own.
+    """Repeat the paper's main experiment on rendered sequences, the quality of its method, and two of our own.
 
     Writes NAME/table.csv, NAME/figure.png and NAME/result.json below DIR. Missing recordings are made first, at 0.1 to
     0.5 s a frame; each experiment takes less than five minutes on two slow cores. `artefacts` measures the errors of

@@ -15,30 +15,14 @@ from ..evaluation import recorded
 from ..sequences import SeededSequence, load_sequence
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A statement of the paper and the corresponding finding."""
-
-    paper: str
-    found: str
-    holds: bool | None
-    """Whether the finding agrees; None if it neither confirms nor refutes the statement."""
-
-    @property
-    def verdict(self) -> str:
-        """The agreement in one word."""
-        return {True: "agrees", False: "differs", None: "open"}[self.holds]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Findings:
     """The answer to the question of an experiment."""
 
     table: pd.DataFrame
     """Headings have units, as in `time [ms]`."""
-    claims: tuple[Claim, ...] = ()
     notes: tuple[str, ...] = ()
-    """Differences to the paper's experiment and other remarks that a reader needs."""
+    """What the paper claims and what is found, and other remarks that a reader needs."""
     figure: bytes
     """PNG."""
     files: dict[str, bytes] = field(default_factory=dict)
@@ -95,8 +79,6 @@ class Experiment:
     """Default sequences."""
     frames: int
     """Default number of frames of each sequence."""
-    min_frames: int = 1
-    """Least number of frames that gives an answer."""
     width_px: int | None = None
     """Default width of the images; None for that of each sequence."""
     reads_data: bool = False
@@ -107,11 +89,6 @@ class Experiment:
         chosen: dict[str, Any] = {"sequences": self.sequences, "frames": self.frames, "width_px": self.width_px}
         chosen |= {name: value for name, value in given.items() if value is not None}
         context = ExperimentContext(out=out, report=lambda what: report(f"{self.name}: {what}"), **chosen)
-        if context.frames < self.min_frames:
-            raise ScenarioError(
-                f"{self.name} needs at least {self.min_frames} frames of each sequence, got --frames {context.frames}: "
-                "ask for more"
-            )
         if context.data and not self.reads_data:
             raise ScenarioError(f"{self.name} reads no recordings: leave out --data")
         for name in context.sequences:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from voxdepth.errors import no_such
@@ -15,14 +14,13 @@ from ..provenance import SIMULATION
 from .artefacts import artefacts
 from .confidence import confidence
 from .experiment import Experiment, ExperimentContext, Findings
-from .frame_rate import fps
 from .quality import quality
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-EXPERIMENTS = {one.name: one for one in (quality, fps, artefacts, confidence)}
-"""All experiments by name: two about the paper, one about the simulator and one about the correctors."""
+EXPERIMENTS = {one.name: one for one in (quality, artefacts, confidence)}
+"""All experiments by name: about the paper, about the simulator and about the correctors."""
 
 
 def find_experiments(names: Sequence[str]) -> list[Experiment]:
@@ -49,7 +47,6 @@ def run(experiment: Experiment, context: ExperimentContext, command: str) -> Fin
         "seed": context.seed or 0,
         "data": list(map(str, context.data)),
         "provenance": vars(Provenance.here(SIMULATION)),
-        "claims": list(map(asdict, findings.claims)),
         "notes": findings.notes,
     }
     files = {
@@ -64,9 +61,7 @@ def run(experiment: Experiment, context: ExperimentContext, command: str) -> Fin
 
 
 def print_findings(console: "Console", experiment: Experiment, findings: Findings) -> None:
-    """Print the question, the table, the claims and the notes."""
+    """Print the question, the table and the notes."""
     Table.of_frame(f"{experiment.name}: {experiment.question}", findings.table).print(console)
-    for claim in findings.claims:
-        console.print(f"paper: {claim.paper}\nhere:  {claim.found} ({claim.verdict})", markup=False, soft_wrap=True)
     for note in findings.notes:
-        console.print(f"note:  {note}", markup=False, soft_wrap=True)
+        console.print(note, markup=False, highlight=False, soft_wrap=True)

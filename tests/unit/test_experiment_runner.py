@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.experiments.experiment import Claim, Experiment, ExperimentContext, Findings
+from scenarios.experiments.experiment import Experiment, ExperimentContext, Findings
 from scenarios.experiments.runner import find_experiments, run
 from voxdepth.tools.errors import ToolError
 
@@ -20,17 +20,14 @@ PNG = b"\x89PNG"
 
 def answer(context: ExperimentContext) -> Findings:
     """The same table for every question."""
-    claims = (Claim("fast", "slow", False),)
-    return Findings(table=TABLE, claims=claims, notes=("a note",), figure=PNG, files={"more.txt": b"more"})
+    return Findings(table=TABLE, notes=("a note",), figure=PNG, files={"more.txt": b"more"})
 
 
 def fail(context: ExperimentContext) -> Findings:
     raise ScenarioError("it failed")
 
 
-STUB = Experiment(
-    name="stub", question="What is it?", answer=answer, sequences=("sim-LN",), frames=5, width_px=160, min_frames=3
-)
+STUB = Experiment(name="stub", question="What is it?", answer=answer, sequences=("sim-LN",), frames=5, width_px=160)
 
 
 def report(out: Path, experiment: Experiment = STUB, **given: Any) -> Findings:
@@ -48,7 +45,6 @@ def test_table_figure_and_report_are_written(tmp_path: Path) -> None:
     assert (stored["seed"], stored["frames"], stored["width_px"]) == (7, 4, 160)
     assert stored["command"] == "voxdepth experiment stub"
     assert stored["provenance"]["processor"] and "numpy" in stored["provenance"]["versions"]
-    assert stored["claims"] == [{"paper": "fast", "found": "slow", "holds": False}]
     assert stored["notes"] == ["a note"]
 
 
@@ -63,7 +59,6 @@ def test_what_the_user_does_not_say_the_experiment_does(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"frames": 2}, "stub needs at least 3 frames of each sequence, got --frames 2"),
         ({"sequences": ("sim-XX",)}, "there is no sequence 'sim-XX'"),
         ({"width_px": 20}, "rig.width_px: expected at least 32, got 20"),
         ({"data": (Path(),)}, "stub reads no recordings: leave out --data"),
@@ -86,7 +81,14 @@ def test_a_file_in_the_way_is_told(tmp_path: Path) -> None:
         report(tmp_path)
 
 
+def test_quality_needs_frames_after_the_warm_up(tmp_path: Path) -> None:
+    (quality,) = find_experiments(["quality"])
+    with pytest.raises(ScenarioError, match="quality needs more than 16 frames of each sequence, got 16"):
+        quality.answer(quality.context(tmp_path, print, frames=16))
+
+
 def test_an_experiment_is_found_by_its_name_and_runs_once() -> None:
-    assert [experiment.name for experiment in find_experiments(["fps", "quality", "fps"])] == ["fps", "quality"]
+    names = ["artefacts", "quality", "artefacts"]
+    assert [experiment.name for experiment in find_experiments(names)] == names[:2]
     with pytest.raises(ScenarioError, match=r"no experiment 'qualty' \(did you mean quality"):
         find_experiments(["qualty"])
