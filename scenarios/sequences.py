@@ -81,14 +81,6 @@ class SeededSequence(Model):
     """Versions of the packages that made the recording, and of the source, as `code`."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecordingResult:
-    """Extent and quality of a finished recording."""
-
-    frames: int
-    quality: DepthQuality
-
-
 def names_of(names_and_groups: Iterable[str]) -> list[str]:
     """Return names of sequences, with the name of a group replaced by the names of its sequences."""
     return [name for given in names_and_groups for name in GROUPS.get(given, (given,))]
@@ -100,15 +92,10 @@ def load_sequence(name_or_path: str, seed: int | None, changes: dict[str, Any]) 
     return loaded.model_copy(update={"versions": versions(SIMULATION) | {"code": code_digest(SENSOR_SOURCES)}})
 
 
-def captures(seeded: SeededSequence, frames: int, *, start: int = 0) -> Iterator[Capture]:
-    """Yield the captures of a sequence from frame `start` up to `frames`, in order, without writing them."""
-    with simulation(seeded) as simulated:
-        for pair in simulated.render(start, frames):
-            yield simulated.sensor.capture(pair)
+def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> DepthQuality:
+    """Record the first frames of a sequence into a new or empty folder, and return the quality of their depth.
 
-
-def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> RecordingResult:
-    """Record the first frames of a sequence into a new or empty folder, where the recording is whole or absent.
+    The recording is whole or absent.
 
     One thread renders ahead, and others measure depth and write images. The result does not depend on threads.
 
@@ -132,7 +119,7 @@ def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress
                 writer.append_row(capture)
                 quality.add(capture)
                 progress(writer.frames)
-        return RecordingResult(frames=frames, quality=quality)
+        return quality
 
 
 def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int) -> Iterator[Capture]:
@@ -145,7 +132,7 @@ def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int)
 
     with ThreadPoolExecutor(2) as pool:
         waiting: deque[Future[Capture]] = deque()
-        for pair in simulated.render(0, frames):
+        for pair in simulated.render(frames):
             waiting.append(pool.submit(measure, pair))
             if len(waiting) >= FRAMES_IN_PROGRESS:
                 yield waiting.popleft().result()
@@ -167,14 +154,13 @@ class Simulation:
         """The segmentation ids of the bodies without texture."""
         return [body_id for body_id, surface in self.world.surfaces.items() if surface.is_blank]
 
-    def render(self, start: int, stop: int) -> Iterator[RenderedPair]:
-        """Yield the rendered images of the frames from `start` up to `stop`; a camera in a body is a `SensorError`."""
-        for frame, poses in enumerate(islice(self.exposures(), stop)):
-            if frame >= start:
-                self.world.move_to(poses[0].stamp_s)
-                pair = self.sensor.expose(poses, frame)
-                self._require_outside(pair)
-                yield pair
+    def render(self, frames: int) -> Iterator[RenderedPair]:
+        """Yield the rendered images of the first frames; a camera in a body is a `SensorError`."""
+        for frame, poses in enumerate(islice(self.exposures(), frames)):
+            self.world.move_to(poses[0].stamp_s)
+            pair = self.sensor.expose(poses, frame)
+            self._require_outside(pair)
+            yield pair
 
     def _require_outside(self, pair: RenderedPair) -> None:
         left_m, to_right = pair.T_world_cam[:3, 3], pair.T_world_cam[:3, 0]

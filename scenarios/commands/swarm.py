@@ -11,7 +11,7 @@ import typer
 from voxdepth.tools.options import CORRECTOR_HELP, INTERRUPTED
 from voxdepth.tools.viewer import RECORDING, open_viewer, require_display
 
-from .options import Depth, Renderer, Scenario, Seed, Seeds, Size, Workers, given, size_changes
+from .options import Depth, Renderer, Scenario, Seed, Seeds, Size, Workers, given
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -53,17 +53,17 @@ def run(
         raise ScenarioError("--view opens the recording, which --no-record leaves out: give one of the two")
     if view:
         require_display("without --view, the command names the recording, and voxdepth view RECORDING --web")
-    changes = given(
-        drones=("mission.drones", drones),
-        duration=("mission.duration_s", duration),
-        depth=("rig.depth", depth),
-        theta=("rig.noise.scale.theta", theta),
-        corrector=("corrector", corrector),
-        controller=("mission.controller", controller),
-        prior=("mission.pose_prior.kind", prior),
-        renderer=("renderer", renderer),
-    )
-    planned = load_run(scenario, seed, changes | size_changes(size))
+    options = {
+        "mission.drones": drones,
+        "mission.duration_s": duration,
+        "rig.depth": depth,
+        "rig.noise.scale.theta": theta,
+        "corrector": corrector,
+        "mission.controller": controller,
+        "mission.pose_prior.kind": prior,
+        "renderer": renderer,
+    }
+    planned = load_run(scenario, seed, given(options, size))
     console = Console()
     with _progress(console, planned.scenario.mission.duration_s) as progress:
         finished = fly_and_write(planned, out, record=record, progress=progress)
@@ -174,7 +174,7 @@ def picture(
     elif Path(what).is_dir() and what not in shipped_names("scenarios"):
         make_sheet(Path(what), out)
     else:
-        take_picture(load_run(what, seed, size_changes(size)), out, drone=drone, at_s=at)
+        take_picture(load_run(what, seed, given({}, size)), out, drone=drone, at_s=at)
     typer.echo(f"written to {out}", err=True)
 
 
