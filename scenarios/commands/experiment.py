@@ -15,9 +15,8 @@ def experiment(
         list[str],
         typer.Argument(
             metavar="NAME",
-            help="rq1, rq2, rq3, rq4, steps, quality, fps, components, window, switches, or all of these; collide, "
-            "which flies missions; default or ablation, which are about the default method; artefacts, which is about "
-            "the simulator; confidence, which is about all correctors.",
+            help="quality, fps, collide, which flies missions, or all of these; artefacts, which is about the "
+            "simulator; confidence, which is about all correctors.",
         ),
     ],
     sequences: Annotated[
@@ -38,17 +37,12 @@ def experiment(
         Path, typer.Option(metavar="DIR", help="Folder of the results; recordings are shared with `evaluate`.")
     ] = (Path("evaluation")),
 ) -> None:
-    """Repeat the paper's experiments on rendered sequences, or compare the default method with others.
+    """Repeat the paper's main experiments: quality and frame rate on rendered sequences, and collisions.
 
     Writes tables (NAME/table.csv, NAME/table.md), NAME/figure.png and NAME/result.json below DIR. Missing recordings
-    are made first, at 0.1 to 0.5 s a frame. On two slow cores all experiments take some ten minutes with their
-    defaults, half of it recording, and none takes more than four. `switches --frames 500` repeats the paper's table in
-    full, in about five minutes.
-
-    `default` evaluates every method on every sequence and takes almost an hour; an interrupted run is resumed.
-    `ablation` evaluates the default method with one part off at a time. `artefacts` measures the errors of raw depth.
-    `confidence` fits the confidence of all correctors but the default in some five minutes, and writes
-    confidence/confidence.toml, which takes effect as voxdepth/confidence.toml.
+    are made first, at 0.1 to 0.5 s a frame. On two slow cores `collide` takes ten minutes, and the others less than
+    five. `artefacts` measures the errors of raw depth. `confidence` fits the confidence of all correctors but the
+    default in some five minutes, and writes confidence/confidence.toml, which takes effect as voxdepth/confidence.toml.
     """
     use_one_thread()
 

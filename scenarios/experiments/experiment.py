@@ -68,11 +68,6 @@ def alike(found: float, printed: float) -> bool:
     return printed / ALIKE <= found <= printed * ALIKE
 
 
-def all_hold(holds: Collection[bool]) -> bool | None:
-    """Whether a claim holds in every case; None without a case."""
-    return all(map(bool, holds)) if len(holds) else None
-
-
 def most_hold(holds: Collection[bool]) -> bool | None:
     """Whether a claim holds in more than half of the cases; None without a case."""
     return bool(sum(holds) > len(holds) / 2) if len(holds) else None

@@ -13,32 +13,21 @@ from voxdepth.tools.table import Table
 
 from ..errors import ScenarioError
 from ..provenance import SIMULATION
-from .ablation import ablation
 from .artefacts import artefacts
 from .collisions import collide
-from .components import components
 from .confidence import confidence
-from .default import default
 from .experiment import Claim, Experiment, ExperimentContext, Findings, verdict
 from .frame_rate import fps
-from .frame_size import rq2
-from .inpainting import rq3
-from .occlusion import rq1
-from .optical_flow import rq4
 from .quality import quality
-from .steps import steps
-from .switches import switches
-from .window import window
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 ALL, INDEX = "all", "index.md"
-PAPER_EXPERIMENTS = (rq1, rq2, rq3, rq4, steps, quality, fps, components, window, switches)
+PAPER_EXPERIMENTS = (quality, fps, collide)
 """Questions of the paper, in its order."""
-EXPERIMENTS = {one.name: one for one in (*PAPER_EXPERIMENTS, collide, default, ablation, artefacts, confidence)}
-"""All experiments by name. `collide` is the paper's, too, but flies for many minutes; the last four are not about the
-paper, but about the correctors and the simulator."""
+EXPERIMENTS = {one.name: one for one in (*PAPER_EXPERIMENTS, artefacts, confidence)}
+"""All experiments by name; the last two are about the simulator and about the correctors."""
 
 
 @dataclass(frozen=True, eq=False)

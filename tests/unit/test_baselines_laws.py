@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -11,9 +10,8 @@ from tests.baseline_frames import camera, frame, holed, scene, texture
 from voxdepth.baselines.global_smoother import GlobalSmoother
 from voxdepth.baselines.ip_basic import IpBasic
 from voxdepth.baselines.lmeds import LMedS
-from voxdepth.baselines.optical_flow import Farneback, FlowFilter, HornSchunck
 from voxdepth.baselines.pose_splat import PoseSplat
-from voxdepth.baselines.realsense import RealSenseChain, RealSenseHoles
+from voxdepth.baselines.realsense import RealSenseChain, RealSenseLeft
 from voxdepth.baselines.single_frame import AuthorsMax, Median, OpenCvInpaint
 from voxdepth.errors import FrameError
 from voxdepth.types import CorrectedDepth, DepthCorrector, Intrinsics, Source
@@ -32,9 +30,6 @@ FILLERS: dict[str, Make] = {
 SINGLE_FRAME = [name for name in FILLERS if name != "pose-splat"]
 WITH_MEMORY: dict[str, Make] = {
     "lmeds": LMedS,
-    "flow": FlowFilter,
-    "flow-farneback": partial(FlowFilter, flow=Farneback()),
-    "flow-horn-schunck": partial(FlowFilter, flow=HornSchunck()),
     "pose-splat": PoseSplat,
 }
 CONSTANT = FILLERS | WITH_MEMORY
@@ -43,9 +38,7 @@ BASELINES: dict[str, Make] = CONSTANT | {
     "median": lambda camera: Median(),
     "authors": lambda camera: AuthorsMax(),
     "realsense": lambda camera: RealSenseChain(replace(camera, baseline_m=0.1)),
-    "realsense-left": lambda camera: RealSenseHoles(fill="left"),
-    "realsense-farthest": lambda camera: RealSenseHoles(),
-    "realsense-nearest": lambda camera: RealSenseHoles(fill="nearest"),
+    "realsense-left": lambda camera: RealSenseLeft(),
 }
 SHAPES = [(1, 1), (1, 9), (7, 1), (3, 200)]
 
@@ -146,7 +139,7 @@ def test_single_frame_fillers_remember_nothing(name: str) -> None:
     ).depth_m)  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["telea", "navier-stokes", "global-smoother", "lmeds", "flow", "pose-splat"])
+@pytest.mark.parametrize("name", ["telea", "navier-stokes", "global-smoother", "lmeds", "pose-splat"])
 def test_a_scene_twice_as_far_is_filled_twice_as_far(name: str) -> None:
     near, far = BASELINES[name](camera((30, 40))), BASELINES[name](camera((30, 40)))
     for index in range(3):

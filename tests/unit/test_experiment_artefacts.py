@@ -106,6 +106,6 @@ def test_recordings_of_cameras_are_measured_beside_sequences(tmp_path: Path) -> 
 
 
 def test_other_experiments_refuse_recordings(tmp_path: Path) -> None:
-    (rq1,) = find_experiments(["rq1"])
-    with pytest.raises(ScenarioError, match="rq1 reads no recordings"):
-        rq1.context(tmp_path, print, data=(tmp_path,))
+    (quality,) = find_experiments(["quality"])
+    with pytest.raises(ScenarioError, match="quality reads no recordings"):
+        quality.context(tmp_path, print, data=(tmp_path,))

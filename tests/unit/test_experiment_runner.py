@@ -20,7 +20,6 @@ from scenarios.experiments.runner import (
     run,
     write_index,
 )
-from scenarios.experiments.switches import _switches_claim
 from scenarios.study.design import expand, load_study
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.figure import label_axes, panels
@@ -108,14 +107,14 @@ def test_a_file_in_the_way_is_told(tmp_path: Path) -> None:
 
 
 def test_the_index_has_every_claim_of_the_experiments_that_have_results(tmp_path: Path) -> None:
-    for name in ("fps", "rq1"):
+    for name in ("fps", "quality"):
         report(tmp_path, replace(STUB, name=name))
     table = write_index(tmp_path)
     assert [tuple(row) for row in table.rows] == [
-        (name, "fast", "slow", "differs", "it is fast") for name in ("rq1", "fps")
+        (name, "fast", "slow", "differs", "it is fast") for name in ("quality", "fps")
     ]
     page = (tmp_path / "index.md").read_text()
-    assert "| rq1 | fast | slow | differs |" in page
+    assert "| quality | fast | slow | differs |" in page
     assert "- [fps](fps/table.md), [figure](fps/figure.png): What is it?" in page
 
 
@@ -130,12 +129,12 @@ def test_the_small_study_of_collisions_flies_few_runs_of_the_whole_one() -> None
 def test_names() -> None:
     paper = [experiment.name for experiment in PAPER_EXPERIMENTS]
     assert set(paper) < set(EXPERIMENTS)
-    assert [experiment.name for experiment in find_experiments(["fps", "rq1"])] == ["fps", "rq1"]
+    assert [experiment.name for experiment in find_experiments(["fps", "quality"])] == ["fps", "quality"]
     assert [experiment.name for experiment in find_experiments(["all"])] == paper
-    with pytest.raises(ScenarioError, match=r"no experiment 'rq5' \(did you mean rq"):
-        find_experiments(["rq5"])
-    with pytest.raises(ScenarioError, match="'rq1' is named twice"):
-        find_experiments(["all", "rq1"])
+    with pytest.raises(ScenarioError, match=r"no experiment 'qualty' \(did you mean quality"):
+        find_experiments(["qualty"])
+    with pytest.raises(ScenarioError, match="'quality' is named twice"):
+        find_experiments(["all", "quality"])
 
 
 def test_the_verdict_counts_the_claims_that_agree() -> None:
@@ -143,9 +142,3 @@ def test_the_verdict_counts_the_claims_that_agree() -> None:
     assert verdict(claims) == "Of 4 claims of the paper, 2 agree, 1 differs, 1 is open."
     assert verdict(claims[2:3]) == "Of 1 claim of the paper, 1 differs."
     assert "no claim" in verdict([])
-
-
-def test_a_claim_about_numbers_of_a_table_can_be_stored() -> None:
-    claim = _switches_claim(pd.Series({"sim-LN": 10.0, "sim-MB": 5.0, "sim-KTC": 3.0}))
-    assert json.loads(json.dumps(claim.holds)) is True
-    assert "3.0 and 7.5 per 500 frames, -60.0 %" in claim.found

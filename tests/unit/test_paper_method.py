@@ -101,7 +101,7 @@ def test_at_depth_steps_the_erosion_is_bounded_which_is_a_known_fault() -> None:
     step = flat(40.0)
     step[40:140, 100:220] = 18.0
     result = feed(VoxDepth(CAMERA, CONFIG), [step] * 6, texture(0))[-1]
-    lost_px = CONFIG.inpainting.size_px // 2 + CONFIG.median_size_px // 2
+    lost_px = CONFIG.dilation_px // 2 + CONFIG.median_size_px // 2
     kept = np.s_[40 + lost_px : 140 - lost_px, 100 + lost_px : 220 - lost_px]
     assert np.abs(result.depth_m[kept] - 18.0).max() <= CELL_Z_M
     eroded = (result.depth_m > 30) & (step < 30)
@@ -241,7 +241,7 @@ def test_a_cut_at_any_frame_leaves_no_depth_of_the_other_scene_behind(cut_at: in
     "bad",
     [
         {"median_size_px": 4},
-        {"inpainting": {"method": "dilation", "size_px": 2}},
+        {"dilation_px": 2},
         {"voxels": {"cell_m": (0.0, 0.1, 0.1)}},
         {"voxels": {"cell_m": (0.001, 0.001, 0.001)}},
     ],

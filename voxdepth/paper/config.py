@@ -7,7 +7,6 @@ from pydantic import Field, field_validator
 
 from ..devices import DeviceName
 from ..model import Model
-from .inpainting import Inpainting
 from .odometry import OdometryConfig
 from .registration import RegistrationConfig
 from .voxels import LARGEST_EXTENT_M, VoxelConfig
@@ -56,15 +55,23 @@ class VoxDepthConfig(Model):
     is measured between all neighbours, which is slower and follows turns."""
     voxels: VoxelConfig = VoxelConfig()
     odometry: OdometryConfig = OdometryConfig()
-    inpainting: Inpainting = Inpainting()
-    """What makes the projected cloud dense."""
+    dilation_px: int = Field(default=5, ge=1, le=99)
+    """Window whose farthest depth makes the projected cloud dense (Eq. dilate); odd. A larger one closes wider gaps and
+    moves edges by half of it."""
     registration: RegistrationConfig = RegistrationConfig()
     combine: CombineConfig = CombineConfig()
     median_size_px: int = 5
     """Window of the median filter against flicker: 1 (off), 3 or 5."""
     device: DeviceName = "cpu"
-    """What processes the images: `cpu`, `cuda`, `warp-cpu` (the kernels of `cuda` without a GPU), or `auto`. Inpainting
-    always runs on the CPU."""
+    """What processes the images: `cpu`, `cuda`, `warp-cpu` (the kernels of `cuda` without a GPU), or `auto`.
+    The dilation always runs on the CPU."""
+
+    @field_validator("dilation_px")
+    @classmethod
+    def _require_middle(cls, size_px: int) -> int:
+        if size_px % 2 == 0:
+            raise ValueError("the window must be odd, so that it has a pixel in its middle")
+        return size_px
 
     @field_validator("median_size_px")
     @classmethod
@@ -95,7 +102,6 @@ def authors_config() -> VoxDepthConfig:
         window_frames=12,
         max_epoch_frames=200,
         fusion_lag_frames=0,
-        inpainting=Inpainting(method="dilation", size_px=5),
         registration=RegistrationConfig(n_features=1000, max_distance=10, min_matches=20, chained=True),
         combine=CombineConfig(reject_near=False, reject_far=False, empty_from_m=65.0),
     )

@@ -11,7 +11,7 @@ from ..devices import DeviceName, present
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
 from .config import VoxDepthConfig
 from .registration import warped
-from .voxels import OccupiedVoxels, VoxelGrid, project_voxels
+from .voxels import OccupiedVoxels, VoxelGrid, dilated, project_voxels
 
 if TYPE_CHECKING:
     from .warp_steps import WarpSteps
@@ -32,7 +32,6 @@ class HostSteps:
         self._config = config
         self._grid = VoxelGrid(config.voxels)
         self._warped = np.empty(intrinsics.shape, np.float32)
-        config.inpainting.prepare()
         compile_all()
 
     def clear(self) -> None:
@@ -52,8 +51,8 @@ class HostSteps:
         return OccupiedVoxels.of(self._grid.words, self._grid.config)
 
     def inpaint(self, sparse: FloatImage) -> FloatImage:
-        """Dense depth of sparse depth."""
-        return self._config.inpainting.fill(sparse)
+        """Dense depth of sparse depth, see `dilated`."""
+        return dilated(sparse, self._config.dilation_px)
 
     def upload(self, depth_m: FloatImage) -> FloatImage:
         """A depth image [m], shape (H, W), in this object's memory."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import prod
 from typing import Self
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import float32, int64, uint32, void
@@ -171,3 +172,13 @@ def _draw(
                 is_inside = (col >= 0) & (col < depth_m.shape[1]) & (row >= 0) & (row < depth_m.shape[0])
                 if is_inside and depth_m[int64(row), int64(col)] == 0:
                     depth_m[int64(row), int64(col)] = z_m
+
+
+def dilated(sparse_m: FloatImage, size_px: int) -> FloatImage:
+    """Every pixel, filled or not, takes the maximum of its window: paper, Eq. dilate.
+
+    Depth [m] has shape (H, W), 0 = unknown. A pixel stays empty if its whole window is empty. Every depth edge moves by
+    half the window, the far side over the near one.
+    """
+    dense_m: FloatImage = cv2.dilate(sparse_m, np.ones((size_px, size_px), np.uint8))  # type: ignore[assignment]
+    return dense_m

@@ -10,7 +10,7 @@ from ..geometry import RayMap
 from ..types import FloatArray, FloatImage, Intrinsics
 from . import warp_kernels as kernels
 from .config import VoxDepthConfig
-from .voxels import OccupiedVoxels
+from .voxels import OccupiedVoxels, dilated
 
 
 class WarpSteps:
@@ -21,7 +21,6 @@ class WarpSteps:
         wp.load_module(kernels, device=device)  # The first launch would compile them.
         self._intrinsics = intrinsics
         self._config = config
-        config.inpainting.prepare()
         self._device = device
         self._words = wp.zeros(config.voxels.n_words, dtype=wp.uint32, device=device)
 
@@ -50,8 +49,8 @@ class WarpSteps:
         return OccupiedVoxels.of(self._words.numpy(), self._config.voxels)
 
     def inpaint(self, sparse: Any) -> Any:
-        """See `HostSteps`. All methods run on the CPU: once an epoch."""
-        return self.upload(self._config.inpainting.fill(sparse.numpy()))
+        """See `HostSteps`. It runs on the CPU, once an epoch."""
+        return self.upload(dilated(sparse.numpy(), self._config.dilation_px))
 
     def upload(self, depth_m: FloatImage) -> Any:
         """See `HostSteps`."""

@@ -22,7 +22,7 @@ from .suite import Evaluation
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SHOWN = ("raw", "voxdepth", "temporal", "realsense", "lmeds", "flow", "ip-basic", "global-smoother", ORACLE, "learned")
+SHOWN = ("raw", "voxdepth", "temporal", "realsense", "lmeds", "ip-basic", "global-smoother", ORACLE, "learned")
 """Methods that lines and points are drawn of where more took part; if none of these did, the first ones that did."""
 PANEL_COLUMNS, PANEL_IN, WIDEST_PANEL_IN = 3, (4.3, 3.5), 7.0
 """Panels side by side, their width and height, and the width of the panel of a single sequence."""
