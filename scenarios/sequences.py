@@ -17,8 +17,6 @@ from pydantic import Field
 from sim.bodies import MovingSphere
 from sim.errors import SensorError
 from sim.flights import AnyFlight, Flight
-from sim.free_space import is_inside
-from sim.quality import DepthQuality
 from sim.recording import RecordingWriter
 from sim.render import RendererName, create_renderer
 from sim.scenes import AnyScene
@@ -81,14 +79,6 @@ class SeededSequence(Model):
     """Versions of the packages that made the recording, and of the source, as `code`."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecordingResult:
-    """Extent and quality of a finished recording."""
-
-    frames: int
-    quality: DepthQuality
-
-
 def names_of(names_and_groups: Iterable[str]) -> list[str]:
     """Return names of sequences, with the name of a group replaced by the names of its sequences."""
     return [name for given in names_and_groups for name in GROUPS.get(given, (given,))]
@@ -107,7 +97,7 @@ def captures(seeded: SeededSequence, frames: int, *, start: int = 0) -> Iterator
             yield simulated.sensor.capture(pair)
 
 
-def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> RecordingResult:
+def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> None:
     """Record the first frames of a sequence into a new or empty folder, where the recording is whole or absent.
 
     One thread renders ahead, and others measure depth and write images. The result does not depend on threads.
@@ -126,13 +116,10 @@ def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress
             )
         config_text = to_toml(seeded)
         with RecordingWriter(folder, intrinsics=simulated.sensor.intrinsics, config_text=config_text) as writer:
-            quality = DepthQuality(simulated.textureless_ids)
             progress(0)
             for capture in _write_images(simulated, writer, frames):
                 writer.append_row(capture)
-                quality.add(capture)
                 progress(writer.frames)
-        return RecordingResult(frames=frames, quality=quality)
 
 
 def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int) -> Iterator[Capture]:
@@ -162,11 +149,6 @@ class Simulation:
     exposures: Callable[[], Iterator[list[BodyPose]]]
     """The poses of the camera while the shutter is open, one or more for each frame."""
 
-    @property
-    def textureless_ids(self) -> list[int]:
-        """The segmentation ids of the bodies without texture."""
-        return [body_id for body_id, surface in self.world.surfaces.items() if surface.is_blank]
-
     def render(self, start: int, stop: int) -> Iterator[RenderedPair]:
         """Yield the rendered images of the frames from `start` up to `stop`; a camera in a body is a `SensorError`."""
         for frame, poses in enumerate(islice(self.exposures(), stop)):
@@ -180,7 +162,7 @@ class Simulation:
         left_m, to_right = pair.T_world_cam[:3, 3], pair.T_world_cam[:3, 0]
         baseline_m = self.sensor.intrinsics.baseline_m or 0.0
         for name, position_m in (("left", left_m), ("right", left_m + baseline_m * to_right)):
-            if is_inside(self.world, position_m):
+            if self.world.is_inside(position_m):
                 x, y, z = position_m
                 raise SensorError(
                     f"in frame {pair.frame} the {name} camera is inside a body, at ({x:.2f}, {y:.2f}, {z:.2f}) m: "

@@ -10,7 +10,7 @@ import numpy as np
 from voxdepth.types import FloatArray, MaskImage
 
 from . import frames
-from .bodies import Body, Cylinder, Mover, Scene, Surface
+from .bodies import Body, Cylinder, Heightfield, Mesh, Mover, Scene, Surface
 from .drone import GRAVITY_M_S2, AirframeConfig, VelocityController, Wind
 from .engine import pybullet
 from .errors import SceneError
@@ -24,6 +24,10 @@ SMALLEST_PROBE_M = 1e-3
 """Radius of the sphere that stands for a point, because Bullet requires a positive radius."""
 IMPACT_STEPS = 10
 """Steps before a contact at which its speed is taken, because Bullet brakes bodies that are about to touch."""
+SKY_M = 200.0
+"""Height above a point up to which there may be bodies."""
+RAY_OFFSET_M = 1e-3
+"""Distance behind a surface at which the search for the next surface begins."""
 DRONE_SURFACE = Surface(albedo=0.15, texture=0.6)
 DRONE_BODY_HEIGHT_M = 0.16
 
@@ -217,6 +221,23 @@ class World:
     def clearance_at_m(self, position_m: Sequence[float], horizon_m: float = 5.0) -> float:
         """Distance from a point to the nearest body except drones, at most `horizon_m`; negative inside a body."""
         return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, None)
+
+    def is_inside(self, position_m: FloatArray) -> bool:
+        """Whether a point, shape (3,), lies inside a body or below a heightfield. Drones do not count.
+
+        PyBullet knows the inside of convex solids only, and treats meshes and heightfields as surfaces. A point is
+        inside of these if an odd number of their surfaces is overhead. A mesh that is not closed has no inside.
+        """
+        if self.clearance_at_m(position_m.tolist(), 1.0) < 0:
+            return True
+        start_m, up_m, odd = position_m, np.array([0.0, 0.0, SKY_M]), set[int]()
+        while (hit := pybullet.rayTest(start_m.tolist(), (start_m + up_m).tolist(), physicsClientId=self.client)[0])[
+            0
+        ] >= 0:
+            odd ^= {hit[0]}
+            start_m = start_m + hit[2] * up_m + (0, 0, RAY_OFFSET_M)
+        shapes = [self.bodies[body].shape for body in odd if body in self.bodies]
+        return any(isinstance(shape, Heightfield) or (isinstance(shape, Mesh) and shape.is_closed) for shape in shapes)
 
     def is_clear(self, way_m: FloatArray, radius_m: float) -> bool:
         """Whether a sphere that moves along a polyline of points, shape (n, 3), touches no fixed body on it.

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from sim.frames import R_BODY_CAM
-from sim.free_space import is_inside
 from sim.rig import StereoRig
 from sim.types import Capture, Contact, DroneState, VelocityCommand
 from sim.world import PHYSICS_HZ, World
@@ -231,7 +230,7 @@ class Mission:
             *((f"start of drone {i}", state.position_m, 0.0) for i, state in enumerate(self.world.states)),
             *(("goal", team.goal_m, self.world.airframe.radius_m) for team in self._teams),
         ):
-            if self.world.clearance_at_m(at_m.tolist()) < radius_m or is_inside(self.world, at_m):
+            if self.world.clearance_at_m(at_m.tolist()) < radius_m or self.world.is_inside(at_m):
                 place_m = at_m.round(6).tolist()
                 raise MissionError(f"the {what} {place_m} m is inside a building or the ground; move it into the open")
 

@@ -25,17 +25,15 @@ def record(
 
     from rich.console import Console
 
-    from ..report import print_quality
     from ..sequences import load_sequence, record
 
     seeded = load_sequence(sequence, seed, given(renderer=("renderer", renderer)) | size_changes(size))
     console, start = Console(), time.perf_counter()
     with counter(console, "recording", frames) as update:
-        done = record(seeded, out, frames, update)
+        record(seeded, out, frames, update)
     wall_s = time.perf_counter() - start
-    title = f"{seeded.sequence.name}, seed {seeded.seed}: {done.frames} frames, surfaces within 30 m"
-    print_quality(console, done.quality, title)
-    typer.echo(f"{done.frames} frames in {out}, {done.frames / wall_s:.1f} frames per second")
+    typer.echo(f"{frames} frames of {seeded.sequence.name}, seed {seeded.seed}, in {out}")
+    typer.echo(f"{frames / wall_s:.1f} frames per second")
     typer.echo(f"look at it with: voxdepth picture {out} --out sheet.jpg")
 
 

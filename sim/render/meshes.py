@@ -18,8 +18,6 @@ from ..types import IdImage
 from ..world import World, drone_shape
 
 ROUND_SEGMENTS = 24
-WELD_DECIMALS = 9
-"""Decimals of the coordinates [m] by which vertices are at the same place."""
 
 
 class SceneMeshes:
@@ -97,22 +95,6 @@ def bounding_sphere(mesh: Mesh) -> FloatArray:
     """Centre and radius [m], shape (4,)."""
     center_m = (mesh.vertices_m.min(axis=0) + mesh.vertices_m.max(axis=0)) / 2
     return np.append(center_m, np.sqrt(((mesh.vertices_m - center_m) ** 2).sum(axis=1).max()))
-
-
-def is_closed(mesh: Mesh) -> bool:
-    """Whether a mesh is a closed surface whose triangles run counter-clockwise when seen from outside.
-
-    Then each edge has one triangle on either side, and the enclosed volume is positive. Vertices at the same place
-    count as one.
-    """
-    _, same = np.unique(mesh.vertices_m.round(WELD_DECIMALS), axis=0, return_inverse=True)
-    corners = same.reshape(-1)[mesh.triangles]
-    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
-    ends = np.concatenate([corners[:, [i, (i + 1) % 3]] for i in range(3)])
-    edges, backwards = (np.sort(ends @ [1, len(same)]), np.sort(ends @ [len(same), 1]))
-    a, b, c = np.moveaxis(mesh.vertices_m[mesh.triangles] - mesh.vertices_m.mean(axis=0), 1, 0)
-    volume_m3 = (a * np.cross(b, c)).sum() / 6
-    return bool(volume_m3 > 0 and np.array_equal(edges, backwards) and (np.diff(edges) > 0).all())
 
 
 def mesh_of_shape(shape: Shape) -> Mesh:

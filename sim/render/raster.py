@@ -22,7 +22,7 @@ from voxdepth.types import FloatArray, MaskImage
 from ..cpu import mapper, slices
 from ..errors import RenderError
 from ..types import Camera, IdImage, Pinhole
-from .meshes import SceneMeshes, bounding_sphere, is_closed, merged, normals
+from .meshes import SceneMeshes, bounding_sphere, merged, normals
 from .raycast import Hits
 
 EDGE_TOLERANCE_PX = 1e-6
@@ -295,7 +295,7 @@ class Rasteriser:
         self._threads = threads
         self._map = mapper(threads)
         self._normals = [normals(mesh) for mesh in meshes.meshes]
-        self._is_closed = np.array([is_closed(mesh) for mesh in meshes.meshes], np.bool_)
+        self._is_closed = np.array([mesh.is_closed for mesh in meshes.meshes], np.bool_)
         self._own_spheres_m = [bounding_sphere(mesh) for mesh in meshes.meshes]
         self._spheres_m = np.array(self._own_spheres_m)
         """Centre and radius of a sphere around each body in the world frame, shape (B, 4)."""

@@ -59,9 +59,9 @@ def assert_same(a: Capture, b: Capture) -> None:
 )
 def test_every_sequence_is_recorded_and_read_back_bit_for_bit(name: str, tmp_path: Path) -> None:
     planned = small(name)
-    done = record(planned, tmp_path / "r", 3, lambda frames: None)
+    record(planned, tmp_path / "r", 3, lambda frames: None)
     recording = Recording.open(tmp_path / "r")
-    assert len(recording) == done.frames == 3
+    assert len(recording) == 3
     expected = list(captures(planned, 3))
     for one, other in zip(recording, expected, strict=True):
         assert_same(one, other)
@@ -166,7 +166,8 @@ def test_a_flight_that_is_too_short_is_refused_before_anything_is_written(tmp_pa
         record(short, tmp_path / "r", 20, lambda frames: None)
     assert not (tmp_path / "r").exists()
     longest = int(str(caught.value).split("--frames ")[1][0])
-    assert record(short, tmp_path / "r", longest, lambda frames: None).frames == longest
+    record(short, tmp_path / "r", longest, lambda frames: None)
+    assert len(Recording.open(tmp_path / "r")) == longest
 
 
 @pytest.mark.parametrize("size", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan"))])
@@ -181,8 +182,7 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     command = ["record", "sim-MB", "--out", folder, "--frames", "3", "--size", "160x96", "--seed", "4"]
     done = voxdepth(*command)
     assert done.returncode == 0, done.stderr
-    for words in ("within", "median", "hidden from the right camera", "occluded", "frames per second"):
-        assert words in done.stdout, words
+    assert "frames per second" in done.stdout
     config = tomllib.loads((folder / "config.toml").read_text())
     assert config["seed"] == 4
     assert "numpy" in config["versions"]
@@ -200,11 +200,7 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_scenes_are_pictured_with_their_difficulty(tmp_path: Path) -> None:
+def test_scenes_are_pictured(tmp_path: Path) -> None:
     done = voxdepth("picture", "scenes", "--out", tmp_path / "scenes.jpg")
     assert done.returncode == 0, done.stderr
-    rows = [line.split("|") for line in done.stdout.splitlines() if line.startswith("|")]
-    figures = {row[1].strip(): float(row[3]) for row in rows[2:]}
-    assert set(figures) == {"city", "forest", "corridor", "gap", "plains", "lawn"}
-    assert all(1 < figure < 40 for figure in figures.values())
     assert (tmp_path / "scenes.jpg").stat().st_size < 500_000

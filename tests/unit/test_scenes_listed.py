@@ -17,7 +17,6 @@ from sim import scenes
 from sim.bodies import Body, Box, Mesh, Scene, SceneSpec, Surface
 from sim.engine import pybullet
 from sim.errors import SceneError
-from sim.free_space import is_inside
 from sim.render import create_renderer
 from sim.render.raycast import rays_of
 from sim.scenes import ListedSpec
@@ -276,7 +275,7 @@ def test_nobody_starts_or_ends_inside_of_a_body(shape: dict[str, Any], place: st
 def test_under_an_open_roof_one_may_start(tmp_path: Path) -> None:
     roof = Mesh(np.array([[-5, -5, 4], [5, -5, 4], [0, 5, 4.0]]), np.array([[0, 1, 2]], np.uint32))
     with World(Scene(seed=0, bodies=(Body(name="roof", shape=roof),)), np.zeros((0, 3))) as world:
-        assert not is_inside(world, np.array([0.0, 0.0, 2.0]))
+        assert not world.is_inside(np.array([0.0, 0.0, 2.0]))
 
 
 def test_a_urdf_beside_the_scenario_is_found_from_anywhere_and_by_the_copy_in_a_result(
