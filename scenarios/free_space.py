@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from sim.render import create_renderer
-from sim.rig import StereoRig
+from sim.sensor import StereoSensor
 from sim.types import Capture
 from sim.world import World
 from swarm.braking import BrakingConfig
@@ -66,14 +66,14 @@ class Probe(Recorder):
     def start(self, world: World, teams: Sequence[Team]) -> None:
         """Mount the other sensor on the drones."""
         renderer = create_renderer(self._run.scenario.renderer, world)
-        self._rig = StereoRig(world, renderer, self._run.scenario.rig, seed=self._run.seed)
+        self._rig = StereoSensor(world, renderer, self._run.scenario.rig, seed=self._run.seed)
         self._hard = [id for id, at in world.surfaces.items() if at.texture < WEAK_TEXTURE or at.reflectivity > 0]
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Look again from the same place."""
         if (drone := capture.drone) not in WATCHED:
             return
-        (seen,) = self._rig.capture([drone], self._frames[drone])
+        (seen,) = self._rig.captures([drone], self._frames[drone])
         self._frames[drone] += 1
         true_m = np.minimum(seen.depth_true_m, np.float32(1e3))
         sensor = np.full(true_m.shape, Source.SENSOR, np.uint8)

@@ -159,7 +159,8 @@ class Simulation:
                 yield pair
 
     def _require_outside(self, pair: RenderedPair) -> None:
-        left_m, to_right = pair.T_world_cam[:3, 3], pair.T_world_cam[:3, 0]
+        T_world_cam = pair.left.T_world_cam
+        left_m, to_right = T_world_cam[:3, 3], T_world_cam[:3, 0]
         baseline_m = self.sensor.intrinsics.baseline_m or 0.0
         for name, position_m in (("left", left_m), ("right", left_m + baseline_m * to_right)):
             if self.world.is_inside(position_m):

@@ -126,7 +126,7 @@ class DepthCamera:
         seen = self._images(left, depth_m)
         if right_depth_m is None:
             right_depth_m = seen_from_right(seen.depth_m, self.intrinsics)
-        return self._of_pairs.capture(self._pair(frame, seen, self._images(right, right_depth_m), np.eye(4)))
+        return self._of_pairs.capture(self._pair(frame, seen, self._images(right, right_depth_m)))
 
     def from_depth(
         self, depth_m: FloatImage, gray: GrayImage | None = None, *, frame: int, T_world_cam: FloatArray | None = None
@@ -147,21 +147,20 @@ class DepthCamera:
             SensorError: An image has another shape or type, or a depth is negative.
         """
         shape = self.intrinsics.shape
-        left = self._images(np.zeros(shape, np.uint8) if gray is None else gray, depth_m)
+        left = self._images(np.zeros(shape, np.uint8) if gray is None else gray, depth_m, T_world_cam)
         is_near, least_m = np.isneginf(depth_m), np.float32(self._config.stereo.min_depth_m)
         right_m = seen_from_right(np.where(is_near, least_m, left.depth_m), self.intrinsics)
-        pose = np.eye(4) if T_world_cam is None else T_world_cam
-        capture = self._of_depth.capture(self._pair(frame, left, replace(left, depth_m=right_m), pose))
+        capture = self._of_depth.capture(self._pair(frame, left, replace(left, depth_m=right_m)))
         capture.depth_raw_m[is_near | np.isnan(depth_m)] = 0
         capture.invalid_reason[is_near | np.isnan(depth_m)] = InvalidReason.OUT_OF_RANGE
         return decimated(capture, self._config.decimate)
 
-    def _pair(self, frame: int, left: Images, right: Images, T_world_cam: FloatArray) -> RenderedPair:
+    def _pair(self, frame: int, left: Images, right: Images) -> RenderedPair:
         stamp_s, upright = frame / self._config.rate_hz, np.array([0.0, 0.0, 0.0, 1.0])
-        pose = BodyPose(stamp_s=stamp_s, position_m=T_world_cam[:3, 3], q_world_body_xyzw=upright)
-        return RenderedPair(pose=pose, frame=frame, T_world_cam=T_world_cam, left=left, right=right)
+        pose = BodyPose(stamp_s=stamp_s, position_m=left.T_world_cam[:3, 3], q_world_body_xyzw=upright)
+        return RenderedPair(pose=pose, frame=frame, left=left, right=right)
 
-    def _images(self, gray: GrayImage, depth_m: FloatImage | None) -> Images:
+    def _images(self, gray: GrayImage, depth_m: FloatImage | None, T_world_cam: FloatArray | None = None) -> Images:
         shape = self.intrinsics.shape
         if depth_m is None:
             depth_m = np.full(shape, np.inf, np.float32)
@@ -177,7 +176,8 @@ class DepthCamera:
                 "surface, and -inf where it is too near"
             )
         depth_m = np.where(depth_m > 0, depth_m, np.float32(np.inf))
-        return Images(gray=gray, depth_m=depth_m, segment_id=np.full(shape, BODY, np.int32))
+        pose, segment_id = np.eye(4) if T_world_cam is None else T_world_cam, np.full(shape, BODY, np.int32)
+        return Images(gray=gray, depth_m=depth_m, segment_id=segment_id, T_world_cam=pose)
 
 
 def seen_from_right(depth_m: FloatImage, intrinsics: Intrinsics) -> FloatImage:

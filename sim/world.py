@@ -231,11 +231,13 @@ class World:
         if self.clearance_at_m(position_m.tolist(), 1.0) < 0:
             return True
         start_m, up_m, odd = position_m, np.array([0.0, 0.0, SKY_M]), set[int]()
-        while (hit := pybullet.rayTest(start_m.tolist(), (start_m + up_m).tolist(), physicsClientId=self.client)[0])[
-            0
-        ] >= 0:
-            odd ^= {hit[0]}
-            start_m = start_m + hit[2] * up_m + (0, 0, RAY_OFFSET_M)
+        while True:
+            ends_m = [start_m.tolist()], [(start_m + up_m).tolist()]
+            ((body, _, fraction, *_),) = pybullet.rayTestBatch(*ends_m, physicsClientId=self.client)
+            if body < 0:
+                break
+            odd ^= {body}
+            start_m = start_m + fraction * up_m + (0, 0, RAY_OFFSET_M)
         shapes = [self.bodies[body].shape for body in odd if body in self.bodies]
         return any(isinstance(shape, Heightfield) or (isinstance(shape, Mesh) and shape.is_closed) for shape in shapes)
 

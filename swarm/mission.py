@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from sim.frames import R_BODY_CAM
-from sim.rig import StereoRig
+from sim.sensor import StereoSensor
 from sim.types import Capture, Contact, DroneState, VelocityCommand
 from sim.world import PHYSICS_HZ, World
 from voxdepth.types import DepthCorrector, FloatArray
@@ -43,7 +43,7 @@ class Mission:
         self,
         config: MissionConfig,
         world: World,
-        rig: StereoRig,
+        rig: StereoSensor,
         correctors: Sequence[DepthCorrector | None],
         recorder: Recorder,
         *,
@@ -145,7 +145,7 @@ class Mission:
         """Capture and process an image of every drone that is not busy with an earlier one."""
         flying = ((i, self._perceptions[i]) for i in np.flatnonzero(self.world.flying).tolist())
         ready = [i for i, perception in flying if perception is not None and perception.ready(self.time_s)]
-        for capture, percept in self._rig.capture_and(self._see, ready, self._ticks // self._ticks_per_frame):
+        for capture, percept in self._rig.captures_and(self._see, ready, self._ticks // self._ticks_per_frame):
             self._recorder.capture(self.world.steps, capture, percept.corrected)
 
     def _see(self, capture: Capture) -> tuple[Capture, Percept]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.types import FloatImage
+from voxdepth.types import FloatImage, Intrinsics
 
 from ..bodies import Mesh
 from ..types import Camera, IdImage, Pinhole
@@ -79,15 +79,15 @@ class RaycastScene:
 
 def rays_of(camera: Camera) -> Rays:
     """The rays of a camera's pixels in raster order, shape (H * W, 6)."""
-    rays = np.empty((camera.pinhole.height_px * camera.pinhole.width_px, 6), np.float32)
+    rays = np.empty((camera.intrinsics.height_px * camera.intrinsics.width_px, 6), np.float32)
     rays[:, :3] = camera.T_world_cam[:3, 3]
     rotation = camera.T_world_cam[:3, :3].astype(np.float32)
-    np.matmul(unit_depth_directions(camera.pinhole), rotation.T, out=rays[:, 3:])
+    np.matmul(unit_depth_directions(camera.intrinsics), rotation.T, out=rays[:, 3:])
     return rays
 
 
 @lru_cache(maxsize=8)
-def unit_depth_directions(intrinsics: Pinhole) -> Rays:
+def unit_depth_directions(intrinsics: Intrinsics | Pinhole) -> Rays:
     """Ray directions in the camera frame with z = 1, shape (H * W, 3), in raster order."""
     col, row = np.meshgrid(np.arange(intrinsics.width_px), np.arange(intrinsics.height_px))
     x = (col - intrinsics.cx_px) / intrinsics.fx_px

@@ -13,11 +13,10 @@ from .layout import PAVED, WAY_POINT_STEP_M, flat_ground
 
 WALLS, POSTS = range(2)
 """Keys of random streams."""
-WALL_HEIGHT_M, WALL_DEPTH_M = 14.0, 0.8
+WALL_DEPTH_M = 0.8
 SIDE_M = 40.0
 """Extent of the walls to both sides."""
-N_POSTS, POST_RADIUS_M, POST_HEIGHT_M = 8, 0.12, 9.0
-"""Thin posts between the walls."""
+POST_RADIUS_M, POST_HEIGHT_M = 0.12, 9.0
 
 
 class GapSpec(SceneSpec):
@@ -31,8 +30,11 @@ class GapSpec(SceneSpec):
     """Distance between successive walls [m]."""
     shift_m: float = Field(default=5.0, ge=0)
     """Largest distance of a gap from y = 0 [m]."""
+    height_m: float = Field(default=14.0, gt=0)
     blank_share: float = Field(default=0.0, ge=0, le=1)
     """Probability that each half of a wall is textureless, which a stereo camera cannot match."""
+    posts: int = Field(default=8, ge=0, le=5_000)
+    """Number of thin posts between the walls."""
 
     @model_validator(mode="after")
     def _check(self) -> "GapSpec":
@@ -47,7 +49,7 @@ class GapSpec(SceneSpec):
         """The gaps of a seed: the first wall is at x = `spacing_m`, and the path starts at x = 0."""
         gaps_m = [stream(seed, Purpose.SCENE, WALLS, i).uniform(-self.shift_m, self.shift_m) for i in range(self.walls)]
         halves = [body for i, y in enumerate(gaps_m) for body in _wall(self, seed, i, y)]
-        posts = [_post(self, seed, i) for i in range(N_POSTS)]
+        posts = [_post(self, seed, i) for i in range(self.posts)]
         bodies = (flat_ground(self.spacing_m * (self.walls + 1) / 2, PAVED), *halves, *posts)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=_path_m(self, gaps_m))
 
@@ -71,7 +73,7 @@ def _wall(spec: GapSpec, seed: int, index: int, gap_m: float) -> list[Body]:
     ends_m = ((gap_m + spec.gap_m / 2, SIDE_M), (-SIDE_M, gap_m - spec.gap_m / 2))
     walls = []
     for name, (low, high), is_textureless in zip(("left", "right"), ends_m, textureless, strict=True):
-        shape = Box((WALL_DEPTH_M, high - low, WALL_HEIGHT_M))
+        shape = Box((WALL_DEPTH_M, high - low, spec.height_m))
         surface = Surface(albedo=albedo, pattern=pattern, texture=0.0 if is_textureless else 1.0)
         walls.append(standing_body(f"wall-{index}-{name}", shape, x, (low + high) / 2, surface))
     return walls

@@ -11,8 +11,7 @@ from sim.bodies import Surface
 from sim.camera_noise import photon_noise
 from sim.flights import Hover
 from sim.render import create_renderer
-from sim.rig import StereoRig
-from sim.sensor import RigConfig
+from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher, texture
 from sim.types import Capture, InvalidReason
 from tests.helpers import block, camera_at, wall, world_of
@@ -37,7 +36,7 @@ def test_every_hole_has_a_reason_and_every_reason_a_hole() -> None:
     plain = dataclasses.replace(block(2.0, 1.0), surface=Surface(albedo=0.5, texture=0.0))
     config = RigConfig(depth="stereo", mount_forward_m=0.27)
     with world_of(wall(6.0), plain, starts_m=[(0, 0, 0)]) as world:
-        (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)
+        (capture,) = StereoSensor(world, create_renderer("raycast", world), config, seed=0).captures([0], 0)
     np.testing.assert_array_equal(capture.invalid_reason != InvalidReason.NONE, capture.depth_raw_m == 0)
     textureless_id = 1
     on_block = (capture.segment_id == textureless_id) & ~capture.occluded
@@ -49,7 +48,7 @@ def test_every_hole_has_a_reason_and_every_reason_a_hole() -> None:
 def test_surfaces_nearer_than_the_search_are_out_of_range_not_right() -> None:
     config = RigConfig(mount_forward_m=0.0, stereo=StereoConfig(min_depth_m=2.0))
     with world_of(wall(0.7), starts_m=[(0, 0, 0)]) as world:
-        (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)
+        (capture,) = StereoSensor(world, create_renderer("raycast", world), config, seed=0).captures([0], 0)
     lost = capture.depth_raw_m == 0
     assert lost.mean() > 0.5
     reasons = capture.invalid_reason[lost & ~capture.occluded]
