@@ -64,7 +64,7 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         chosen["seed"] = Chosen(seed, f"--seed {seed}")
         changed["seed"] = seed
     try:
-        return model.model_validate(changed, context={"folder": path.parent})
+        return model.model_validate(changed)
     except pydantic.ValidationError as error:
         _validated(model, path, data, field)  # An error of the file itself is told as such.
         keys = problem_keys(error, model, field)
@@ -89,7 +89,7 @@ def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path,
 
 def _validated(model: type[Loaded], path: Path, data: dict[str, Any], field: str) -> Loaded:
     with explained(model, ScenarioError, f"{path}: ", field):
-        return model.model_validate(data, context={"folder": path.parent})
+        return model.model_validate(data)
 
 
 def _read_table(kind: str, name_or_path: str) -> tuple[Path, dict[str, Any]]:

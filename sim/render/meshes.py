@@ -1,9 +1,6 @@
 """Triangle meshes of the visible bodies of a world."""
 
-import ctypes
 from collections.abc import Sequence
-from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +9,6 @@ from voxdepth.types import FloatArray
 from .. import frames
 from ..bodies import Box, Cylinder, Heightfield, Mesh, Shape, Sphere
 from ..engine import pybullet
-from ..errors import RenderError
 from ..solids import origin_height_m
 from ..types import IdImage
 from ..world import World, drone_shape
@@ -158,22 +154,3 @@ def heightfield(field: Heightfield) -> Mesh:
     right, up, across = corner + 1, corner + columns, corner + columns + 1
     triangles = np.concatenate([np.stack([corner, right, up], 1), np.stack([across, up, right], 1)])
     return Mesh(vertices, triangles.astype(np.uint32))
-
-
-@cache
-def open3d() -> Any:
-    """The module `open3d`, imported after libusb, which it needs and which the wheel `libusb-package` provides.
-
-    A machine on which Open3D cannot be imported raises a `RenderError`.
-    """
-    try:
-        import libusb_package
-
-        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-        import open3d as module
-    except (ImportError, OSError) as error:
-        raise RenderError(
-            f"the raycast renderer needs Open3D, which does not load here ({error}); install the extra 'sim', "
-            "or use the renderer 'tiny'"
-        ) from error
-    return module

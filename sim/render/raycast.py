@@ -1,8 +1,9 @@
 """Ray casting with Embree, through Open3D. A visibility backend finds the first surface behind each pixel."""
 
+import ctypes
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +11,9 @@ import numpy.typing as npt
 from voxdepth.types import FloatImage, Intrinsics
 
 from ..bodies import Mesh
+from ..errors import RenderError
 from ..types import Camera, IdImage, Pinhole
-from .meshes import SceneMeshes, merged, open3d
+from .meshes import SceneMeshes, merged
 
 Rays = npt.NDArray[np.float32]
 """Origin and direction in the world frame, shape (..., 6). Directions have z = 1 in their camera's frame, so that the
@@ -93,3 +95,22 @@ def unit_depth_directions(intrinsics: Intrinsics | Pinhole) -> Rays:
     x = (col - intrinsics.cx_px) / intrinsics.fx_px
     y = (row - intrinsics.cy_px) / intrinsics.fy_px
     return np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+@cache
+def open3d() -> Any:
+    """The module `open3d`, imported after libusb, which it needs and which the wheel `libusb-package` provides.
+
+    A machine on which Open3D cannot be imported raises a `RenderError`.
+    """
+    try:
+        import libusb_package
+
+        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+        import open3d as module
+    except (ImportError, OSError) as error:
+        raise RenderError(
+            f"the raycast renderer needs Open3D, which does not load here ({error}); install the extra 'sim', "
+            "or use the renderer 'tiny'"
+        ) from error
+    return module

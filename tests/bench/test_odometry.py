@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from scenarios.sequences import captures, load_sequence
-from sim.render.meshes import open3d
+from sim.render.raycast import open3d
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
 from voxdepth.geometry import exp_se3
