@@ -143,7 +143,7 @@ def test_the_examples_of_depth_noise_run_one_after_the_other() -> None:
     names: dict = {}
     for example in blocks(ROOT / "docs" / "depth_noise.md", "python"):
         exec(example, names)
-    assert names["corrected"].depth_m.shape == names["true_m"].shape
+    assert names["corrected"].depth_m.shape == names["shape"]
 
 
 def test_the_example_of_a_regression_test_passes() -> None:
