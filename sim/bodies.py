@@ -16,7 +16,7 @@ from . import frames
 from .errors import SceneError
 from .types import BodyPose, Model
 
-BodyKind = Literal["building", "ground", "mover"]
+BodyKind = Literal["building", "ground", "mover", "drone"]
 """How a contact with a body is classified. Everything fixed on the ground is a building, trees included."""
 Pattern = Literal["plain", "facade", "ground", "grass", "foliage", "bark", "snow"]
 WELD_DECIMALS = 9

@@ -24,7 +24,7 @@ from ..engine import pybullet
 from ..errors import RenderError
 from ..solids import apply_texture, create_body
 from ..types import Camera, Images, Pinhole
-from ..world import DRONE_SURFACE, World, drone_shape
+from ..world import World
 
 FAR_M = 2000.0
 SKY_GRAY = 200
@@ -74,13 +74,10 @@ class EglRenderer:
         self._end = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
         if pybullet.loadPlugin(plugin, PLUGIN_POSTFIX, physicsClientId=self._client) < 0:
             raise RenderError(f"PyBullet does not load its plugin {plugin} a second time: use raycast")
-        static = {self._copy(body): real for real, body in world.bodies.items()}
-        drone = Body(name="drone", shape=drone_shape(world.airframe.radius_m), surface=DRONE_SURFACE)
-        drones = {create_body(drone, self._client): real for real in world.drone_ids}
-        self._moving = {self._copy(mover.body): real for real, mover in world.movers.items()} | drones
-        copies = {**static, **self._moving}
-        textured = set(world.textured_ids)
-        apply_texture([copy for copy, real in copies.items() if real in textured], world.scene.seed, self._client)
+        copies = {self._copy(body): real for real, body in world.described.items()}
+        self._moving = {copy: real for copy, real in copies.items() if real not in world.bodies}
+        textured = [copy for copy, real in copies.items() if real in world.textured_ids]
+        apply_texture(textured, world.scene.seed, self._client)
         self._real = np.full(max(copies, default=-1) + 2, -1, np.int32)
         self._real[[copy + 1 for copy in copies]] = list(copies.values())
 

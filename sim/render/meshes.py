@@ -7,11 +7,11 @@ import numpy as np
 from voxdepth.types import FloatArray
 
 from .. import frames
-from ..bodies import Box, Cylinder, Heightfield, Mesh, Shape, Sphere
+from ..bodies import Body, Box, Cylinder, Heightfield, Mesh, Shape, Sphere
 from ..engine import pybullet
 from ..solids import origin_height_m
 from ..types import IdImage
-from ..world import World, drone_shape
+from ..world import World
 
 ROUND_SEGMENTS = 24
 
@@ -24,7 +24,7 @@ class SceneMeshes:
         fixed, moving = list(world.bodies), list(world.moving_ids)
         self.body_ids = [*fixed, *moving]
         self.n_fixed = len(fixed)
-        self.meshes = [mesh_of_body(world, body) for body in self.body_ids]
+        self.meshes = [mesh_of_body(world.described[body]) for body in self.body_ids]
         """Each in the frame of its body."""
         self.body_of_triangle: IdImage = np.repeat(
             np.arange(len(self.meshes), dtype=np.int32), [len(mesh.triangles) for mesh in self.meshes]
@@ -58,12 +58,9 @@ class SceneMeshes:
             self.position_m[i] = position_m
 
 
-def mesh_of_body(world: World, body: int) -> Mesh:
+def mesh_of_body(body: Body) -> Mesh:
     """The visible shape of a body in PyBullet's frame of it."""
-    if body in world.drone_ids:
-        return mesh_of_shape(drone_shape(world.airframe.radius_m))
-    shape = world.described[body].shape
-    return moved(mesh_of_shape(shape), np.eye(3), np.array([0, 0, -origin_height_m(shape)]))
+    return moved(mesh_of_shape(body.shape), np.eye(3), np.array([0, 0, -origin_height_m(body.shape)]))
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:
