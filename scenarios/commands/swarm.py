@@ -122,8 +122,8 @@ def picture(
     """Make a picture of a scenario, of a recording, or of every kind of scene.
 
     Of a scenario: gray, true, raw and corrected depth of one drone side by side. Of the folder of a recording: a
-    contact sheet of gray image, true and raw depth, occlusion and reasons for holes. Of scenes: every kind of scene,
-    with a Markdown table of their traversability. --drone, --at and --size are those of a scenario.
+    contact sheet of gray image, true and raw depth, occlusion and reasons for holes. Of scenes: every kind of scene.
+    --drone, --at and --size are those of a scenario.
     """
     from ..config import load_run
     from ..files import shipped_names
@@ -131,7 +131,7 @@ def picture(
     from ..sensor_pictures import make_gallery, make_sheet
 
     if what == "scenes":
-        typer.echo(make_gallery(1 if seed is None else seed, out).markdown(), nl=False)
+        make_gallery(1 if seed is None else seed, out)
     elif Path(what).is_dir() and what not in shipped_names("scenarios"):
         make_sheet(Path(what), out)
     else:

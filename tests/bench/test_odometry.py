@@ -8,15 +8,15 @@ from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, lru_cache
-from itertools import pairwise, permutations
+from itertools import islice, pairwise, permutations
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 import pytest
 
-from scenarios.sequences import captures, load_sequence
-from sim.render.meshes import open3d
+from scenarios.sequences import SeededSequence, load_sequence, simulation
+from sim.render.raycast import open3d
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
 from voxdepth.geometry import exp_se3
@@ -62,6 +62,13 @@ class Pair(NamedTuple):
 
     def error_mm(self, motion: Motion) -> float:
         return 1e3 * float(np.linalg.norm(motion.T_target_source[:3, 3] - self.truth()[:3, 3]))
+
+
+def captures(seeded: SeededSequence, frames: int, *, start: int) -> list[Capture]:
+    """The captures of a sequence from frame `start` up to `frames`, without files."""
+    with simulation(seeded) as simulated:
+        pairs = islice(simulated.render(frames), start, None)
+        return [simulated.sensor.capture(pair) for pair in pairs]
 
 
 @cache
