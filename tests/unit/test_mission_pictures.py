@@ -67,7 +67,7 @@ def test_drones_have_their_numbers_and_towers_without_texture_a_mark(blank_share
 def test_the_folder_of_a_run_says_what_was_flown(folders: list[Path]) -> None:
     noisy = run("city", **{"rig.depth": "noisy", "rig.noise.scale.theta": 0.5, "corrector": "median"})
     assert folder_name(noisy) == "city-0-noisy0.5-median"
-    config = {"fill": "none", "max_featureless_frames": 7, "smoothing_window_px": 3}
+    config = {"fill": "none", "shadow_factor": 1.0, "smoothing_window_px": 3}
     set_up = folder_name(run("city", **{"corrector": {"name": "temporal", "config": config}}))
     assert re.fullmatch(rf"city-0-truth-temporal-fill-none[\w.-]{{,{LONGEST_CORRECTOR}}}", set_up)
     names = [folder.name for folder in folders]
