@@ -17,6 +17,7 @@ import pytest
 
 from scenarios.sequences import SeededSequence, load_sequence, simulation
 from sim.render.raycast import open3d
+from sim.types import Capture
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
 from voxdepth.geometry import exp_se3
