@@ -4,14 +4,15 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from itertools import permutations
+from itertools import islice, permutations
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from scenarios.sequences import captures, load_sequence
-from sim.render.meshes import open3d
+from scenarios.sequences import SeededSequence, load_sequence, simulation
+from sim.render.raycast import open3d
+from sim.types import Capture
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
 from voxdepth.geometry import inverse_rigid
@@ -50,6 +51,13 @@ class Pair(NamedTuple):
 
     def truth(self) -> FloatArray:
         return inverse_rigid(self.target.T_world_cam) @ self.source.T_world_cam
+
+
+def captures(seeded: SeededSequence, frames: int, *, start: int) -> list[Capture]:
+    """The captures of a sequence from frame `start` up to `frames`, without files."""
+    with simulation(seeded) as simulated:
+        pairs = islice(simulated.render(frames), start, None)
+        return [simulated.sensor.capture(pair) for pair in pairs]
 
 
 @cache

@@ -185,8 +185,8 @@ def test_a_frame_that_cannot_be_read_leaves_neither_a_result_nor_a_recording(seq
 @pytest.mark.parametrize(
     ("package", "options", "extra"),
     [
-        ("rerun", ["--record", "made/out.rrd"], "rerun-sdk: pip install 'voxdepth[rerun]'"),
-        ("rosbags", ["--rosbag2"], "rosbags: pip install 'voxdepth[ros]'"),
+        ("rerun", ["--out", "made/out", "--record", "made/out.rrd"], "rerun-sdk: pip install 'voxdepth[rerun]'"),
+        ("rosbags", ["--out", "made/out.mcap"], "rosbags: pip install 'voxdepth[ros]'"),
     ],
 )
 def test_a_missing_extra_is_named_before_anything_else_is_done(
@@ -194,7 +194,7 @@ def test_a_missing_extra_is_named_before_anything_else_is_done(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, package, None)  # type: ignore[arg-type]  # Python's own mark of a missing package.
-    done = correct("nowhere", "--out", "made/out", *options)
+    done = correct("nowhere", *options)
     assert explained(done.exception) == f"this needs the package {extra}"
     assert not list(tmp_path.iterdir())
 
@@ -211,7 +211,6 @@ MINE = ["--corrector", "voxdepth", "--config", "mine.toml"]
         (["--corrector", "temporal[fill]"], "", "with a setting as in temporal[fill=all], got 'temporal[fill]'"),
         (["--corrector", "voxdepth[window_frames=9]", "--config", "mine.toml"], "", "write it to mine.toml"),
         (["--record", "out.mp4"], "", "--record must name an .rrd file, got out.mp4"),
-        (["--format", "recording"], "", "holds no dataset that can be read"),
         (["--config", "mine.toml"], SHORT_EPOCHS, "3 problems: unknown key 'window_frames'; "),
         (
             ["--config", "mine.toml"],

@@ -59,12 +59,6 @@ def test_every_name_makes_a_corrector_that_gives_depth_and_keeps_the_frame(name:
     corrector.process(holed_frame(0.0))
 
 
-def test_the_oracle_has_no_name_here() -> None:
-    assert "true-pose" not in corrector_names()
-    with pytest.raises(ConfigError, match="there is no corrector 'true-pose'"):
-        require_known("true-pose")
-
-
 @pytest.mark.parametrize("name", CORRECTOR_NAMES)
 def test_only_the_methods_of_voxdepth_take_a_configuration(name: str) -> None:
     configs = {"temporal": TemporalConfig(), "voxdepth": VoxDepthConfig(), "voxdepth-authors": authors_config()}
