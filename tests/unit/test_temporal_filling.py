@@ -180,8 +180,9 @@ class TestMemoryAndPreviousFill:
     def result(self, **votes: Any) -> Result:
         return Result(with_holes(FAR_PX, self.HOLE), **votes)
 
-    def test_a_memory_without_evidence_is_outvoted_by_near_ends(self) -> None:
+    def test_a_memory_without_evidence_is_outvoted_by_ends_that_agree(self) -> None:
         np.testing.assert_allclose(self.result(memory=9).disparity_px[self.RIM], FAR_PX, atol=0.01)
+        np.testing.assert_allclose(self.result(memory=9).disparity_px[self.MIDDLE], FAR_PX, atol=0.01)
 
     def test_a_memory_that_was_seen_often_from_a_camera_at_rest_outvotes_them(self) -> None:
         result = self.result(memory=9, seen=12)
