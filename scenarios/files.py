@@ -51,7 +51,7 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
     if seed is not None:
         changed["seed"] = seed
     try:
-        return model.model_validate(changed, context={"folder": path.parent})
+        return model.model_validate(changed)
     except pydantic.ValidationError as error:
         _validated(model, path, data, field)  # An error of the file itself is told as such.
         chosen = ", ".join(f"{key} = {shorten(value)}" for key, value in {**changes, "seed": changed["seed"]}.items())
@@ -69,7 +69,7 @@ def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path,
 
 def _validated(model: type[Loaded], path: Path, data: dict[str, Any], field: str) -> Loaded:
     with explained(model, ScenarioError, f"{path}: ", field):
-        return model.model_validate(data, context={"folder": path.parent})
+        return model.model_validate(data)
 
 
 def _read_table(kind: str, name_or_path: str) -> tuple[Path, dict[str, Any]]:

@@ -1,11 +1,10 @@
-"""What people read of a finished run, on the terminal and as a page, and of a recording."""
+"""What people read of a finished run, on the terminal and as a page."""
 
 from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
-from sim.quality import DepthQuality
 from swarm.mission import contact_text
 from voxdepth.tools.figure import Picture
 from voxdepth.tools.files import write
@@ -110,24 +109,3 @@ def print_summary(console: Console, finished: Finished, run: Run) -> None:
         console.print(f"written to {finished.folder}", soft_wrap=True, markup=False)
         if (finished.folder / RECORDING).exists():
             console.print(f"look at it with: voxdepth view {finished.folder}", soft_wrap=True, markup=False)
-
-
-def print_quality(console: Console, quality: DepthQuality, title: str) -> None:
-    """Print holes and errors per range, the depth where none can be measured, and the reasons of missing depth."""
-    ranges = [f"{low:g}-{high:g} m" for low, high in zip(quality.ranges_m, quality.ranges_m[1:], strict=False)]
-    counts = [f"{pixels:,}" for pixels in quality.pixels]
-    shares, errors_px = (quality.hole_shares, quality.within_1_px_shares), quality.median_errors_px
-    columns = ("true depth", "pixels", HOLES, Column("within 1 px", number=percent), Column("median error", "px"))
-    Table.of(title, columns, list(zip(ranges, counts, *shares, errors_px, strict=True))).print(console)
-    for which, what in (("occluded", "hidden from the right camera"), ("textureless", "on surfaces without texture")):
-        holes, wrong = quality.unmatchable_shares(which)  # type: ignore[arg-type]
-        if holes is not None:
-            console.print(
-                f"pixels {what}: {PERCENT.text(holes)} without depth, {PERCENT.text(wrong)} off by more than 5 %",
-                soft_wrap=True,
-            )
-    reasons = ", ".join(
-        f"{reason.name.lower().replace('_', ' ')} {PERCENT.text(share)}"
-        for reason, share in quality.invalid_shares.items()
-    )
-    console.print(f"without depth, of all pixels, the sky included: {reasons}", soft_wrap=True)

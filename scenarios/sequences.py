@@ -17,8 +17,6 @@ from pydantic import Field
 from sim.bodies import MovingSphere
 from sim.errors import SensorError
 from sim.flights import AnyFlight, Flight
-from sim.free_space import is_inside
-from sim.quality import DepthQuality
 from sim.recording import RecordingWriter
 from sim.render import RendererName, create_renderer
 from sim.scenes import AnyScene
@@ -92,10 +90,8 @@ def load_sequence(name_or_path: str, seed: int | None, changes: dict[str, Any]) 
     return loaded.model_copy(update={"versions": versions(SIMULATION) | {"code": code_digest(SENSOR_SOURCES)}})
 
 
-def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> DepthQuality:
-    """Record the first frames of a sequence into a new or empty folder, and return the quality of their depth.
-
-    The recording is whole or absent.
+def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> None:
+    """Record the first frames of a sequence into a new or empty folder, where the recording is whole or absent.
 
     One thread renders ahead, and others measure depth and write images. The result does not depend on threads.
 
@@ -113,13 +109,10 @@ def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress
             )
         config_text = to_toml(seeded)
         with RecordingWriter(folder, intrinsics=simulated.sensor.intrinsics, config_text=config_text) as writer:
-            quality = DepthQuality(simulated.textureless_ids)
             progress(0)
             for capture in _write_images(simulated, writer, frames):
                 writer.append_row(capture)
-                quality.add(capture)
                 progress(writer.frames)
-        return quality
 
 
 def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int) -> Iterator[Capture]:
@@ -163,10 +156,11 @@ class Simulation:
             yield pair
 
     def _require_outside(self, pair: RenderedPair) -> None:
-        left_m, to_right = pair.T_world_cam[:3, 3], pair.T_world_cam[:3, 0]
+        T_world_cam = pair.left.T_world_cam
+        left_m, to_right = T_world_cam[:3, 3], T_world_cam[:3, 0]
         baseline_m = self.sensor.intrinsics.baseline_m or 0.0
         for name, position_m in (("left", left_m), ("right", left_m + baseline_m * to_right)):
-            if is_inside(self.world, position_m):
+            if self.world.is_inside(position_m):
                 x, y, z = position_m
                 raise SensorError(
                     f"in frame {pair.frame} the {name} camera is inside a body, at ({x:.2f}, {y:.2f}, {z:.2f}) m: "

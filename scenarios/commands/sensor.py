@@ -25,18 +25,15 @@ def record(
 
     from rich.console import Console
 
-    from ..report import print_quality
     from ..sequences import load_sequence, record
 
     seeded = load_sequence(sequence, seed, given({"renderer": renderer}, size))
     console, start = Console(), time.perf_counter()
     with counter(console, "recording", frames) as update:
-        quality = record(seeded, out, frames, update)
+        record(seeded, out, frames, update)
     wall_s = time.perf_counter() - start
-    print_quality(
-        console, quality, f"{seeded.sequence.name}, seed {seeded.seed}: {frames} frames, surfaces within 30 m"
-    )
-    typer.echo(f"{frames} frames in {out}, {frames / wall_s:.1f} frames per second")
+    typer.echo(f"{frames} frames of {seeded.sequence.name}, seed {seeded.seed}, in {out}")
+    typer.echo(f"{frames / wall_s:.1f} frames per second")
     typer.echo(f"look at it with: voxdepth picture {out} --out sheet.jpg")
 
 

@@ -6,7 +6,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth.registry import AUTHORS, PAPER, installed_names, title
-from voxdepth.tools.evaluation.groups import ALL
+from voxdepth.tools.evaluation.frames import ALL
 from voxdepth.tools.evaluation.measurements import Selector
 from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
@@ -52,7 +52,7 @@ def compare(context: ExperimentContext) -> Findings:
     plan = Plan(sequences=requested, methods=methods, frames=context.frames, out=context.out)
     evaluation = evaluate(plan, lambda what, results: context.report(f"{what}; {results} of {len(plan)} done"))
     for failed in evaluation.failures:
-        raise ScenarioError(f"{failed.key.method} failed on {failed.key.sequence}: {failed.error}")
+        raise ScenarioError(f"{failed.method} failed on {failed.sequence}: {failed.error}")
     blocks = {}
     for metric, selector in SELECTORS.items():
         found = evaluation.measurements.select(selector).unstack("method").reindex(list(context.sequences))

@@ -28,8 +28,18 @@ from swarm.voxel_map import STATES
 from voxdepth.colors import FAR_M
 from voxdepth.geometry import back_project, transform
 from voxdepth.tools.files import as_tool_error
-from voxdepth.tools.stages import log_warped, new_template, voxel_cloud
-from voxdepth.tools.stream import RecordingFile, finite, labels_of, layout, log_depth, log_frame, source_labels
+from voxdepth.tools.stream import (
+    RecordingFile,
+    finite,
+    labels_of,
+    layout,
+    log_depth,
+    log_frame,
+    log_warped,
+    new_template,
+    source_labels,
+    voxel_cloud,
+)
 from voxdepth.types import CorrectedDepth, FloatArray
 
 from ..images import drone_color

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from scenarios.batch import acceptance_run
+from scenarios.acceptance import acceptance_run
 from scenarios.commands.options import given
 from scenarios.config import load_run
 
