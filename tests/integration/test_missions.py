@@ -109,7 +109,7 @@ class Watcher(Recorder):
     def __init__(self) -> None:
         self.first_decision_s: float | None = None
 
-    def tick(self, step: int, time_s: float, states: Any, slots_m: Any, decisions: Any) -> None:
+    def tick(self, step: int, time_s: float, states: Any, decisions: Any) -> None:
         if self.first_decision_s is None and decisions[0].view is not None:
             self.first_decision_s = time_s
 
