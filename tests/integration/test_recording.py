@@ -91,6 +91,7 @@ def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
         "/events": 1,
     }
     assert {entity: rows_of(recording, entity) for entity in expected} == expected
+    assert min(by_step(recording, f"{cam}/depth/raw", "EncodedDepthImage:blob")) == 0, "the first image is among them"
     for entity in ("/world", "/world/scene/ground", "/world/drone/1/body", "/drone/0/state"):
         assert rows_of(recording, entity, static=True) == 1
     assert rows_of(recording, "/drone/0/state") >= 1

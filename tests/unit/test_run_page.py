@@ -2,6 +2,7 @@
 
 import base64
 import io
+import json
 import re
 from pathlib import Path
 
@@ -37,6 +38,7 @@ def test_a_run_leaves_a_page_that_needs_nothing_else(tmp_path: Path) -> None:
     pages = [(folder / "summary.html").read_text() for folder in folders if folder is not None]
     assert pages[0] == pages[1], "the same run gives the same page"
     assert folders[0] is not None
+    assert json.loads((folders[0] / "metrics.json").read_text())["seed"] == 3
     for text in ("city, seed 3: depth truth, corrector raw", "<b>timeout</b>", "voxdepth run config.toml", "numpy"):
         assert text in pages[0]
     assert "run.rrd" not in pages[0], "there is no recording"
