@@ -39,7 +39,6 @@ from swarm.agents import create_agent
 from swarm.environments.episode import Episode
 from swarm.environments.learner import Observation, heading_frame
 from swarm.environments.task import SMALL_RIG, LearningTask
-from swarm.gym import STREETS
 from swarm.recorder import Recorder
 from swarm.types import Outcome
 from voxdepth.baselines.single_frame import Raw
@@ -98,15 +97,14 @@ class Teacher:
     """What the controller of this project would do in the place of a follower."""
 
     def __init__(self, task: LearningTask, episode: Episode, truth: "Truth") -> None:
-        role = episode.roles[1]
-        self._agent = create_agent(role, task.mission)
+        self._agent = create_agent(episode.role, task.mission)
         self._speed_m_s = task.mission.follower_speed_m_s
         self._turn_rad = task.mission.pilot.yaw_rate_rad_s / task.mission.control_hz
         self._episode, self._truth = episode, truth
 
     def action(self) -> Array:
         """Return its action for the present step."""
-        known = self._episode.situation(1)
+        known = self._episode.situation()
         assert known.percept is not None, "an episode begins with an image"
         known = replace(known, percept=replace(known.percept, corrected=self._truth.corrected))
         command = self._agent.decide(known).command
@@ -131,19 +129,19 @@ class Truth(Recorder):
 def task_of(depth: str, corrector: str) -> LearningTask:
     """Return the task of a follower."""
     rig = SMALL_RIG.model_copy(update={"depth": depth})
-    return LearningTask.of(**STREETS, observation="nearness", rig=rig, corrector=corrector)
+    return LearningTask.of(observation="nearness", rig=rig, corrector=corrector)
 
 
 def taught(model: nn.Module | None, seed: int, blind: bool, rng: np.random.Generator) -> list[tuple[Array, Array]]:
     """Fly an episode by the network, or by the teacher without one; return inputs with the actions of the teacher."""
     task, truth, eyes, steps = task_of("fitted", "raw"), Truth(), Eyes(blind), []
-    with closing(Episode(task, [1], seed=seed, recorder=truth)) as episode:
+    with closing(Episode(task, 1, seed=seed, recorder=truth)) as episode:
         teacher = Teacher(task, episode, truth)
         while episode.outcome is None:
-            (seen, mirrored), wanted = eyes(episode.observe(1)), teacher.action()
+            (seen, mirrored), wanted = eyes(episode.observe()), teacher.action()
             steps += [(seen, wanted), (mirrored, wanted * ASIDE[1])]
             flown = wanted if model is None else act(model, seen)
-            episode.step({1: flown + rng.normal(0, [0.1, 0.3, 0.1, 0.2])})  # Errors to recover from.
+            episode.step(flown + rng.normal(0, [0.1, 0.3, 0.1, 0.2]))  # Errors to recover from.
     return steps
 
 
@@ -185,9 +183,9 @@ def flown(model: nn.Module, task: LearningTask, seeds: Sequence[int], blind: boo
     outcomes = Counter[str]()
     for seed in seeds:
         eyes = Eyes(blind)
-        with closing(Episode(task, [1], seed=seed)) as episode:
+        with closing(Episode(task, 1, seed=seed)) as episode:
             while episode.outcome is None:
-                episode.step({1: act(model, eyes(episode.observe(1))[0])})
+                episode.step(act(model, eyes(episode.observe())[0]))
             outcomes[episode.outcome.value] += 1
     return outcomes
 

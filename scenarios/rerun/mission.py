@@ -99,8 +99,6 @@ class MissionRecorder(Recorder):
         has_stages: Whether the correctors are the paper's method, whose stages the layout shows.
     """
 
-    wants_all = True
-
     def __init__(
         self, path: Path, rig: RigConfig, *, recording_id: str, title: str, image_every: int, has_stages: bool = False
     ) -> None:

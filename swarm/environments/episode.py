@@ -1,6 +1,5 @@
-"""One mission in which some drones are steered from outside, image by image; both environments are made of it."""
+"""One mission in which a follower is steered from outside, image by image."""
 
-from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ import numpy.typing as npt
 from sim.world import World
 from voxdepth.types import FloatArray
 
+from ..agents import create_agent
 from ..compose import composed_mission
 from ..controllers import Agent, Role, load_controller
 from ..errors import MissionError
@@ -23,11 +23,11 @@ from .task import LearningTask
 
 
 class StepResult(NamedTuple):
-    """Reward of one drone for a step, and whether its episode is over."""
+    """Reward of a step, and whether the episode is over."""
 
     reward: float
     terminated: bool
-    """The drone collided or got lost, or its mission succeeded."""
+    """The learner collided or got lost, or its mission succeeded."""
     truncated: bool
     """The mission ended in another way: time ran out, nobody made progress, or another drone collided or got lost."""
 
@@ -40,40 +40,34 @@ class Episode:
 
     Args:
         task: World, mission and reward.
-        learners: Numbers of the followers that are steered from outside.
+        learner: Number of the follower that is steered from outside.
         seed: Seed of the scene and of all noise: the same seed and actions give the same observations, bit for bit.
         recorder: Receives everything that happens, and is closed with the episode; None records nothing.
 
     Raises:
-        MissionError: A learner is no follower of the task, or the task cannot be flown.
+        MissionError: The learner is no follower of the task, or the task cannot be flown.
     """
 
-    def __init__(
-        self, task: LearningTask, learners: Sequence[int], *, seed: int, recorder: Recorder | None = None
-    ) -> None:
-        require_followers(task, learners)
+    def __init__(self, task: LearningTask, learner: int, *, seed: int, recorder: Recorder | None = None) -> None:
+        task.require_follower(learner)
         self.seed = seed
-        config = task.mission.model_copy(update={"aftermath_s": 0.0, "after_contact": "end"})
-        self._task = task.model_copy(update={"mission": config})
-        self.roles: dict[int, Role] = {}
-        """Place of each drone in its swarm."""
-        self._learners: dict[int, Learner] = {}
-        self._learning = frozenset(learners)
-        self._ticks_per_step = round(config.control_hz / task.rig.rate_hz)
+        self._config = task.mission.model_copy(update={"aftermath_s": 0.0, "after_contact": "end"})
+        self._task = task.model_copy(update={"mission": self._config})
+        self._drone = learner
+        self._ticks_per_step = round(self._config.control_hz / task.rig.rate_hz)
         self._resources = ExitStack()
         recorder = recorder or Recorder()
         self._resources.callback(recorder.close)
-        everyone = {drone for team in config.teams() for drone in team.members}
-        guided = everyone - self._learning if task.others == "truth" else ()
+        everyone = range(self._config.drones * len(self._config.routes))
         mission = composed_mission(
-            self._task, recorder, latency_s=task.latency_s, seed=seed, gray=recorder.wants_all,
-            make_agent=self._create_agent, guided=guided, measured=recorder.wants_all,
+            self._task, recorder, latency_s=task.latency_s, seed=seed, gray=False, make_agent=self._create_agent,
+            blind=[drone for drone in everyone if task.others == "blind" and drone != learner], measured=False,
         )  # fmt: skip
         try:
             self._mission = self._resources.enter_context(mission)
             self.world: World = self._mission.world
             self._await_first_image()
-            self._slot_m = {drone: self._distances_m(role)[1] for drone, role in self.roles.items()}
+            self._slot_m = self._distances_m()[1]
         except BaseException:
             self.close()
             raise
@@ -92,73 +86,66 @@ class Episode:
         ended = {} if self.outcome is None else {"outcome": self.outcome.value}
         return {"seed": self.seed, "time_s": self._mission.time_s, **ended}
 
-    def situation(self, drone: int) -> Situation:
-        """Return what a drone knows, as a controller would get it; an expert to learn from may decide on it."""
-        return self._mission.situation(drone)
+    def situation(self) -> Situation:
+        """Return what the learner knows, as a controller would get it; an expert to learn from may decide on it."""
+        return self._mission.situation(self._drone)
 
-    def observe(self, drone: int) -> Observation:
-        """Return the observation of a learner."""
-        return observe(self.situation(drone), self.roles[drone], self._task)
+    def observe(self) -> Observation:
+        """Return the observation of the learner."""
+        return observe(self.situation(), self.role, self._task)
 
-    def step(self, actions: Mapping[int, npt.ArrayLike]) -> dict[int, StepResult]:
-        """Fly one camera period, or to the end of the mission, by an action of shape (4,) for each learner.
+    def step(self, action: npt.ArrayLike) -> StepResult:
+        """Fly one camera period, or to the end of the mission, by an action of shape (4,).
 
-        Values beyond -1..1 are clipped. If the episode is over, or an action is unusable, this is a `MissionError`.
+        Values beyond -1..1 are clipped. If the episode is over, or the action is unusable, this is a `MissionError`.
         """
         if self.outcome is not None:
             raise MissionError(f"the episode has ended with {self.outcome.value!r}; call reset() to begin another one")
-        for drone, learner in self._learners.items():
-            learner.action = clipped_action(actions[drone])
+        self._learner.action = clipped_action(action)
         ticks = 0
         while ticks < self._ticks_per_step and self.outcome is None:
             self._mission.tick()
             ticks += 1
-        dt_s = ticks / self._task.mission.control_hz
-        return {drone: self._result(self.roles[drone], dt_s) for drone in self._learners}
+        return self._result(ticks / self._config.control_hz)
 
-    def _result(self, role: Role, dt_s: float) -> StepResult:
-        """Evaluate the last step of one drone, which took the simulated time `dt_s`, by the true positions."""
+    def _result(self, dt_s: float) -> StepResult:
+        """Evaluate the last step, which took the simulated time `dt_s`, by the true positions."""
         c, outcome = self._task.reward, self.outcome
-        leader_m, slot_m = self._distances_m(role)
-        approach_m, self._slot_m[role.drone] = self._slot_m[role.drone] - slot_m, slot_m
+        leader_m, slot_m = self._distances_m()
+        approach_m, self._slot_m = self._slot_m - slot_m, slot_m
         reward = c.approach_per_m * approach_m - c.slot_per_s * min(slot_m / c.slot_scale_m, 1.0) * dt_s
         if outcome is None:
             return StepResult(reward, terminated=False, truncated=False)
-        collided = outcome is Outcome.COLLISION and any(role.drone in hit.drones for hit in self.world.contacts)
-        lost = outcome is Outcome.LOST and min(leader_m, slot_m) > self._task.mission.lost_m
+        collided = outcome is Outcome.COLLISION and any(self._drone in hit.drones for hit in self.world.contacts)
+        lost = outcome is Outcome.LOST and min(leader_m, slot_m) > self._config.lost_m
         arrived = outcome is Outcome.SUCCESS
         reward += c.arrival * arrived - c.collision * collided - c.lost * lost
         terminated = collided or lost or arrived
         return StepResult(reward, terminated, truncated=not terminated)
 
-    def _distances_m(self, role: Role) -> tuple[float, float]:
-        """True distances of a drone from its leader and from its slot."""
-        states = self.world.states
+    def _distances_m(self) -> tuple[float, float]:
+        """True distances of the learner from its leader and from its slot."""
+        states, role = self.world.states, self.role
         from_leader_m = states[role.drone].position_m - states[role.team.leader].position_m
         return length(from_leader_m), length(from_leader_m - role.offset_m)
 
     def _create_agent(self, role: Role, config: MissionConfig) -> Agent:
-        """Create a learner for a learning drone, and the agent of the mission's controller for any other."""
-        self.roles[role.drone] = role
-        if role.drone not in self._learning:
+        """Create the learner, or the agent of another drone."""
+        if role.drone == self._drone:
+            self.role, self._learner = role, Learner(role, config)
+            return self._learner
+        if self._task.others == "same":
             return load_controller(config.controller)(role, config)
-        self._learners[role.drone] = Learner(role, config)
-        return self._learners[role.drone]
+        rules = config.rules.model_copy(update={"avoidance": False})
+        return create_agent(role, config.model_copy(update={"rules": rules}))
 
     def _await_first_image(self) -> None:
-        while any(self.situation(drone).percept is None for drone in self._learners):
+        while self.situation().percept is None:
             self._mission.tick()
             if self.outcome is not None:
                 remedy = "shorten mission.latency_s or corrector_latency_s, or move the starts apart"
                 ended = f"the mission ended with {self.outcome.value!r} before the first image was known"
                 raise MissionError(f"{ended}: {remedy}")
-
-
-def require_followers(task: LearningTask, drones: Sequence[int]) -> None:
-    """Require that all learners are followers; another one is a `MissionError`."""
-    for drone in drones:
-        if drone not in task.followers:
-            raise MissionError(f"a learner must be a follower, one of {list(task.followers)}, got {drone}")
 
 
 def clipped_action(action: npt.ArrayLike) -> FloatArray:

@@ -1,7 +1,6 @@
 """The task of learning: the world, the mission, what is observed, and the reward."""
 
 from importlib.metadata import entry_points
-from pathlib import Path
 from typing import Any, Literal
 
 import pydantic
@@ -14,19 +13,40 @@ from voxdepth.model import Model, changed, explained
 
 from ..compose import MissionSetup
 from ..errors import MissionError
+from ..rules import RuleWeights
 from ..task import MissionConfig
-from ..team import Route
+from ..team import FormationConfig, Point, Route
 
 TESTBED = "voxdepth.missions"
-"""Group of the entry points `scenario` and `recorder`, by which the testbed reads scenarios and writes recordings."""
+"""Group of the entry point `scenario`, by which the testbed reads scenarios."""
 CALM = Weather(shadows=False)
 """Light without shadows, which takes two thirds of the time."""
-SMALL_CITY = CitySpec(columns=2, rows=4, poles=4, weather=CALM)
-SHORT_MISSION = MissionConfig(
-    drones=4, routes=(Route(goal_m=(30.0, 0.0, 6.0)),), duration_s=40.0, control_hz=10, latency_s=0.0
-)
 SMALL_BLOCKS = RigConfig().stereo.model_copy(update={"block_px": 3})
 SMALL_RIG = RigConfig(width_px=240, height_px=180, decimate=3, stereo=SMALL_BLOCKS)
+STREETS = CitySpec(columns=3, rows=6, poles=6, tower_height_m=(9.0, 13.0), weather=CALM)
+
+
+def pair(start_m: Point, goal_m: Point, **changes: Any) -> MissionConfig:
+    """Return the short mission of a leader, at any height, and one follower."""
+    return MissionConfig(
+        **{
+            "drones": 2,
+            "routes": (Route(start_m=start_m, goal_m=goal_m),),
+            "rules": RuleWeights(max_altitude_m=start_m[2]),
+            "duration_s": 40.0,
+            "control_hz": 10,
+            "latency_s": 0.0,
+            **changes,
+        }
+    )
+
+
+def below_by(height_m: float) -> FormationConfig:
+    """Return the formation of a follower below and behind its leader."""
+    return FormationConfig(half_width_m=0.1, height_step_m=-height_m)
+
+
+OVER_THE_ROOFS = pair((-8.0, 0.0, 17.0), (36.0, 0.0, 17.0), deadlock_s=10.0, formation=below_by(11.0))
 
 
 class RewardConfig(Model):
@@ -52,36 +72,40 @@ class RewardConfig(Model):
 
 
 class LearningTask(MissionSetup):
-    """Everything that an episode depends on besides its seed and the actions."""
+    """Everything that an episode depends on besides its seed and the actions.
 
-    scene: AnyScene = SMALL_CITY
-    mission: MissionConfig = SHORT_MISSION
+    By default a drone follows through the streets a leader that flies over the roofs, so that its way tells nothing of
+    what stands there.
+    """
+
+    scene: AnyScene = STREETS
+    mission: MissionConfig = OVER_THE_ROOFS
     """The mission without its `aftermath_s`: an episode ends with the first collision."""
     rig: RigConfig = SMALL_RIG
     """The cameras; a step lasts one period of theirs."""
     corrector_latency_s: float = Field(default=0.0, ge=0)
     """Simulated time that the corrector takes for a frame, on top of `mission.latency_s`."""
-    others: Literal["truth", "same"] = "truth"
-    """Drones that do not learn: with `truth` they fly by the true bodies of the world and have no camera, and with
-    `same` they have the eyes of the learners and the controller of the mission."""
-    observation: Literal["metres", "nearness", "image"] = "metres"
-    """The depth in metres, or its nearness as an image for convolutions, each with vectors; or that image alone."""
-    record: Path | None = Field(default=None, strict=False)
-    """Folder that receives a Rerun recording of each episode; None records nothing."""
+    others: Literal["blind", "same"] = "blind"
+    """Drones that do not learn: `blind` ones have no camera and see each other by radio alone, so that their way must
+    be free, and with `same` they have the eyes of the learner and the controller of the mission."""
+    observation: Literal["metres", "nearness"] = "metres"
+    """The depth in metres, or its nearness as an image for convolutions."""
     reward: RewardConfig = RewardConfig()
 
     @classmethod
     def of(cls, scenario: str | None = None, depth: str | None = None, **fields: Any) -> "LearningTask":
         """Create a task from fields by name, of which tables change single keys, and the `depth` of the rig.
 
-        With a scenario, its fields are the default ones. What is unknown or impossible is a `MissionError`.
+        With a scenario, its fields are the default ones, and all drones have eyes. What is unknown or impossible is a
+        `MissionError`.
         """
         default = cls().model_dump()
         if scenario is not None:
             if any(isinstance(fields.get(name), pydantic.BaseModel) for name in ("scene", "mission")):
                 raise MissionError("use a scenario with LeaderFollower-v0: it has a scene and a mission of its own")
-            setup, latency_s = from_testbed("scenario")(scenario)
-            default |= setup.model_dump(include=set(MissionSetup.model_fields)) | {"corrector_latency_s": latency_s}
+            setup, latency_s = _read_scenario(scenario)
+            default |= setup.model_dump(include=set(MissionSetup.model_fields))
+            default |= {"corrector_latency_s": latency_s, "others": "same"}
         with explained(cls, MissionError):
             task = cls(**changed(default, fields))
             return task if depth is None else cls(**changed(task.model_dump(), {"rig": {"depth": depth}}))
@@ -103,9 +127,15 @@ class LearningTask(MissionSetup):
         """Numbers of the drones that may learn: all except the leaders."""
         return tuple(drone for team in self.mission.teams() for drone in team.members[1:])
 
+    def require_follower(self, learner: int) -> None:
+        """Require that a learner is a follower; another one is a `MissionError`."""
+        if learner not in self.followers:
+            raise MissionError(f"a learner must be a follower, one of {list(self.followers)}, got {learner}")
 
-def from_testbed(name: str) -> Any:
-    """Return what the testbed offers under a name; without the testbed it is a `MissionError`."""
-    for entry in entry_points(group=TESTBED, name=name):
-        return entry.load()
-    raise MissionError(f"a {name} needs the testbed: install it with `pip install -e '.[all]'` in its repository")
+
+def _read_scenario(name_or_path: str) -> tuple[MissionSetup, float]:
+    """Return a scenario and the latency of its corrector [s]; without the testbed it is a `MissionError`."""
+    for entry in entry_points(group=TESTBED, name="scenario"):
+        found: tuple[MissionSetup, float] = entry.load()(name_or_path)
+        return found
+    raise MissionError("a scenario needs the testbed: install it with `pip install -e '.[all]'` in its repository")

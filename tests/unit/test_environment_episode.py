@@ -14,7 +14,7 @@ from sim.types import Capture, DroneState
 from swarm.agents import create_agent
 from swarm.compose import MissionSetup
 from swarm.controllers import Role
-from swarm.environments.episode import Episode
+from swarm.environments.episode import Episode, StepResult
 from swarm.environments.learner import Learner, heading_frame, observe
 from swarm.environments.task import LearningTask, RewardConfig
 from swarm.errors import MissionError
@@ -119,13 +119,13 @@ def test_the_depth_is_the_corrected_one_and_known_only_after_its_latency(latency
     options = quick(latency_s=latency_s)
     rig = options["rig"].model_copy(update={"depth": "stereo"})
     images = Images()
-    episode = Episode(LearningTask(**options | {"rig": rig, "corrector": "median"}), [1], seed=0, recorder=images)
+    episode = Episode(LearningTask(**options | {"rig": rig, "corrector": "median"}), 1, seed=0, recorder=images)
     for _ in range(3):
         now_s = episode.info()["time_s"]
         newest_s = max(stamp_s for stamp_s in images.depth_m if stamp_s + latency_s <= now_s + 1e-9)
         expected_m = np.clip(images.depth_m[newest_s], 0, rig.max_depth_m)
-        np.testing.assert_array_equal(episode.observe(1)["depth_m"], expected_m)
-        episode.step({1: FORWARD})
+        np.testing.assert_array_equal(episode.observe()["depth_m"], expected_m)
+        episode.step(FORWARD)
     assert images.differs_from_truth
     episode.close()
 
@@ -135,16 +135,16 @@ def test_a_follower_steered_by_the_rules_flies_as_in_the_mission() -> None:
     task = LearningTask(**options)
     setup = {name: options[name] for name in MissionSetup.model_fields if name in options}
     mission = fly(Run(scenario=Scenario(name="same", **setup), seed=4), threads=1).result
-    episode = Episode(task, [1], seed=4)
+    episode = Episode(task, 1, seed=4)
     rules = create_agent(role_of(task, 1), task.mission)
     path_m, yaw_rad, rewards, verdict = [], 0.0, [], None
     max_turn_rad = task.mission.pilot.yaw_rate_rad_s / task.mission.control_hz
     while episode.outcome is None:
         path_m.append(episode.world.states[1].position_m)
-        known = episode.situation(1)
+        known = episode.situation()
         command = rules.decide(known).command
         velocity = heading_frame(known).T @ command.velocity_m_s / task.mission.follower_speed_m_s
-        verdict = episode.step({1: [*velocity, (command.yaw_rad - yaw_rad) / max_turn_rad]})[1]
+        verdict = episode.step([*velocity, (command.yaw_rad - yaw_rad) / max_turn_rad])
         yaw_rad = command.yaw_rad
         rewards.append(verdict.reward)
     episode.close()
@@ -157,43 +157,42 @@ def test_a_follower_steered_by_the_rules_flies_as_in_the_mission() -> None:
     assert max(rewards[:-1]) <= 0
 
 
+def ended(task: LearningTask, learner: int, action: list[float]) -> tuple[Episode, StepResult]:
+    """An episode of always the same action, and its last step."""
+    with closing(Episode(task, learner, seed=0)) as episode:
+        while episode.outcome is None:
+            last = episode.step(action)
+        positions_m = [state.position_m for state in episode.world.states]
+        off_m = np.linalg.norm(positions_m[learner] - positions_m[0] - role_of(task, learner).offset_m)
+        return episode, last._replace(reward=last.reward + min(float(off_m) / 8, 1) * DT_S)
+
+
 def test_a_dive_into_the_ground_costs_the_collision_and_the_way_from_the_slot() -> None:
-    task = quick_task()
-    episode = Episode(task, [1, 2], seed=0)
-    verdicts = {}
-    while episode.outcome is None:
-        verdicts = episode.step({1: DIVE, 2: HOVER})
-    positions_m = [state.position_m for state in episode.world.states]
-    off_m = [np.linalg.norm(positions_m[i] - positions_m[0] - role_of(task, i).offset_m) for i in (1, 2)]
+    episode, last = ended(quick_task(), 1, DIVE)
     assert episode.outcome is Outcome.COLLISION
     assert episode.world.contacts[0].kind == "ground"
-    assert verdicts[1].terminated
-    assert not verdicts[1].truncated
-    assert verdicts[1].reward == pytest.approx(-50 - min(off_m[0] / 8, 1) * DT_S)
-    assert verdicts[2].truncated
-    assert not verdicts[2].terminated
-    assert verdicts[2].reward == pytest.approx(-min(off_m[1] / 8, 1) * DT_S)
+    assert last == StepResult(pytest.approx(-50), terminated=True, truncated=False)
     with pytest.raises(MissionError, match="ended with 'collision'"):
-        episode.step({1: HOVER, 2: HOVER})
-    episode.close()
+        episode.step(HOVER)
 
 
-def test_one_that_flies_away_is_lost_and_the_other_is_cut_short() -> None:
-    task = quick_task(lost_m=5.0)
-    episode = Episode(task, [1, 2], seed=0)
-    verdicts = {}
-    while episode.outcome is None:
-        verdicts = episode.step({1: [-1, 0, 0, 0], 2: HOVER})
+def test_the_collision_of_another_drone_cuts_short() -> None:
+    """The leader flies into a tower."""
+    episode, last = ended(quick_task(x_m=40.0, y_m=2.6, others="blind", duration_s=30.0), 2, [0.78, 0, 0, 0])
+    assert [contact.drone for contact in episode.world.contacts] == [0]
+    assert last == StepResult(pytest.approx(0), terminated=False, truncated=True)
+
+
+def test_one_that_flies_away_is_lost() -> None:
+    episode, last = ended(quick_task(lost_m=5.0), 1, [-1, 0, 0, 0])
     assert episode.outcome is Outcome.LOST
-    assert (verdicts[1].terminated, verdicts[2].terminated, verdicts[2].truncated) == (True, False, True)
-    assert verdicts[1].reward == pytest.approx(-50, abs=DT_S)
-    episode.close()
+    assert last == StepResult(pytest.approx(-50), terminated=True, truncated=False)
 
 
 def test_the_time_running_out_cuts_short_a_step_which_costs_the_time_that_was_flown() -> None:
     task = quick_task(duration_s=0.2)  # One tick of 0.05 s before the first observation, then steps of two ticks.
-    episode = Episode(task, [1], seed=0)
-    verdicts = [episode.step({1: FORWARD})[1] for _ in range(2)]
+    episode = Episode(task, 1, seed=0)
+    verdicts = [episode.step(FORWARD) for _ in range(2)]
     assert episode.outcome is Outcome.TIMEOUT
     assert [(v.terminated, v.truncated) for v in verdicts] == [(False, False), (False, True)]
     positions_m = [state.position_m for state in episode.world.states]
@@ -205,9 +204,9 @@ def test_the_time_running_out_cuts_short_a_step_which_costs_the_time_that_was_fl
 @pytest.mark.slow
 def test_the_default_task_asks_for_eyes() -> None:
     """Who flies to its slot without a look at the depth hits a tower."""
-    with closing(Episode(LearningTask(corrector="raw"), [1], seed=0)) as episode:
+    with closing(Episode(LearningTask(corrector="raw"), 1, seed=0)) as episode:
         while episode.outcome is None:
-            episode.step({1: [*np.clip(episode.observe(1)["slot_m"] / 2, -1, 1), 0.0]})
+            episode.step([*np.clip(episode.observe()["slot_m"] / 2, -1, 1), 0.0])
         assert episode.outcome is Outcome.COLLISION
         assert [contact.kind for contact in episode.world.contacts] == ["building"]
 
@@ -220,36 +219,43 @@ def test_crashing_early_never_pays_by_default() -> None:
 def test_closing_frees_the_world_also_after_an_error() -> None:
     before = pybullet.connect(pybullet.DIRECT)
     pybullet.disconnect(before)
-    episode = Episode(quick_task(), [1], seed=0)
+    episode = Episode(quick_task(), 1, seed=0)
     assert pybullet.isConnected(episode.world.client)
     client = episode.world.client
     episode.close()
     episode.close()
     assert not pybullet.isConnected(client)
     with pytest.raises(MissionError, match="before the first image was known: shorten"):
-        Episode(quick_task(latency_s=3.0, duration_s=1.0), [1], seed=0)
+        Episode(quick_task(latency_s=3.0, duration_s=1.0), 1, seed=0)
     assert not pybullet.isConnected(client)
 
 
-@pytest.mark.parametrize("others", ["same", "truth"])
+@pytest.mark.parametrize("others", ["same", "blind"])
 def test_the_learner_sees_the_same_whoever_the_others_are(others: str) -> None:
+    captured = []
+
+    class Captures(Recorder):
+        def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
+            captured.append(capture.drone)
+
     changes = {"others": others, "rig": RigConfig(width_px=80, height_px=60)}
-    with closing(Episode(quick_task().model_copy(update=changes), [1], seed=5)) as episode:
-        own, leader = episode.situation(1).percept, episode.situation(0).percept
+    task = quick_task().model_copy(update=changes)
+    with closing(Episode(task, 1, seed=5, recorder=Captures())) as episode:
+        own = episode.situation().percept
     assert (own.corrected.depth_m == 0).any(), "a camera has holes"
-    assert (leader is None) == (others == "truth"), "who flies by the true bodies has no camera"
+    assert captured == ([0, 1, 2] if others == "same" else [1])
 
 
 def test_the_shaping_adds_up_to_the_approach() -> None:
     options = quick() | {"reward": RewardConfig(slot_per_s=0.0, approach_per_m=2.0)}
-    with closing(Episode(LearningTask(**options), [1], seed=0)) as episode:
+    with closing(Episode(LearningTask(**options), 1, seed=0)) as episode:
 
         def slot_m() -> float:
             at_m = [state.position_m for state in episode.world.states]
             return float(np.linalg.norm(at_m[1] - at_m[0] - role_of(quick_task(), 1).offset_m))
 
         before_m = slot_m()
-        rewards = [episode.step({1: action})[1].reward for action in (HOVER, HOVER, FORWARD, TURN, FORWARD)]
+        rewards = [episode.step(action).reward for action in (HOVER, HOVER, FORWARD, TURN, FORWARD)]
         assert sum(rewards) == pytest.approx(2 * (before_m - slot_m()), abs=1e-9)
 
 
@@ -258,12 +264,6 @@ def test_nearness_falls_with_the_depth_and_is_0_where_nothing_is_known() -> None
     for depth_m, expected in ((0.5, 255), (1.0, 255), (2.0, 127), (10.0, 25), (0.0, 0)):
         seen = observe(situation(0.0, leader_m=(0.0, 0.0, 0.0), depth_m=depth_m), role, task)
         assert (seen["nearness"] == expected).all(), depth_m
-        alone = observe(
-            situation(0.0, leader_m=(0.0, 0.0, 0.0), depth_m=depth_m),
-            role,
-            task.model_copy(update={"observation": "image"}),
-        )
-        np.testing.assert_array_equal(alone, seen["nearness"])
 
 
 @pytest.mark.slow
@@ -280,7 +280,7 @@ def test_the_default_observation_shows_the_world() -> None:
             good += np.count_nonzero(is_near & (error_m < 0.1 * capture.depth_true_m))
 
     for seed in range(6):
-        with closing(Episode(LearningTask(), [1], seed=seed, recorder=Count())) as episode:
+        with closing(Episode(LearningTask(), 1, seed=seed, recorder=Count())) as episode:
             while episode.outcome is None and episode.info()["time_s"] < 12:
-                episode.step({1: [*np.clip(episode.observe(1)["slot_m"] / 2, -1, 1), 0.0]})
+                episode.step([*np.clip(episode.observe()["slot_m"] / 2, -1, 1), 0.0])
     assert good / near > 0.65

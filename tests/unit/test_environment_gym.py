@@ -1,8 +1,5 @@
 """The environment as Gymnasium knows it."""
 
-import subprocess
-import sys
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -19,17 +16,15 @@ from swarm.environments.task import LearningTask
 from swarm.errors import MissionError
 from swarm.gym import TASKS
 from tests.learning import DIVE, FORWARD, QUICK_RIG, TURN, quick
-from voxdepth.colors import colored
 
 NAME = "swarm.gym:voxdepth/LeaderFollower-v0"
-SHORT_NAME = "swarm:voxdepth/LeaderFollower-v0"
 
 
 def array(action: list[float]) -> np.ndarray:
     return np.array(action, np.float32)
 
 
-@pytest.mark.parametrize("observation", ["metres", "nearness", "image"])
+@pytest.mark.parametrize("observation", ["metres", "nearness"])
 def test_gymnasium_finds_nothing_to_warn_of(observation: str) -> None:
     env = gymnasium.make(NAME, render_mode="rgb_array", observation=observation, **quick())
     check_env(env.unwrapped)
@@ -45,30 +40,12 @@ def test_every_task_begins_with_an_image_of_its_world(name: str) -> None:
     assert not np.array_equal(first["depth_m"], second["depth_m"]), "every seed builds another world"
 
 
-def test_a_scenario_by_its_name_and_a_recording_of_an_episode(tmp_path: Path) -> None:
-    env = LeaderFollowerEnv(scenario="pillars", depth="truth", corrector="raw", record=tmp_path / "new")
+def test_a_scenario_by_its_name() -> None:
+    env = LeaderFollowerEnv(scenario="pillars", depth="truth", corrector="raw")
     scenario = load_run("pillars", None, {}).scenario
     observation, _ = env.reset(seed=3)
     assert observation["depth_m"].shape == scenario.rig.intrinsics.shape
-    env.step(array(FORWARD))
     env.close()
-    assert (tmp_path / "new" / "episode-3.rrd").stat().st_size > 10_000
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("before", "name"), [("gymnasium", SHORT_NAME), ("gymnasium", NAME), ("swarm.environments.task, gymnasium", NAME)]
-)
-def test_its_name_is_found(before: str, name: str) -> None:
-    code = f"import {before}; print(type(gymnasium.make({name!r}).unwrapped).__name__)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "LeaderFollowerEnv"
-
-
-def test_the_swarm_costs_nothing_without_gymnasium() -> None:
-    code = "import sys, swarm; print([m for m in sys.modules if m == 'numpy' or m.startswith(('gymnasium', 'swarm.'))])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def steps(env: LeaderFollowerEnv, seed: int | None, n: int = 4) -> list[Any]:
@@ -119,25 +96,20 @@ def test_beyond_the_range_an_action_is_clipped() -> None:
     assert np.linalg.norm(within[-1][0]["velocity_m_s"]) > 1
 
 
-class TestPicture:
-    def test_it_shows_what_the_learner_sees_and_the_learner(self) -> None:
-        rig = QUICK_RIG.model_copy(update={"height_px": 40})  # a sixth of the picture's 240 rows
-        env = LeaderFollowerEnv(render_mode="rgb_array", **quick() | {"rig": rig})
-        observation, _ = env.reset(seed=0)
-        picture = env.render()
-        assert picture.dtype == np.uint8
-        assert picture.shape[1:] == (2 * 6 * 48, 3)
-        gray, depth, behind = picture[3:240:6, 3:288:6], picture[3:240:6, 291::6], picture[240:]
-        np.testing.assert_array_equal(depth, colored(observation["depth_m"], rig.max_depth_m)[..., ::-1])
-        assert (gray == gray[..., :1]).all()
-        assert gray.std() > 10
-        assert behind.shape == picture[:240].shape
-        assert behind.std() > 10
+def test_a_picture_shows_the_learner_from_behind() -> None:
+    env = LeaderFollowerEnv(render_mode="rgb_array", **quick())
+    env.reset(seed=0)
+    before, _ = env.render(), env.step(array(TURN))
+    assert before.shape == (240, 640, 3)
+    assert before.dtype == np.uint8
+    assert before.std() > 10
+    assert not np.array_equal(before, env.render())
 
 
 @pytest.mark.slow
 def test_several_run_in_processes_of_their_own() -> None:
-    envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode="vector_entry_point", **quick())
+    spawned = {"vector_kwargs": {"context": "spawn"}}
+    envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode="async", **spawned, **quick())
     observations, _ = envs.reset(seed=[3, 4])
     alone = LeaderFollowerEnv(**quick())
     np.testing.assert_array_equal(observations["depth_m"][1], alone.reset(seed=4)[0]["depth_m"])
