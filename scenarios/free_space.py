@@ -16,8 +16,8 @@ from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.types import Capture
 from sim.world import World
-from swarm.braking import BrakingConfig
-from swarm.evidence import EvidenceConfig, InverseSensorModel
+from swarm.approach import stopping_speed_m_s
+from swarm.evidence import InverseSensorModel
 from swarm.perception import frame_of
 from swarm.recorder import Recorder
 from swarm.team import Team
@@ -49,13 +49,9 @@ class Probe(Recorder):
     """Looks from the places of a mission's images with another sensor, and counts what correctors make of that."""
 
     def __init__(self, run: Run, correctors: Sequence[str]) -> None:
-        self._run, camera, config = run, run.scenario.rig.intrinsics, run.scenario.mission.pilot.evidence
-        self._readers = [
-            (threshold, InverseSensorModel(camera, config.model_copy(update={"min_confidence": threshold})))
-            for threshold in THRESHOLDS
-        ]
-        percentiles = config.model_dump(include={"free_percentile", "surface_percentile"})
-        self._exact = InverseSensorModel(camera, EvidenceConfig(disparity_error_px=0, **percentiles))
+        self._run, camera = run, run.scenario.rig.intrinsics
+        self._readers = [(threshold, InverseSensorModel(camera, min_confidence=threshold)) for threshold in THRESHOLDS]
+        self._exact = InverseSensorModel(camera, disparity_error_px=0)
         self._correctors = {
             drone: [(name, CorrectorSpec.of(name).create(camera)) for name in correctors] for drone in WATCHED
         }
@@ -129,8 +125,7 @@ def horizons(dataset: Dataset, correctors: Sequence[str]) -> Table:
         dataset: The recording.
         correctors: Names of correctors, which may have settings.
     """
-    evidence, braking = EvidenceConfig(), BrakingConfig()
-    reader = InverseSensorModel(dataset.intrinsics, evidence)
+    reader = InverseSensorModel(dataset.intrinsics)
     ahead = reader.rays_cam[..., 2] >= np.cos(np.radians(AHEAD_DEG))
     rows = []
     for name in correctors:
@@ -139,7 +134,7 @@ def horizons(dataset: Dataset, correctors: Sequence[str]) -> Table:
         free_m = [float(reader.read(depth).free_m[ahead].min()) for depth in depths]
         low_m, median_m, high_m = np.quantile(free_m, (0.1, 0.5, 0.9)).tolist()
         proven_share = float(np.mean(np.greater(free_m, 0)))
-        rows.append((name, 100 * proven_share, low_m, median_m, high_m, float(braking.speed_m_s(median_m))))
+        rows.append((name, 100 * proven_share, low_m, median_m, high_m, float(stopping_speed_m_s(median_m))))
     ranges = (Column(name, "m", ".2f") for name in ("10 % of frames", "median", "90 %"))
     columns = [Column("corrector"), Column("frames with any", "%", ".0f"), *ranges, Column("safe speed", "m/s", ".2f")]
     note = f"Range to which all within {AHEAD_DEG:g} degrees of the optical axis is proven free by one image."

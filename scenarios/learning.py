@@ -1,6 +1,6 @@
 """What learning environments take from the testbed: scenarios by name."""
 
-from swarm.compose import MissionSetup
+from swarm.config import MissionSetup
 
 from .config import load_run
 

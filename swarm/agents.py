@@ -7,11 +7,11 @@ import numpy as np
 from voxdepth.types import FloatArray
 
 from . import rules
+from .config import MissionConfig
 from .controllers import Agent, Role
 from .mapping_pilot import MappingPilot
 from .pilot import Decision, Pilot, Situation
 from .rules import Corridor
-from .task import MissionConfig
 from .vectors import length
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])

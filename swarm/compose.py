@@ -3,48 +3,15 @@
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
-import pydantic
-
 from sim.cpu import mapper
-from sim.drone import AirframeConfig
-from sim.render import RendererName, create_renderer
+from sim.render import create_renderer
 from sim.rig import StereoRig
-from sim.scenes import AnyScene, CitySpec
-from sim.sensor import RigConfig
 from sim.world import World
-from voxdepth.corrector_spec import CorrectorSpec
-from voxdepth.model import Model
-from voxdepth.registry import DEFAULT
 
+from .config import MissionSetup
 from .controllers import Factory, load_controller
 from .mission import Mission
 from .recorder import Recorder
-from .task import MissionConfig
-
-
-class MissionSetup(Model):
-    """The parts of a mission: what scenarios and learning tasks have in common."""
-
-    scene: AnyScene = CitySpec()
-    """The scene; every seed builds another one."""
-    mission: MissionConfig = MissionConfig()
-    """The task, and the swarms that fly it."""
-    rig: RigConfig = RigConfig()
-    """Cameras of every drone."""
-    airframe: AirframeConfig = AirframeConfig()
-    """Size and dynamics of every drone."""
-    corrector: CorrectorSpec = CorrectorSpec(name=DEFAULT)
-    """Depth corrector of every drone: its name, or a table with `name` and `config`."""
-    renderer: RendererName = "raster"
-    """Renderer of the images."""
-
-    @pydantic.field_validator("rig")
-    @classmethod
-    def _require_left_camera(cls, rig: RigConfig) -> RigConfig:
-        for name in ("color_offset_m", "shutter"):
-            if getattr(rig, name) is not None:
-                raise ValueError(f"{name} is for recorded sequences: drones fly by their left camera; leave it out")
-        return rig
 
 
 @contextmanager

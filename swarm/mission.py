@@ -4,25 +4,24 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from sim.frames import R_BODY_CAM
 from sim.free_space import is_inside
 from sim.rig import StereoRig
 from sim.types import Capture, Contact, DroneState, VelocityCommand
 from sim.world import PHYSICS_HZ, World
 from voxdepth.types import DepthCorrector, FloatArray
 
+from .config import MissionConfig
 from .controllers import Factory, Role
 from .errors import MissionError
 from .link import Link
+from .localisation import Localisation, Odometry
 from .metrics import MissionMetrics, Unmeasured, touched
 from .neighbours import Detector, NeighbourTracker
 from .perception import Perception
 from .pilot import Decision, Situation
-from .priors import Localisation, Odometry
 from .recorder import Recorder
-from .task import MissionConfig
 from .team import Team, positions_of
-from .types import MissionResult, OnboardCamera, Outcome, Percept
+from .types import MissionResult, Outcome, Percept
 
 MIN_PROGRESS_M = 0.3
 """A smaller approach to the goal or the slots is no progress."""
@@ -63,7 +62,8 @@ class Mission:
         self._rig = rig
         self._recorder = recorder
         self._localisations = [
-            Localisation(config.localisation, seed=seed, drone=drone) for drone in range(world.n_drones)
+            Localisation(config.localisation_drift_m_per_sqrt_s, seed=seed, drone=drone)
+            for drone in range(world.n_drones)
         ]
         self._perceptions = [
             None if corrector is None else self._create_perception(drone, corrector, latency_s=latency_s, seed=seed)
@@ -75,13 +75,15 @@ class Mission:
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
         self._link.broadcast(world.states, self.time_s)
         radius_m = world.airframe.radius_m
-        camera = OnboardCamera(intrinsics=rig.intrinsics, mount_cam_m=R_BODY_CAM.T @ rig.mount_m)
-        roles = [Role(drone=i, team=team, radius_m=radius_m, camera=camera) for i, team in enumerate(self._team_of)]
+        roles = [
+            Role(drone=i, team=team, radius_m=radius_m, camera=rig.intrinsics) for i, team in enumerate(self._team_of)
+        ]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)
         metrics = MissionMetrics if measured else Unmeasured
-        self._metrics = metrics(world, self._teams, config.pilot, goal_radius_m=config.goal_radius_m)
+        self._metrics = metrics(world, self._teams, goal_radius_m=config.goal_radius_m)
         self._ticks = 0
+        self._dropped_frames = 0
         self.outcome: Outcome | None = None
 
     @property
@@ -133,19 +135,20 @@ class Mission:
         if self.outcome is None:
             raise MissionError("the mission has not ended yet: call tick() until there is an outcome")
         contacts = tuple(self.world.contacts)
-        dropped = [0 if perception is None else perception.dropped for perception in self._perceptions]
         return MissionResult(
             outcome=self.outcome,
             contacts=contacts,
             trajectories=self._metrics.trajectories(),
-            metrics=self._metrics.summary(contacts, dropped),
-            drones=self._metrics.by_drone(contacts, dropped),
+            metrics=self._metrics.summary(contacts, self._dropped_frames),
+            drones=self._metrics.by_drone(contacts),
         )
 
     def _perceive(self) -> None:
         """Capture and process an image of every drone that is not busy with an earlier one."""
-        flying = ((i, self._perceptions[i]) for i in np.flatnonzero(self.world.flying).tolist())
-        ready = [i for i, perception in flying if perception is not None and perception.ready(self.time_s)]
+        perceptions = zip(self._perceptions, self.world.flying, strict=True)
+        busy = {i: seeing.is_busy(self.time_s) for i, (seeing, flies) in enumerate(perceptions) if seeing and flies}
+        self._dropped_frames += sum(busy.values())
+        ready = [drone for drone, is_busy in busy.items() if not is_busy]
         for capture, percept in self._rig.capture_and(self._see, ready, self._ticks // self._ticks_per_frame):
             self._recorder.capture(self.world.steps, capture, percept.corrected)
 
@@ -203,8 +206,7 @@ class Mission:
     def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
         step, time_s = self.world.steps, self.time_s
         slots_m = np.vstack([team.slots_m(states[team.leader].position_m)[1:] for team in self._teams])
-        self._metrics.add_decisions(states, decisions)
-        metrics = self._metrics.sample(states)
+        metrics = self._metrics.sample(states, decisions)
         self._recorder.tick(step, time_s, states, slots_m, decisions)
         self._recorder.metrics(step, time_s, metrics)
 
@@ -214,8 +216,8 @@ class Mission:
 
     def _create_perception(self, drone: int, corrector: DepthCorrector, *, latency_s: float, seed: int) -> Perception:
         config, camera, world = self._config, self._rig.intrinsics, self.world
-        radius_m, detector_config = world.airframe.radius_m, config.neighbours.detector
-        detector = Detector(detector_config, camera, world.drone_ids, radius_m=radius_m, seed=seed, drone=drone)
+        radius_m, miss_rate = world.airframe.radius_m, config.neighbours.miss_rate
+        detector = Detector(miss_rate, camera, world.drone_ids, radius_m=radius_m, seed=seed, drone=drone)
         return Perception(
             corrector,
             detector,

@@ -17,29 +17,23 @@ DRONE_MASK_RADIUS_M = 1.0
 """Surfaces within this distance of another drone belong to that drone."""
 
 
-class DetectorConfig(Model):
-    """Quality of the detector."""
-
-    miss_rate: float = Field(default=0.1, ge=0, le=1)
-    """Probability that a drone in view is not found in an image."""
-    min_pixels: int = Field(default=6, ge=1, le=1_000_000)
-    """Drones of fewer pixels are never found."""
-    max_range_m: float = Field(default=12.0, gt=0)
-    """Drones farther away than this are known by radio only."""
+MIN_PIXELS, DETECTED_WITHIN_M = 6, 12.0
+"""Drones of fewer pixels, or farther away, are never found in an image and known by radio only."""
+SEEN_FOR_S = 0.5
+"""Time for which a detected drone is assumed to keep its velocity when it is not detected again."""
+AGREED_M = 1.0
+"""Largest distance of the place where a drone was detected from that of which the radio tells; beyond it, the depth is
+taken for wrong."""
 
 
 class NeighbourConfig(Model):
     """Perception of the other drones."""
 
-    detector: DetectorConfig = DetectorConfig()
     known_by: Literal["depth_and_radio", "depth"] = "depth_and_radio"
-    """What tells a drone where the others are. With `depth`, those that its detector did not find within `memory_s` do
-    not exist for it, and wrong depth misplaces the others; the radio still ties followers to their leader."""
-    memory_s: float = Field(default=0.5, ge=0)
-    """Time for which a detected drone is assumed to keep its velocity when it is not detected again."""
-    agreed_m: float = Field(default=1.0, ge=0)
-    """Largest distance of the place where a drone was detected from that of which the radio tells; beyond it, the depth
-    is taken for wrong."""
+    """What tells a drone where the others are. With `depth`, those that its detector did not find within half a second
+    do not exist for it, and wrong depth misplaces the others; the radio still ties followers to their leader."""
+    miss_rate: float = Field(default=0.1, ge=0, le=1)
+    """Probability that a drone in view is not found in an image."""
 
 
 class Detector:
@@ -50,7 +44,7 @@ class Detector:
     in the wrong place, and a drone without depth is not found at all.
 
     Args:
-        config: Quality of the detector.
+        miss_rate: Probability that a drone in view is not found in an image.
         camera: Intrinsics of the images.
         drone_ids: Body ids of all drones, in ascending order.
         radius_m: Radius of a drone, from its surface to its centre.
@@ -60,7 +54,7 @@ class Detector:
 
     def __init__(
         self,
-        config: DetectorConfig,
+        miss_rate: float,
         camera: Intrinsics,
         drone_ids: list[int],
         *,
@@ -68,7 +62,7 @@ class Detector:
         seed: int,
         drone: int,
     ) -> None:
-        self._config = config
+        self._miss_rate = miss_rate
         self._camera = camera
         self._drone_ids = np.array(drone_ids, np.int64)
         self._radius_m = radius_m
@@ -77,11 +71,11 @@ class Detector:
 
     def detect(self, capture: Capture, corrected: CorrectedDepth) -> tuple[Detection, ...]:
         """Find the other drones in an image; the images must come in order, each once."""
-        c, n = self._config, len(self._drone_ids)
-        missed = self._rng.random(n) < c.miss_rate
+        n = len(self._drone_ids)
+        missed = self._rng.random(n) < self._miss_rate
         pixel = np.flatnonzero(capture.segment_id >= self._drone_ids[0])
         shown = np.searchsorted(self._drone_ids, capture.segment_id.ravel()[pixel])
-        visible = ~missed & (np.bincount(shown, minlength=n) >= c.min_pixels)
+        visible = ~missed & (np.bincount(shown, minlength=n) >= MIN_PIXELS)
         visible[self._drone] = False
         found = []
         for drone in np.flatnonzero(visible).tolist():
@@ -92,7 +86,7 @@ class Detector:
             if not len(depth_m):
                 continue
             bearing_cam, range_m = self._ray(col.mean(), row.mean(), float(np.median(depth_m)))
-            if range_m <= c.max_range_m:
+            if range_m <= DETECTED_WITHIN_M:
                 found.append(Detection(drone=drone, bearing_cam=bearing_cam, range_m=range_m))
         return tuple(found)
 
@@ -118,7 +112,7 @@ class NeighbourTracker:
     """
 
     def __init__(self, config: NeighbourConfig, camera: Intrinsics, n_drones: int) -> None:
-        self._config = config
+        self._by_depth_alone = config.known_by == "depth"
         self._slope_x = (camera.width_px - 1) / 2 / camera.fx_px
         self._slope_y = (camera.height_px - 1) / 2 / camera.fy_px
         self._seen_at_s = np.full(n_drones, -np.inf)
@@ -127,7 +121,7 @@ class NeighbourTracker:
 
     def update(self, percept: Percept | None, heard: Neighbours, time_s: float) -> Neighbours:
         """Return the other drones at their positions at `time_s`."""
-        if self._config.known_by == "depth":
+        if self._by_depth_alone:
             heard = heard.among(range(0))
         if percept is None:
             return heard
@@ -138,11 +132,11 @@ class NeighbourTracker:
                 self._seen_at_s[found.drone] = percept.stamp_s
                 self._seen_m[found.drone] = pose[:3, 3] + pose[:3, :3] @ (found.range_m * found.bearing_cam)
         age_s = time_s - self._seen_at_s
-        is_fresh = age_s <= self._config.memory_s
+        is_fresh = age_s <= SEEN_FOR_S
         seen = np.flatnonzero(is_fresh[heard.drone] & self._is_in_view(heard.position_m, pose))
         position_m, drone = heard.position_m.copy(), heard.drone[seen]
         followed_m = self._seen_m[drone] + age_s[drone, None] * heard.velocity_m_s[seen]
-        agrees = ((followed_m - position_m[seen]) ** 2).sum(axis=1) <= self._config.agreed_m**2
+        agrees = ((followed_m - position_m[seen]) ** 2).sum(axis=1) <= AGREED_M**2
         position_m[seen[agrees]] = followed_m[agrees]
         is_fresh[heard.drone] = False
         unheard = np.flatnonzero(is_fresh)
@@ -156,4 +150,4 @@ class NeighbourTracker:
         """Return which positions, shape (n, 3), lie in the field of view and within the range of the detector."""
         x, y, z = ((position_m - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]).T
         in_image = (z > 0) & (np.abs(x) <= self._slope_x * z) & (np.abs(y) <= self._slope_y * z)
-        return np.asarray(in_image & (x * x + y * y + z * z <= self._config.detector.max_range_m**2))
+        return np.asarray(in_image & (x * x + y * y + z * z <= DETECTED_WITHIN_M**2))

@@ -11,8 +11,8 @@ from collections import deque
 from sim.types import Capture
 from voxdepth.types import DepthCorrector, FloatArray, Frame
 
+from .localisation import Localisation, Odometry, PosePriorName, pose_for_corrector
 from .neighbours import Detector
-from .priors import Localisation, Odometry, PosePriorName, pose_for_corrector
 from .types import Percept
 
 
@@ -47,14 +47,10 @@ class Perception:
         self._busy_until_s = 0.0
         self._pending: deque[Percept] = deque()
         self._latest: Percept | None = None
-        self.dropped = 0
 
-    def ready(self, time_s: float) -> bool:
-        """Return whether a capture at this time would be processed; a refusal counts as a dropped frame."""
-        if time_s + 1e-9 >= self._busy_until_s:
-            return True
-        self.dropped += 1
-        return False
+    def is_busy(self, time_s: float) -> bool:
+        """Return whether an earlier capture is still processed at a time, so that one of then is dropped."""
+        return time_s + 1e-9 < self._busy_until_s
 
     def see(self, capture: Capture) -> Percept:
         """Process a capture; the controller knows the percept `latency_s` later."""

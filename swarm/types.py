@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.types import Contact
-from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics
+from voxdepth.types import CorrectedDepth, FloatArray
 
 MetricValue = float | int | None
 """A metric of a mission; None where it is undefined."""
@@ -70,15 +70,6 @@ class Percept:
     corrected: CorrectedDepth
     detections: tuple[Detection, ...] = ()
     """Other drones that were found in the image."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OnboardCamera:
-    """What a controller knows of its camera."""
-
-    intrinsics: Intrinsics
-    mount_cam_m: FloatArray
-    """Position of the camera relative to the centre of the drone, in the camera frame, shape (3,)."""
 
 
 class Outcome(StrEnum):

@@ -4,8 +4,8 @@ from typing import Any
 
 from sim.scenes import CitySpec
 from sim.sensor import RigConfig
+from swarm.config import MissionConfig
 from swarm.environments.task import LearningTask, RewardConfig
-from swarm.task import MissionConfig
 from swarm.team import Route
 
 QUICK_CITY = CitySpec(columns=1, rows=2, poles=0)

@@ -24,7 +24,7 @@ from swarm.pilot import Decision
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Outcome
-from swarm.voxel_map import STATES
+from swarm.voxel_map import STATES, VOXEL_M
 from voxdepth.colors import FAR_M
 from voxdepth.tools.files import as_tool_error
 from voxdepth.tools.stages import log_warped, new_template, voxel_cloud
@@ -345,7 +345,7 @@ class MissionRecorder(Recorder):
         The image is one metre before the camera, where a pixel is as large as a cell of the map.
         """
         rows, cols = costs.state.shape
-        side_m, path, T = costs.voxel_m, f"world/map/{drone}", costs.T_odom_world
+        side_m, path, T = VOXEL_M, f"world/map/{drone}", costs.T_odom_world
         middle_m = costs.origin_m + side_m / 2 * np.array([cols, rows])
         down = np.linalg.inv(T) @ pose(np.diag([1.0, -1.0, -1.0]), np.array([*middle_m, 0.0]))
         camera = rr.Pinhole(

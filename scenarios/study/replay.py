@@ -23,7 +23,7 @@ def differences(before: RunRecord, now: RunRecord) -> list[str]:
     """Return the names of what differs between two results of one run; empty if they are the same.
 
     Numbers are the same within `TOLERANCE`, errors of depth within `DEPTH_TOLERANCE`; the outcome, names and the drones
-    that touched something must be equal.
+    that touched something must be equal. Names that only one of them has are of another version.
     """
     found = ["outcome"] if before.outcome is not now.outcome else []
     contacts = [[asdict(contact) for contact in record.contacts] for record in (before, now)]
@@ -32,16 +32,14 @@ def differences(before: RunRecord, now: RunRecord) -> list[str]:
     return found + [
         name
         for name in before.metrics
-        if name not in now.metrics or not _is_same(name, before.metrics[name], now.metrics[name])
+        if name in now.metrics and not _is_same(name, before.metrics[name], now.metrics[name])
     ]
 
 
 def _unlike(before: Sequence[Mapping[str, object]], now: Sequence[Mapping[str, object]]) -> bool:
-    """Return whether two lists of values by name differ. Names that only `now` has are of a later version."""
+    """Return whether two lists of values by name differ."""
     return len(before) != len(now) or not all(
-        name in b and _is_same(name, value, b[name])
-        for a, b in zip(before, now, strict=True)
-        for name, value in a.items()
+        _is_same(name, a[name], b[name]) for a, b in zip(before, now, strict=True) for name in a if name in b
     )
 
 

@@ -11,11 +11,11 @@ from voxdepth.types import FloatArray
 
 from ..agents import create_agent
 from ..compose import composed_mission
+from ..config import MissionConfig
 from ..controllers import Agent, Role, load_controller
 from ..errors import MissionError
 from ..pilot import Situation
 from ..recorder import Recorder
-from ..task import MissionConfig
 from ..types import Outcome
 from ..vectors import length
 from .learner import ACTION_SIZE, Learner, Observation, observe

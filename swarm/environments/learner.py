@@ -14,10 +14,10 @@ from sim.types import VelocityCommand
 from voxdepth.types import FloatArray
 
 from .. import rules
+from ..config import MissionConfig
 from ..controllers import Role
 from ..errors import MissionError
 from ..pilot import Decision, Situation
-from ..task import MissionConfig
 from .task import LearningTask
 
 ACTION_SIZE = 4

@@ -11,10 +11,9 @@ from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
 from voxdepth.model import Model, changed, explained
 
-from ..compose import MissionSetup
+from ..config import MissionConfig, MissionSetup
 from ..errors import MissionError
 from ..rules import RuleWeights
-from ..task import MissionConfig
 from ..team import FormationConfig, Point, Route
 
 TESTBED = "voxdepth.missions"

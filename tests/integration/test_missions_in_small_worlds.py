@@ -15,12 +15,12 @@ from sim.rig import StereoRig
 from sim.sensor import RigConfig
 from sim.types import VelocityCommand
 from sim.world import World
+from swarm.config import MissionConfig
 from swarm.controllers import load_controller
 from swarm.errors import MissionError
 from swarm.mission import Mission
 from swarm.pilot import Decision, PilotConfig, Situation
 from swarm.recorder import Recorder
-from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import MissionResult, Outcome
 from tests.helpers import ROUGH, wall
@@ -30,7 +30,7 @@ from voxdepth.errors import PluginError
 RIG = RigConfig(width_px=96, height_px=64, depth="truth")
 EXACT: dict[str, Any] = {
     "link": {"loss": 0.0},
-    "neighbours": {"detector": {"miss_rate": 0.0}},
+    "neighbours": {"miss_rate": 0.0},
     "pose_prior": {"drift_m_per_sqrt_s": 0.0, "drift_yaw_deg_per_sqrt_s": 0.0},
 }
 """Radio, detector and odometry without chance."""
@@ -91,7 +91,7 @@ def test_what_pybullet_draws_shows_the_way_around_a_pole(renderer: str) -> None:
 
 def test_two_that_see_nothing_of_each_other_meet_without_a_radio() -> None:
     """Side by side, on ways that cross: neither is in the image of the other. Head on, depth shows them in time."""
-    blind = {"known_by": "depth", "detector": {"miss_rate": 0.0}}
+    blind = {"known_by": "depth", "miss_rate": 0.0}
     beside, ahead = (route(0, 1.5, 12, -2), route(0, -1.5, 12, 2)), (route(-6, 0, 6, 0), route(6, 0.4, -6, 0.4))
     outcomes = []
     for routes in (beside, ahead):

@@ -8,11 +8,11 @@ import pytest
 from scenarios.config import Run, Scenario
 from scenarios.flight import fly
 from sim.engine import pybullet
-from sim.frames import R_BODY_CAM, quaternion_from_yaw
+from sim.frames import quaternion_from_yaw
 from sim.sensor import RigConfig
 from sim.types import Capture, DroneState
 from swarm.agents import create_agent
-from swarm.compose import MissionSetup
+from swarm.config import MissionSetup
 from swarm.controllers import Role
 from swarm.environments.episode import Episode, StepResult
 from swarm.environments.learner import Learner, heading_frame, observe
@@ -20,7 +20,7 @@ from swarm.environments.task import LearningTask, RewardConfig
 from swarm.errors import MissionError
 from swarm.pilot import Situation
 from swarm.recorder import Recorder
-from swarm.types import Motion, OnboardCamera, Outcome, Percept
+from swarm.types import Motion, Outcome, Percept
 from tests.learning import DIVE, FORWARD, HOVER, TURN, quick, quick_task
 from tests.swarm_scenes import neighbours_of
 from voxdepth.baselines.single_frame import Raw
@@ -30,8 +30,7 @@ DT_S = 0.1
 
 
 def role_of(task: LearningTask, drone: int) -> Role:
-    camera = OnboardCamera(intrinsics=task.rig.intrinsics, mount_cam_m=R_BODY_CAM.T @ task.rig.left_mount_m)
-    return Role(drone=drone, team=task.mission.teams()[0], radius_m=0.25, camera=camera)
+    return Role(drone=drone, team=task.mission.teams()[0], radius_m=0.25, camera=task.rig.intrinsics)
 
 
 def situation(yaw_rad: float, *, leader_m: tuple[float, float, float], depth_m: float = 7.0) -> Situation:

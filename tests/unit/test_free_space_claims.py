@@ -6,19 +6,19 @@ import pytest
 
 from scenarios.config import images_of, load_run
 from scenarios.free_space import BY, COUNTED, WATCHED, horizons, measure, most_in_cells, shares
-from swarm.evidence import EvidenceConfig, InverseSensorModel
+from swarm.evidence import DISPARITY_ERROR_PX, InverseSensorModel
 from tests.evaluation_clips import CAMERA
 from voxdepth.errors import ConfigError
 from voxdepth.types import FloatImage, Frame
 
 SHORT = {"mission.drones": 1 + max(WATCHED), "mission.duration_s": 0.5, **images_of(160, 90)}
-CERTAIN = {"rig.depth": "truth", "mission.pilot.evidence.disparity_error_px": 0.0}
 
 
 def test_true_depth_never_claims_what_is_not_free() -> None:
-    counts = measure(load_run("city", 1000, SHORT | CERTAIN), ["raw"])
+    counts = measure(load_run("city", 1000, SHORT | {"rig.depth": "truth"}), ["raw"])
     total = counts[["cells", *COUNTED]].sum()
-    assert total["cells"] == total["known free"] == total["warned"] > 0
+    assert total["cells"] == total["warned"] > 0
+    assert total["known free"] > 0.8 * total["cells"]
     assert total["false free"] == total["false alarm"] == 0
 
 
@@ -41,7 +41,7 @@ def test_shares_are_of_all_cells_together() -> None:
 
 
 def test_a_cell_follows_most_of_its_pixels() -> None:
-    reader = InverseSensorModel(CAMERA, EvidenceConfig())
+    reader = InverseSensorModel(CAMERA)
     mask = np.zeros(CAMERA.shape, np.bool_)
     mask[:, : reader.col_edges[1]] = True
     mask[0, reader.col_edges[1]] = True
@@ -71,7 +71,7 @@ def _wall_m(depth_m: float, hole_px: int) -> FloatImage:
 
 def test_the_horizon_is_the_least_free_range_ahead_and_nothing_is_proven_by_holes() -> None:
     (row,) = horizons(Walls((4.0, 0), (8.0, 0), (16.0, 0)), ["raw"]).rows
-    error_m = 8.0 - 8.0 / (1 + 8.0 * EvidenceConfig().disparity_error_px / CAMERA.focal_baseline_px_m)
+    error_m = 8.0 - 8.0 / (1 + 8.0 * DISPARITY_ERROR_PX / CAMERA.focal_baseline_px_m)
     assert row[:2] == ["raw", 100]
     assert row[3] == pytest.approx(8.0 - error_m, rel=0.02)
     assert row[2] < row[3] < row[4]

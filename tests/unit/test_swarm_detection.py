@@ -1,7 +1,5 @@
 """Finding drones in an image: by their labels, as far as the corrected depth says."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,7 +9,7 @@ from sim.frames import R_BODY_CAM
 from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig
-from swarm.neighbours import Detector, DetectorConfig
+from swarm.neighbours import Detector
 from swarm.types import Detection
 from tests.helpers import CAMERA, wall, world_of
 from tests.swarm_scenes import RADIUS_M, capture, corrected, flat
@@ -19,10 +17,9 @@ from tests.swarm_scenes import RADIUS_M, capture, corrected, flat
 IDS = [7, 8, 9]
 
 
-def detector(*, seed: int = 0, drone: int = 0, **config: float) -> Detector:
+def detector(*, seed: int = 0, drone: int = 0, miss_rate: float = 0.0) -> Detector:
     """One that misses nothing unless it is told to."""
-    values: dict[str, Any] = {"miss_rate": 0.0, **config}
-    return Detector(DetectorConfig(**values), CAMERA, IDS, radius_m=RADIUS_M, seed=seed, drone=drone)
+    return Detector(miss_rate, CAMERA, IDS, radius_m=RADIUS_M, seed=seed, drone=drone)
 
 
 def labels(*boxes: tuple[int, slice, slice]) -> np.ndarray:
@@ -37,8 +34,8 @@ MIDDLE = (8, slice(56, 64), slice(76, 84))
 LEFT = (9, slice(56, 64), slice(20, 40))
 
 
-def find(ids: np.ndarray, depth_m: np.ndarray, **config: float) -> tuple[Detection, ...]:
-    return detector(**config).detect(capture(0.0, segment_id=ids), corrected(depth_m))
+def find(ids: np.ndarray, depth_m: np.ndarray) -> tuple[Detection, ...]:
+    return detector().detect(capture(0.0, segment_id=ids), corrected(depth_m))
 
 
 @given(st.floats(0.5, 11))
@@ -76,12 +73,12 @@ def test_a_drone_without_depth_is_not_found_and_holes_do_not_count() -> None:
 @pytest.mark.parametrize(("pixels", "found"), [(5, 0), (6, 1)])
 def test_a_drone_of_too_few_pixels_is_not_found(pixels: int, found: int) -> None:
     ids = labels((8, slice(60, 61), slice(70, 70 + pixels)))
-    assert len(find(ids, flat(4.0), min_pixels=6)) == found
+    assert len(find(ids, flat(4.0))) == found
 
 
 @pytest.mark.parametrize(("depth_m", "found"), [(11.7, 1), (11.8, 0)])
 def test_beyond_the_largest_range_nobody_is_found(depth_m: float, found: int) -> None:
-    assert len(find(labels(MIDDLE), flat(depth_m), max_range_m=12.0)) == found
+    assert len(find(labels(MIDDLE), flat(depth_m))) == found
 
 
 def test_two_that_overlap_are_told_apart() -> None:
@@ -143,9 +140,7 @@ def test_a_rendered_drone_is_found_where_it_is() -> None:
     with world_of(wall(20.0), starts_m=offsets) as world:
         rig = StereoRig(world, create_renderer("raycast", world), rig_config, seed=0)
         (image,) = rig.capture([0], 0)
-        eyes = Detector(
-            DetectorConfig(miss_rate=0), rig.intrinsics, world.drone_ids, radius_m=RADIUS_M, seed=0, drone=0
-        )
+        eyes = Detector(0.0, rig.intrinsics, world.drone_ids, radius_m=RADIUS_M, seed=0, drone=0)
         found = eyes.detect(image, corrected(image.depth_raw_m))
     assert [detection.drone for detection in found] == [1, 2]
     for detection, true_m in zip(found, offsets[1:], strict=True):

@@ -15,8 +15,8 @@ MIRROR = np.array([1.0, -1.0, 1.0])
 STILL = np.zeros(3)
 
 
-def tracker(n_drones: int = 4, **config: float) -> NeighbourTracker:
-    return NeighbourTracker(NeighbourConfig(**config), CAMERA, n_drones)
+def tracker() -> NeighbourTracker:
+    return NeighbourTracker(NeighbourConfig(), CAMERA, 4)
 
 
 def seen_at(drone: int, at_m: object, T_world_cam: np.ndarray = AT_ORIGIN) -> Detection:
@@ -55,7 +55,7 @@ def test_in_view_but_not_found_is_where_the_radio_says() -> None:
 
 @pytest.mark.parametrize("x_m", [3.9, 6.1, 11.0])
 def test_a_place_of_which_the_radio_knows_better_is_an_error_of_depth(x_m: float) -> None:
-    around = tracker(agreed_m=1.0).update(percept(0.0, seen_at(1, (x_m, 0, 0))), heard(d1=((5, 0, 0), STILL)), 0.0)
+    around = tracker().update(percept(0.0, seen_at(1, (x_m, 0, 0))), heard(d1=((5, 0, 0), STILL)), 0.0)
     np.testing.assert_array_equal(around.position_m, [[5, 0, 0]])
 
 
@@ -77,7 +77,7 @@ def test_one_that_leaves_the_view_is_taken_over_by_the_radio() -> None:
 
 @pytest.mark.parametrize(("now_s", "x_m"), [(0.1, 5.5), (0.5, 5.5), (0.6, 5.0), (5.0, 5.0)])
 def test_one_that_is_not_found_again_is_remembered_for_a_short_while(now_s: float, x_m: float) -> None:
-    eyes, radio = tracker(memory_s=0.5), heard(d1=((5, 0, 0), STILL))
+    eyes, radio = tracker(), heard(d1=((5, 0, 0), STILL))
     eyes.update(percept(0.0, seen_at(1, (5.5, 0, 0))), radio, 0.0)
     around = eyes.update(percept(now_s), radio, now_s)
     np.testing.assert_allclose(around.position_m, [[x_m, 0, 0]], atol=1e-9)
@@ -91,7 +91,7 @@ def test_since_the_image_it_went_on_as_the_radio_says() -> None:
 
 
 def test_the_same_image_is_taken_in_once() -> None:
-    eyes, radio = tracker(memory_s=0.5), heard(d1=((5, 0, 0), STILL))
+    eyes, radio = tracker(), heard(d1=((5, 0, 0), STILL))
     image = percept(0.0, seen_at(1, (5.5, 0, 0)))
     places = [float(eyes.update(image, radio, now_s).position_m[0, 0]) for now_s in (0.0, 0.4, 0.8)]
     assert places == pytest.approx([5.5, 5.5, 5.0])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sim.types import Contact
+from swarm.config import MissionConfig
 from swarm.mission import MIN_PROGRESS_M, TerminationConditions
-from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import Outcome
 from voxdepth.types import FloatArray

@@ -12,17 +12,17 @@ from scenarios.runner import summary
 from sim import frames
 from sim.seeds import Purpose
 from sim.types import Capture
-from swarm.neighbours import Detector, DetectorConfig
+from swarm.localisation import Localisation, Odometry, OdometryConfig, PosePriorName, pose_for_corrector
+from swarm.neighbours import Detector
 from swarm.perception import Perception
-from swarm.priors import Localisation, LocalisationConfig, Odometry, PosePriorConfig, PosePriorName, pose_for_corrector
 from swarm.recorder import Recorder
 from tests.helpers import CAMERA
 from tests.swarm_scenes import RADIUS_M, state
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, Frame
 
-DRIFT = PosePriorConfig()
-SURE = Localisation(LocalisationConfig(), seed=0, drone=0)
+DRIFT = OdometryConfig()
+SURE = Localisation(0.0, seed=0, drone=0)
 ESTIMATE = frames.pose(np.eye(3), np.array([1.0, 2.0, 3.0]))
 
 
@@ -59,7 +59,7 @@ def yaw_error_rad(T_world_cam: FloatArray, true: FloatArray) -> float:
 
 class TestKinds:
     def test_nothing_is_said_unless_asked_for(self) -> None:
-        assert PosePriorConfig().kind == "none"
+        assert OdometryConfig().kind == "none"
         assert pose_for_corrector("none", capture(), ESTIMATE) is None
 
     def test_a_drone_passes_the_pose_of_its_odometry(self) -> None:
@@ -70,11 +70,11 @@ class TestKinds:
         pose = pose_for_corrector("true", seen, ESTIMATE)
         np.testing.assert_array_equal(pose, seen.T_world_cam)
         assert pose is not seen.T_world_cam
-        assert "oracle" in PosePriorConfig(kind="true").label
-        assert "ORACLE" in (PosePriorConfig.__doc__ or "")
+        assert "oracle" in OdometryConfig(kind="true").label
+        assert "ORACLE" in (OdometryConfig.__doc__ or "")
 
     def test_only_the_oracle_is_labelled_as_one(self) -> None:
-        assert [PosePriorConfig(kind=kind).label for kind in ("none", "drift")] == ["none", "drift"]
+        assert [OdometryConfig(kind=kind).label for kind in ("none", "drift")] == ["none", "drift"]
 
 
 class TestDrift:
@@ -84,7 +84,7 @@ class TestDrift:
 
     @pytest.mark.parametrize("rate_hz", [2, 5])
     def test_its_error_at_rest_grows_with_the_root_of_time_at_any_rate(self, rate_hz: float) -> None:
-        config = PosePriorConfig(drift_m_per_sqrt_s=0.1, drift_yaw_deg_per_sqrt_s=2.0)
+        config = OdometryConfig(drift_m_per_sqrt_s=0.1, drift_yaw_deg_per_sqrt_s=2.0)
         seen = at_rest(4.0, rate_hz)
         true = seen[0].T_world_cam
         runs = np.array([believed(Odometry(config, seed=s, drone=0), seen) for s in range(300)])
@@ -95,13 +95,13 @@ class TestDrift:
             np.testing.assert_allclose(np.std(yaws), np.radians(2.0) * np.sqrt(t), rtol=0.15)
 
     def test_without_rates_it_is_the_truth(self) -> None:
-        config = PosePriorConfig(drift_m_per_sqrt_s=0, drift_yaw_deg_per_sqrt_s=0)
+        config = OdometryConfig(drift_m_per_sqrt_s=0, drift_yaw_deg_per_sqrt_s=0)
         seen = [capture(k / 10, 0.3 * k, 0.1 * k) for k in range(20)]
         poses = believed(Odometry(config, seed=0, drone=0), seen)
         np.testing.assert_allclose(poses, [c.T_world_cam for c in seen], atol=1e-12)
 
     def test_its_poses_are_rigid_and_upright(self) -> None:
-        config = PosePriorConfig(drift_yaw_deg_per_sqrt_s=20.0)
+        config = OdometryConfig(drift_yaw_deg_per_sqrt_s=20.0)
         for pose in believed(Odometry(config, seed=1, drone=2), at_rest(5.0)):
             np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
             assert np.linalg.det(pose[:3, :3]) == pytest.approx(1)
@@ -109,7 +109,7 @@ class TestDrift:
             np.testing.assert_array_equal(pose[3], [0, 0, 0, 1])
 
     def test_an_error_of_the_heading_turns_the_way_but_not_the_motion_as_the_camera_sees_it(self) -> None:
-        config = PosePriorConfig(drift_m_per_sqrt_s=0, drift_yaw_deg_per_sqrt_s=5.0)
+        config = OdometryConfig(drift_m_per_sqrt_s=0, drift_yaw_deg_per_sqrt_s=5.0)
         odometry = Odometry(config, seed=3, drone=0)
         believed(odometry, at_rest(20.0))
         first, second = capture(30.0), capture(30.0 + 1e-9, 4.0)
@@ -148,7 +148,7 @@ class TestInFlight:
     @pytest.mark.parametrize("kind", ["none", "drift", "true"])
     def test_a_corrector_is_given_the_pose_that_was_asked_for(self, kind: PosePriorName) -> None:
         listener, seen = Listener(), [capture(0.0), capture(1.0, 2.0)]
-        detector = Detector(DetectorConfig(), CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
+        detector = Detector(0.1, CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
         eyes = Perception(listener, detector, Odometry(DRIFT, seed=0, drone=0), SURE, latency_s=0.0, prior=kind)
         percepts = [eyes.see(c) for c in seen]
         for frame, c, percept in zip(listener.frames, seen, percepts, strict=True):
@@ -156,7 +156,7 @@ class TestInFlight:
             np.testing.assert_array_equal(frame.T_world_cam, expected)
 
     def test_a_percept_has_the_pose_of_the_odometry_whatever_the_corrector_is_given(self) -> None:
-        detector = Detector(DetectorConfig(), CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
+        detector = Detector(0.1, CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
         seen = [capture(0.0), capture(1.0, 2.0)]
         for kind in get_args(PosePriorName):
             eyes = Perception(Raw(), detector, Odometry(DRIFT, seed=0, drone=0), SURE, latency_s=0.0, prior=kind)
@@ -201,10 +201,10 @@ def flown(run: Run) -> Finished:
 
 
 def test_a_localisation_drifts_with_the_root_of_time_and_moves_state_and_camera_alike() -> None:
-    config, true = LocalisationConfig(drift_m_per_sqrt_s=0.1), state(1.0, 2.0, 3.0, (1, 0, 0))
+    true = state(1.0, 2.0, 3.0, (1, 0, 0))
     errors_m = []
     for drone in range(400):
-        where = Localisation(config, seed=3, drone=drone)
+        where = Localisation(0.1, seed=3, drone=drone)
         for _ in range(80):
             where.advance(0.05)
         errors_m.append(where.state(true).position_m - true.position_m)
@@ -224,7 +224,7 @@ def test_a_drone_whose_localisation_drifts_flies_beside_its_goal() -> None:
     }  # fmt: skip
     ends_m = []
     for drift in (0.0, 0.5):
-        run = load_run("city", 5, {**changes, "mission.localisation.drift_m_per_sqrt_s": drift})
+        run = load_run("city", 5, {**changes, "mission.localisation_drift_m_per_sqrt_s": drift})
         with flying(run, Recorder(), recorded=False, threads=1) as mission:
             ends_m.append(mission.run().trajectories[0].position_m[-1] - [-3.0, 0.0, 6.0])
     assert np.linalg.norm(ends_m[0]) < 0.35

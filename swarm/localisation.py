@@ -15,7 +15,7 @@ from voxdepth.types import FloatArray
 PosePriorName = Literal["none", "drift", "true"]
 
 
-class PosePriorConfig(Model):
+class OdometryConfig(Model):
     """Drift of a drone's odometry, and which poses the drone passes to its corrector.
 
     With `none` the corrector has the images alone. With `drift` it gets the pose of the odometry. With `true` it gets
@@ -42,7 +42,7 @@ class Odometry:
     drifts of different drones are independent.
     """
 
-    def __init__(self, config: PosePriorConfig, *, seed: int, drone: int) -> None:
+    def __init__(self, config: OdometryConfig, *, seed: int, drone: int) -> None:
         self._config = config
         self._rng = stream(seed, Purpose.POSE_PRIOR, drone)
         self._before: tuple[float, FloatArray] | None = None
@@ -67,18 +67,14 @@ class Odometry:
         return frames.rotation_from_yaw(self._yaw_error_rad)
 
 
-class LocalisationConfig(Model):
-    """Drift of where a drone takes itself to be in the world, by which it flies to goals, slots and mates."""
-
-    drift_m_per_sqrt_s: float = Field(default=0.0, ge=0)
-    """Standard deviation of each coordinate after one second; it grows with the root of time. 0 is a perfect fix."""
-
-
 class Localisation:
-    """Where a drone takes itself to be: the truth and a random walk, which differs from drone to drone."""
+    """Where a drone takes itself to be: the truth and a random walk, which differs from drone to drone.
 
-    def __init__(self, config: LocalisationConfig, *, seed: int, drone: int) -> None:
-        self._drift_m_per_sqrt_s = config.drift_m_per_sqrt_s
+    `drift_m_per_sqrt_s` is the standard deviation of each coordinate after one second; it grows with the root of time.
+    """
+
+    def __init__(self, drift_m_per_sqrt_s: float, *, seed: int, drone: int) -> None:
+        self._drift_m_per_sqrt_s = drift_m_per_sqrt_s
         self._rng = stream(seed, Purpose.LOCALISATION, drone)
         self._error_m: FloatArray = np.zeros(3)
 
