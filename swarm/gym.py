@@ -8,9 +8,9 @@ from typing import Any
 import gymnasium
 
 from sim.bodies import Weather, WindConfig
-from sim.scenes import GapSpec, LawnSpec
+from sim.scenes import LawnSpec
 
-from .environments.task import CALM, below_by, pair
+from .environments.task import pair
 
 HOVER = {
     "scene": LawnSpec(
@@ -19,14 +19,9 @@ HOVER = {
     "mission": pair((0.0, 0.0, 6.0), (0.1, 0.0, 6.0), goal_radius_m=0.01, duration_s=10.0),
 }
 """Stay in the slot behind a leader that holds its place, in wind and gusts, until the time is over."""
-GAP = {
-    "scene": GapSpec(walls=1, gap_m=4.0, spacing_m=10.0, shift_m=4.0, posts=0, height_m=10.0, weather=CALM),
-    "mission": pair((-4.0, 0.0, 14.0), (20.0, 0.0, 14.0), duration_s=20.0, formation=below_by(9.0)),
-}
-"""Find the gap in a wall that the leader flies over."""
 
 ID = "voxdepth/LeaderFollower-v0"
-TASKS: dict[str, dict[str, Any]] = {ID: {}, "voxdepth/Hover-v0": HOVER, "voxdepth/Gap-v0": GAP}
+TASKS: dict[str, dict[str, Any]] = {ID: {}, "voxdepth/Hover-v0": HOVER}
 
 for name, task in TASKS.items():
     gymnasium.register(id=name, entry_point="swarm.environments.gym_env:LeaderFollowerEnv", kwargs=task)

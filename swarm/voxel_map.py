@@ -11,11 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import float32, float64, int64
-from numba.types import UniTuple
 from pydantic import Field
 
-from voxdepth.compiled import compile_all, compiled, named_tuple
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
 
@@ -89,88 +86,47 @@ class View(NamedTuple):
     """Column of cells to which each column of pixels belongs, shape (W,)."""
 
 
-VIEW = named_tuple(View, *[float64] * 4, int64[::1], int64[::1])
-
-
 def find_in_view(
-    view: View,
-    origin_m: FloatArray,
-    shape: tuple[int, int, int],
-    T_map_cam: FloatArray,
-    farthest_m: float,
+    view: View, origin_m: FloatArray, shape: tuple[int, int, int], T_map_cam: FloatArray, farthest_m: float
 ) -> tuple[Indices, Indices, FloatVector]:
     """Find the voxels whose middle is in view, up to a range: index, that of the cell, and squared range [m^2] of each.
 
-    `origin_m` is the corner of the first voxel.
+    `origin_m` is the corner of the first voxel. Columns wholly to the left or to the right of the view, or beyond the
+    range, are left out first: the distance of a voxel to either side of the view, times the focal length, is linear in
+    its height, so that the ends of a column decide. All arithmetic is of 32 bits.
     """
-    T, n = T_map_cam[:3].astype(np.float32), int(np.prod(shape))
+    T, side_m = T_map_cam[:3].astype(np.float32), np.float32(VOXEL_M)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = T[:, :3].T
+    fx, fy, cx, cy = (np.float32(px) for px in (view.fx_px, view.fy_px, view.cx_px + 0.5, view.cy_px + 0.5))
+    height, width = np.float32(len(view.cell_row)), np.float32(len(view.cell_col))
     corner_m = origin_m.astype(np.float32) - T[:, 3]
-    voxel, cell, squared_m2 = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.float32)
-    n = _list_in_view(view, corner_m, shape, T, np.float32(farthest_m**2), voxel, cell, squared_m2)
-    return voxel[:n], cell[:n], squared_m2[:n]
-
-
-@compiled(
-    int64(
-        VIEW, float32[::1], UniTuple(int64, 3), float32[:, ::1], float32,
-        int64[::1], int64[::1], float32[::1],
+    east_m, north_m, up_m = (
+        first_m + side_m * (np.arange(n, dtype=np.float32) + np.float32(0.5))
+        for first_m, n in zip(corner_m, shape[::-1], strict=True)
     )
-)  # fmt: skip
-def _list_in_view(
-    view: View,
-    corner_m: FloatVector,
-    shape: tuple[int, int, int],
-    T_map_cam: FloatImage,
-    farthest_squared: np.float32,
-    # output
-    voxel: Indices,
-    cell: Indices,
-    squared_m2: FloatVector,
-) -> int:
-    """List the voxels in view, and return their number; `corner_m` is the offset of the first one from the camera.
-
-    Columns wholly to the left or to the right of the view are skipped. The distance of a voxel to either side of it,
-    times the focal length, is linear in its height, so that the ends of a column decide.
-    """
-    n_layers, n_rows, n_cols = shape
-    cells_per_row, height, width = view.cell_col[-1] + 1, np.float32(len(view.cell_row)), np.float32(len(view.cell_col))
-    xx, yx, zx = T_map_cam[0, 0], T_map_cam[0, 1], T_map_cam[0, 2]
-    xy, yy, zy = T_map_cam[1, 0], T_map_cam[1, 1], T_map_cam[1, 2]
-    xz, yz, zz = T_map_cam[2, 0], T_map_cam[2, 1], T_map_cam[2, 2]
-    fx, fy = np.float32(view.fx_px), np.float32(view.fy_px)
-    cx, cy = np.float32(view.cx_px + 0.5), np.float32(view.cy_px + 0.5)
-    side_m, left_m, front_m, up_m = np.float32(VOXEL_M), corner_m[0], corner_m[1], corner_m[2]
-    top_m, on_the_right, n = up_m + side_m * np.float32(n_layers), width - cx, 0
-    for i in range(n_rows):
-        north_m = front_m + side_m * np.float32(i + 0.5)
-        for j in range(n_cols):
-            east_m = left_m + side_m * np.float32(j + 0.5)
-            flat_squared = east_m * east_m + north_m * north_m
-            x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
-            from_left, per_m = fx * x0 + cx * z0, fx * xz + cx * zz
-            from_right, right_per_m = on_the_right * z0 - fx * x0, on_the_right * zz - fx * xz
-            is_left = max(from_left + up_m * per_m, from_left + top_m * per_m) < -SLACK
-            is_right = max(from_right + up_m * right_per_m, from_right + top_m * right_per_m) < -SLACK
-            if flat_squared > farthest_squared or is_left or is_right:
-                continue
-            for k in range(n_layers):
-                above_m = up_m + side_m * np.float32(k + 0.5)
-                z = z0 + zz * above_m
-                per_z = np.float32(1) / z
-                u, v = fx * (x0 + xz * above_m) * per_z + cx, fy * (y0 + yz * above_m) * per_z + cy
-                if z > NEAREST_M and 0 <= u < width and 0 <= v < height:
-                    voxel[n] = (k * n_rows + i) * n_cols + j
-                    cell[n] = view.cell_row[int(v)] * cells_per_row + view.cell_col[int(u)]
-                    squared_m2[n] = flat_squared + above_m * above_m
-                    n += 1
-    return n
+    north_m = north_m[:, None]
+    flat_m2 = east_m * east_m + north_m * north_m
+    x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
+    ends_m = corner_m[2] + side_m * np.array([0, shape[0]], np.float32)
+    from_left = fx * x0 + cx * z0 + (ends_m * (fx * xz + cx * zz)).max()
+    from_right = (width - cx) * z0 - fx * x0 + (ends_m * ((width - cx) * zz - fx * xz)).max()
+    column = np.flatnonzero((flat_m2 <= np.float32(farthest_m**2)) & (from_left >= -SLACK) & (from_right >= -SLACK))
+    x0, y0, z0, flat_m2 = (values.ravel()[column, None] for values in (x0, y0, z0, flat_m2))
+    z = z0 + zz * up_m
+    with np.errstate(divide="ignore", invalid="ignore"):
+        per_z = 1 / z
+        u, v = fx * (x0 + xz * up_m) * per_z + cx, fy * (y0 + yz * up_m) * per_z + cy
+    seen = np.flatnonzero((z > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height))
+    row_px, col_px = v.ravel()[seen].astype(np.int64), u.ravel()[seen].astype(np.int64)
+    voxel = seen % shape[0] * (shape[1] * shape[2]) + column[seen // shape[0]]
+    cell = view.cell_row[row_px] * (view.cell_col[-1] + 1) + view.cell_col[col_px]
+    return voxel, cell, (flat_m2 + up_m * up_m).ravel()[seen]
 
 
 class VoxelMap:
     """Collects the evidence of the images of one camera, whose cells are those of `sensor`."""
 
     def __init__(self, config: MapConfig, sensor: InverseSensorModel, camera: Intrinsics) -> None:
-        compile_all()
         self._config = c = config
         rows, cols = (np.repeat(np.arange(len(e) - 1), np.diff(e)) for e in (sensor.row_edges, sensor.col_edges))
         self._view = View(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, rows, cols)

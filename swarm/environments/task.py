@@ -1,6 +1,5 @@
 """The task of learning: the world, the mission, what is observed, and the reward."""
 
-from importlib.metadata import entry_points
 from typing import Any, Literal
 
 import pydantic
@@ -16,8 +15,6 @@ from ..errors import MissionError
 from ..rules import RuleWeights
 from ..team import FormationConfig, Point, Route
 
-TESTBED = "voxdepth.missions"
-"""Group of the entry point `scenario`, by which the testbed reads scenarios."""
 CALM = Weather(shadows=False)
 """Light without shadows, which takes two thirds of the time."""
 SMALL_BLOCKS = RigConfig().stereo.model_copy(update={"block_px": 3})
@@ -40,12 +37,9 @@ def pair(start_m: Point, goal_m: Point, **changes: Any) -> MissionConfig:
     )
 
 
-def below_by(height_m: float) -> FormationConfig:
-    """Return the formation of a follower below and behind its leader."""
-    return FormationConfig(half_width_m=0.1, height_step_m=-height_m)
-
-
-OVER_THE_ROOFS = pair((-8.0, 0.0, 17.0), (36.0, 0.0, 17.0), deadlock_s=10.0, formation=below_by(11.0))
+BELOW = FormationConfig(half_width_m=0.1, height_step_m=-11.0)
+"""A follower flies below and behind its leader."""
+OVER_THE_ROOFS = pair((-8.0, 0.0, 17.0), (36.0, 0.0, 17.0), deadlock_s=10.0, formation=BELOW)
 
 
 class RewardConfig(Model):
@@ -92,21 +86,13 @@ class LearningTask(MissionSetup):
     reward: RewardConfig = RewardConfig()
 
     @classmethod
-    def of(cls, scenario: str | None = None, depth: str | None = None, **fields: Any) -> "LearningTask":
+    def of(cls, depth: str | None = None, **fields: Any) -> "LearningTask":
         """Create a task from fields by name, of which tables change single keys, and the `depth` of the rig.
 
-        With a scenario, its fields are the default ones, and all drones have eyes. What is unknown or impossible is a
-        `MissionError`.
+        What is unknown or impossible is a `MissionError`.
         """
-        default = cls().model_dump()
-        if scenario is not None:
-            if any(isinstance(fields.get(name), pydantic.BaseModel) for name in ("scene", "mission")):
-                raise MissionError("use a scenario with LeaderFollower-v0: it has a scene and a mission of its own")
-            setup, latency_s = _read_scenario(scenario)
-            default |= setup.model_dump(include=set(MissionSetup.model_fields))
-            default |= {"corrector_latency_s": latency_s, "others": "same"}
         with explained(cls, MissionError):
-            task = cls(**changed(default, fields))
+            task = cls(**changed(cls().model_dump(), fields))
             return task if depth is None else cls(**changed(task.model_dump(), {"rig": {"depth": depth}}))
 
     @pydantic.field_validator("mission")
@@ -130,11 +116,3 @@ class LearningTask(MissionSetup):
         """Require that a learner is a follower; another one is a `MissionError`."""
         if learner not in self.followers:
             raise MissionError(f"a learner must be a follower, one of {list(self.followers)}, got {learner}")
-
-
-def _read_scenario(name_or_path: str) -> tuple[MissionSetup, float]:
-    """Return a scenario and the latency of its corrector [s]; without the testbed it is a `MissionError`."""
-    for entry in entry_points(group=TESTBED, name="scenario"):
-        found: tuple[MissionSetup, float] = entry.load()(name_or_path)
-        return found
-    raise MissionError("a scenario needs the testbed: install it with `pip install -e '.[all]'` in its repository")

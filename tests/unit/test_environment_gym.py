@@ -8,7 +8,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from scenarios.config import load_run
-from scenarios.errors import ScenarioError
 from sim.scenes import GapSpec
 from sim.sensor import RigConfig
 from swarm.environments.gym_env import LeaderFollowerEnv
@@ -40,9 +39,10 @@ def test_every_task_begins_with_an_image_of_its_world(name: str) -> None:
     assert not np.array_equal(first["depth_m"], second["depth_m"]), "every seed builds another world"
 
 
-def test_a_scenario_by_its_name() -> None:
-    env = LeaderFollowerEnv(scenario="pillars", depth="truth", corrector="raw")
+def test_the_parts_of_a_scenario_make_a_task() -> None:
     scenario = load_run("pillars", None, {}).scenario
+    parts = {name: getattr(scenario, name) for name in ("scene", "mission", "rig")}
+    env = LeaderFollowerEnv(depth="truth", corrector="raw", others="same", **parts)
     observation, _ = env.reset(seed=3)
     assert observation["depth_m"].shape == scenario.rig.intrinsics.shape
     env.close()
@@ -128,10 +128,6 @@ class TestMistakes:
         with pytest.raises(MissionError, match="drones must be 2 or more, got 1"):
             LeaderFollowerEnv(**quick(drones=1))
 
-    def test_a_named_task_takes_no_scenario(self) -> None:
-        with pytest.raises(MissionError, match="use a scenario with LeaderFollower-v0"):
-            gymnasium.make("swarm.gym:voxdepth/Gap-v0", scenario="forest")
-
     def test_a_table_changes_the_keys_that_it_names(self) -> None:
         task = LearningTask.of(mission={"drones": 3}, rig={"depth": "fitted"}, scene={"columns": 1})
         assert task == LearningTask(
@@ -140,20 +136,16 @@ class TestMistakes:
             scene=LearningTask().scene.model_copy(update={"columns": 1}),
         )
         assert LearningTask.of(scene={"kind": "gap"}).scene == GapSpec()
-        scenario = LearningTask.of(scenario="pillars", mission={"drones": 2}, depth="truth")
-        assert (scenario.mission.drones, scenario.rig.depth) == (2, "truth")
-        assert scenario.mission.routes == load_run("pillars", None, {}).scenario.mission.routes
 
     @pytest.mark.parametrize(
         ("options", "text"),
         [
             ({"depth": "laser"}, "rig.depth: expected"),
-            ({"scenario": "citty"}, r"did you mean city\?"),
             ({"corector": "raw"}, "corector"),
         ],
     )
     def test_unknown_options_are_told(self, options: dict[str, str], text: str) -> None:
-        with pytest.raises((MissionError, ScenarioError), match=text):
+        with pytest.raises(MissionError, match=text):
             LeaderFollowerEnv(**options)
 
     def test_pictures_come_as_arrays_only(self) -> None:
