@@ -111,8 +111,3 @@ class LearningTask(MissionSetup):
     def followers(self) -> tuple[int, ...]:
         """Numbers of the drones that may learn: all except the leaders."""
         return tuple(drone for team in self.mission.teams() for drone in team.members[1:])
-
-    def require_follower(self, learner: int) -> None:
-        """Require that a learner is a follower; another one is a `MissionError`."""
-        if learner not in self.followers:
-            raise MissionError(f"a learner must be a follower, one of {list(self.followers)}, got {learner}")
