@@ -92,10 +92,3 @@ class Localisation:
         T = T_world_cam.copy()
         T[:3, 3] += self._error_m
         return T
-
-
-def pose_for_corrector(kind: PosePriorName, capture: Capture, T_odom_cam: FloatArray) -> FloatArray | None:
-    """Return the pose that a drone passes to its corrector, shape (4, 4), or None."""
-    if kind == "true":
-        return capture.T_world_cam.copy()
-    return T_odom_cam if kind == "drift" else None

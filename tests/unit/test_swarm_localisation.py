@@ -12,8 +12,8 @@ from scenarios.runner import summary
 from sim import frames
 from sim.seeds import Purpose
 from sim.types import Capture
-from swarm.localisation import Localisation, Odometry, OdometryConfig, PosePriorName, pose_for_corrector
-from swarm.neighbours import Detector
+from swarm.config import MissionConfig
+from swarm.localisation import Localisation, Odometry, OdometryConfig, PosePriorName
 from swarm.perception import Perception
 from swarm.recorder import Recorder
 from tests.helpers import CAMERA
@@ -23,7 +23,6 @@ from voxdepth.types import CorrectedDepth, FloatArray, Frame
 
 DRIFT = OdometryConfig()
 SURE = Localisation(0.0, seed=0, drone=0)
-ESTIMATE = frames.pose(np.eye(3), np.array([1.0, 2.0, 3.0]))
 
 
 def capture(stamp_s: float = 0.0, x_m: float = 0.0, yaw_rad: float = 0.0) -> Capture:
@@ -58,18 +57,7 @@ def yaw_error_rad(T_world_cam: FloatArray, true: FloatArray) -> float:
 
 
 class TestKinds:
-    def test_nothing_is_said_unless_asked_for(self) -> None:
-        assert OdometryConfig().kind == "none"
-        assert pose_for_corrector("none", capture(), ESTIMATE) is None
-
-    def test_a_drone_passes_the_pose_of_its_odometry(self) -> None:
-        assert pose_for_corrector("drift", capture(), ESTIMATE) is ESTIMATE
-
-    def test_the_oracle_says_the_pose_of_the_capture_and_is_called_one(self) -> None:
-        seen = capture(1.0, 3.0, 0.4)
-        pose = pose_for_corrector("true", seen, ESTIMATE)
-        np.testing.assert_array_equal(pose, seen.T_world_cam)
-        assert pose is not seen.T_world_cam
+    def test_the_oracle_is_called_one(self) -> None:
         assert "oracle" in OdometryConfig(kind="true").label
         assert "ORACLE" in (OdometryConfig.__doc__ or "")
 
@@ -145,24 +133,20 @@ class Listener(Raw):
 
 
 class TestInFlight:
-    @pytest.mark.parametrize("kind", ["none", "drift", "true"])
-    def test_a_corrector_is_given_the_pose_that_was_asked_for(self, kind: PosePriorName) -> None:
+    @pytest.mark.parametrize("kind", get_args(PosePriorName))
+    def test_a_corrector_is_given_the_pose_that_was_asked_for_and_a_map_that_of_the_odometry(
+        self, kind: PosePriorName
+    ) -> None:
         listener, seen = Listener(), [capture(0.0), capture(1.0, 2.0)]
-        detector = Detector(0.1, CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
-        eyes = Perception(listener, detector, Odometry(DRIFT, seed=0, drone=0), SURE, latency_s=0.0, prior=kind)
-        percepts = [eyes.see(c) for c in seen]
-        for frame, c, percept in zip(listener.frames, seen, percepts, strict=True):
-            expected = {"none": None, "drift": percept.T_odom_cam, "true": c.T_world_cam}[kind]
+        config = MissionConfig(pose_prior=OdometryConfig(kind=kind))
+        eyes = Perception(listener, config, CAMERA, [1], radius_m=RADIUS_M, latency_s=0.0, seed=0, drone=0)
+        poses = [eyes.see(c).T_odom_cam for c in seen]
+        np.testing.assert_array_equal(poses, believed(Odometry(DRIFT, seed=0, drone=0), seen))
+        assert 0 < np.abs(poses[1] - seen[1].T_world_cam).max() < 0.5
+        for frame, c, T_odom_cam in zip(listener.frames, seen, poses, strict=True):
+            expected = {"none": None, "drift": T_odom_cam, "true": c.T_world_cam}[kind]
             np.testing.assert_array_equal(frame.T_world_cam, expected)
-
-    def test_a_percept_has_the_pose_of_the_odometry_whatever_the_corrector_is_given(self) -> None:
-        detector = Detector(0.1, CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
-        seen = [capture(0.0), capture(1.0, 2.0)]
-        for kind in get_args(PosePriorName):
-            eyes = Perception(Raw(), detector, Odometry(DRIFT, seed=0, drone=0), SURE, latency_s=0.0, prior=kind)
-            poses = [eyes.see(c).T_odom_cam for c in seen]
-            np.testing.assert_array_equal(poses, believed(Odometry(DRIFT, seed=0, drone=0), seen))
-            assert 0 < np.abs(poses[1] - seen[1].T_world_cam).max() < 0.5
+            assert frame.T_world_cam is not c.T_world_cam
 
     def test_a_drifting_prior_disturbs_nothing_else(self) -> None:
         results = [flown(planned(kind)) for kind in ("none", "drift")]

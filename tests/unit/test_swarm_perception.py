@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from swarm.localisation import Localisation, Odometry, OdometryConfig
-from swarm.neighbours import Detector
+from swarm.config import MissionConfig
+from swarm.neighbours import NeighbourConfig
 from swarm.perception import Perception, frame_of
 from tests.helpers import CAMERA
 from tests.swarm_scenes import RADIUS_M, capture, flat
@@ -11,9 +11,8 @@ from voxdepth.baselines.single_frame import Raw
 
 
 def eyes_with(latency_s: float) -> Perception:
-    detector = Detector(0.0, CAMERA, [7, 8], radius_m=RADIUS_M, seed=0, drone=0)
-    odometry, localisation = Odometry(OdometryConfig(), seed=0, drone=0), Localisation(0.0, seed=0, drone=0)
-    return Perception(Raw(), detector, odometry, localisation, latency_s=latency_s)
+    config = MissionConfig(neighbours=NeighbourConfig(miss_rate=0.0))
+    return Perception(Raw(), config, CAMERA, [7, 8], radius_m=RADIUS_M, latency_s=latency_s, seed=0, drone=0)
 
 
 def test_the_truth_is_dropped_before_correction() -> None:
