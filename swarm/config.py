@@ -16,8 +16,8 @@ from voxdepth.registry import DEFAULT
 from voxdepth.types import FloatArray
 
 from .link import LinkConfig
-from .localisation import OdometryConfig
 from .neighbours import NeighbourConfig
+from .odometry import OdometryConfig
 from .pilot import PilotConfig
 from .rules import RuleWeights
 from .team import FormationConfig, Route, Team
@@ -64,9 +64,6 @@ class MissionConfig(Model):
     neighbours: NeighbourConfig = NeighbourConfig()
     link: LinkConfig = LinkConfig()
     pose_prior: OdometryConfig = OdometryConfig()
-    localisation_drift_m_per_sqrt_s: float = Field(default=0.0, ge=0)
-    """Drift of where a drone takes itself to be in the world, by which it flies to goals, slots and mates: the standard
-    deviation of each coordinate after one second, which grows with the root of time. 0 is a perfect fix."""
 
     def teams(self) -> list[Team]:
         """Return one swarm per route."""

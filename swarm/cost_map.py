@@ -177,7 +177,8 @@ class CostMap:
             rows, cols = np.floor((before.points_m - self.origin_m) / side_m).astype(np.intp).T[::-1]
             inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
             cost[rows[inside], cols[inside]] *= HYSTERESIS
-        rows, cols = _cheapest_path(cost, self._cost_to_go(target_m), *self._path_cell(at_m))
+        col, row = np.floor((at_m[:2] - self.origin_m) / side_m).astype(int).tolist()
+        rows, cols = _cheapest_path(cost, self._cost_to_go(target_m), row, col)
         points_m = self.origin_m + side_m * (np.column_stack([cols, rows]) + 0.5)
         nearby = min(len(rows) - 1, round(CLEAR_M / side_m))
         is_clear = (_is_free_between(self._blocked, rows[0], cols[0], rows[k], cols[k]) for k in range(nearby, 0, -1))
@@ -207,11 +208,6 @@ class CostMap:
         found = _look_up(clearance, start + ahead[:, None] * directions[:, None])
         is_narrow = found < np.minimum(least, self._half_width)
         return np.where(is_narrow.any(axis=1), VOXEL_M * STEP_CELLS * is_narrow.argmax(axis=1), longest_m)
-
-    def _path_cell(self, at_m: FloatArray) -> tuple[int, int]:
-        """Return row and column of the cell of a path at a position; of the nearest one if it is beyond the map."""
-        col, row = np.floor((at_m[:2] - self.origin_m) / (PATH_CELLS * VOXEL_M)).astype(int).tolist()
-        return int(np.clip(row, 0, self._blocked.shape[0] - 1)), int(np.clip(col, 0, self._blocked.shape[1] - 1))
 
     def _cost_to_go(self, target_m: FloatArray) -> FloatImage:
         """Return the cost that is left at the target, or at each cell of the sides if it lies beyond them."""

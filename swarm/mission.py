@@ -110,7 +110,7 @@ class Mission:
         self._log(states, decisions)
         self._move(decisions)
         moved = self.world.states
-        self._broadcast(moved)
+        self._link.broadcast(moved, self.time_s)
         positions_m = positions_of(moved, self.world.flying)
         self._metrics.follow_leaders(positions_m)
         outcome = self._termination.check(self.time_s, positions_m, self.world.contacts)
@@ -188,21 +188,13 @@ class Mission:
         members = self._team_of[drone].members
         return Situation(
             time_s=self.time_s,
-            own=perception.localisation.state(own),
+            own=own,
             percept=perception.latest(self.time_s),
             leader=self._link.leader_of(drone, self.time_s),
             mates=heard.among(members),
             neighbours=perception.neighbours(heard, self.time_s),
             mates_dropped=int(np.count_nonzero(~self.world.flying[members.start : members.stop])),
         )
-
-    def _broadcast(self, states: Sequence[DroneState]) -> None:
-        """Let all drones tell by radio where they take themselves to be."""
-        localisations = [perception.localisation for perception in self._perceptions]
-        for localisation in localisations:
-            localisation.advance(1 / self._config.control_hz)
-        believed = [where.state(state) for where, state in zip(localisations, states, strict=True)]
-        self._link.broadcast(believed, self.time_s)
 
     def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
         step, time_s = self.world.steps, self.time_s

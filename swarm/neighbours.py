@@ -11,11 +11,7 @@ from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
 from .types import Detection, Neighbours, Percept
-from .vectors import are_near, length
-
-DRONE_MASK_RADIUS_M = 1.0
-"""Surfaces within this distance of another drone belong to that drone."""
-
+from .vectors import length
 
 MIN_PIXELS, DETECTED_WITHIN_M = 6, 12.0
 """Drones of fewer pixels, or farther away, are never found in an image and known by radio only."""
@@ -96,11 +92,6 @@ class Detector:
         ray = np.array([(col - c.cx_px) / c.fx_px, (row - c.cy_px) / c.fy_px, 1.0])
         per_depth = length(ray)
         return ray / per_depth, depth_m * per_depth + self._radius_m
-
-
-def belong_to_drones(points_m: FloatArray, drones_m: FloatArray) -> MaskImage:
-    """Return which points of surfaces, shape (n, 3), belong to one of the drones, shape (m, 3)."""
-    return are_near(points_m, drones_m, DRONE_MASK_RADIUS_M)
 
 
 class NeighbourTracker:

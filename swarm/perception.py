@@ -1,9 +1,8 @@
 """The adapter between sensor and controller: it builds frames without truth from captures.
 
 `Perception` turns a `Capture` into a `Frame` without true depth and corrects it. Nothing else in this package builds a
-`Frame`. Some truth remains, though no depth: routes and formations are flown with true positions unless the
-localisation drifts, drones know how many of theirs have dropped out, and the pose prior `true` passes the true pose to
-the corrector, as an oracle.
+`Frame`. Some truth remains, though no depth: routes and formations are flown with true positions, drones know how many
+of theirs have dropped out, and the pose prior `true` passes the true pose to the corrector, as an oracle.
 """
 
 from collections import deque
@@ -12,8 +11,8 @@ from sim.types import Capture
 from voxdepth.types import DepthCorrector, FloatArray, Frame, Intrinsics
 
 from .config import MissionConfig
-from .localisation import Localisation, Odometry
 from .neighbours import Detector, NeighbourTracker
+from .odometry import Odometry
 from .types import Neighbours, Percept
 
 
@@ -23,14 +22,14 @@ def frame_of(capture: Capture, T_world_cam: FloatArray | None = None) -> Frame:
 
 
 class Perception:
-    """What one drone knows: its corrector, detector, odometry and localisation, and the time that images take.
+    """What one drone knows: its corrector, detector and odometry, and the time that images take.
 
     A capture that arrives while an earlier one is still processed is dropped. `latency_s` is simulated time: results
     never depend on the speed of the machine.
 
     Args:
         corrector: Corrector of its images; None for a drone without a camera.
-        config: Quality of the detector, drifts, and the poses that the corrector gets.
+        config: Quality of the detector, drift, and the poses that the corrector gets.
         camera: Intrinsics of the images.
         drone_ids: Body ids of all drones, in ascending order.
         radius_m: Radius of every drone.
@@ -54,11 +53,10 @@ class Perception:
         self._corrector = corrector
         self._prior = config.pose_prior.kind
         self._latency_s = latency_s
-        miss_rate, drift = config.neighbours.miss_rate, config.localisation_drift_m_per_sqrt_s
+        miss_rate = config.neighbours.miss_rate
         self._detector = Detector(miss_rate, camera, drone_ids, radius_m=radius_m, seed=seed, drone=drone)
         self._tracker = NeighbourTracker(config.neighbours, camera, len(drone_ids))
         self._odometry = Odometry(config.pose_prior, seed=seed, drone=drone)
-        self.localisation = Localisation(drift, seed=seed, drone=drone)
         self._busy_until_s = 0.0
         self._pending: deque[Percept] = deque()
         self._latest: Percept | None = None
@@ -80,7 +78,7 @@ class Perception:
         corrected = self._corrector.process(frame_of(capture, pose))
         percept = Percept(
             stamp_s=capture.stamp_s,
-            T_world_cam=self.localisation.pose(capture.T_world_cam),
+            T_world_cam=capture.T_world_cam,
             T_odom_cam=T_odom_cam,
             corrected=corrected,
             detections=self._detector.detect(capture, corrected),

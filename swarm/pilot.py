@@ -42,8 +42,7 @@ class Situation:
     time_s: float
     """Simulated time since the start."""
     own: DroneState
-    """State of the drone by its localisation, by which it flies routes and formations; true unless that drifts. Its
-    map is built by odometry, which drifts."""
+    """True state of the drone, by which it flies routes and formations. Its map is built by odometry, which drifts."""
     percept: Percept | None
     """Newest percept whose latency has passed; None before the first."""
     leader: Motion

@@ -64,7 +64,7 @@ class Percept:
 
     stamp_s: float
     T_world_cam: FloatArray
-    """Pose of the camera by the localisation of the drone, shape (4, 4): it places detections."""
+    """True pose of the camera, shape (4, 4): it places detections."""
     T_odom_cam: FloatArray
     """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth

@@ -17,7 +17,7 @@ from voxdepth.model import Model
 from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
 
 from .evidence import Evidence, InverseSensorModel
-from .neighbours import belong_to_drones
+from .vectors import are_near
 
 Bytes = npt.NDArray[np.uint8]
 Indices = npt.NDArray[np.int64]
@@ -48,6 +48,8 @@ MARGIN_M = 2.0
 """The map moves when the drone is this far from its middle."""
 NEAR_M = 4.0
 """Distance within which an image that shows nothing counts."""
+DRONE_RADIUS_M = 1.0
+"""Surfaces within this distance of another drone belong to that drone."""
 MAX_ERROR_M = 0.5
 """Surfaces so far away that their range is less exact than this are not recorded; nothing behind them is free."""
 
@@ -183,10 +185,9 @@ class VoxelMap:
         What the map does not reach is not free.
         """
         (x, y, _), (first, last) = ((at_m - self.origin_m) / VOXEL_M).tolist(), self._layers(low_m, high_m)
-        (n_layers, n_rows, n_cols), row, col = self._misses.shape, floor(y), floor(x)
-        if not (first >= 0 and last <= n_layers and 1 <= row < n_rows - 1 and 1 <= col < n_cols - 1):
-            return False
-        return bool(self._is_free(np.s_[first:last, row - 1 : row + 2, col - 1 : col + 2], time_s).all())
+        around = np.s_[first:last, floor(y) - 1 : floor(y) + 2, floor(x) - 1 : floor(x) + 2]
+        is_free = self._is_free(around, time_s)
+        return first >= 0 and is_free.shape == (last - first, 3, 3) and bool(is_free.all())
 
     def update(self, evidence: Evidence, T_odom_cam: FloatArray, drones_m: FloatArray, time_s: float) -> None:
         """Add the evidence of an image; surfaces near the other drones `drones_m`, shape (n, 3), are these drones.
@@ -240,7 +241,7 @@ class VoxelMap:
         is_exact = surface_m < self._max_surface_m
         rays = self._rays_cam[is_exact] @ T_odom_cam[:3, :3].T
         points_m = surface_m[is_exact, None] * rays + T_odom_cam[:3, 3]
-        is_surface = ~belong_to_drones(points_m, drones_m)
+        is_surface = ~are_near(points_m, drones_m, DRONE_RADIUS_M)
         is_exact[is_exact] = is_surface
         return is_exact, points_m[is_surface]
 

@@ -7,7 +7,7 @@ from scenarios.commands.swarm import Prior
 from scenarios.config import Scenario, load_run
 from sim.depth_noise import SENSOR_MODEL_NAMES
 from sim.render import RENDERER_NAMES
-from swarm.localisation import PosePriorName
+from swarm.odometry import PosePriorName
 from voxdepth.datasets import DATASET_FORMATS
 from voxdepth.registry import DEFAULT, config_of
 from voxdepth.temporal.config import TemporalConfig

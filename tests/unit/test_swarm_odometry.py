@@ -10,19 +10,17 @@ from scenarios.errors import ScenarioError
 from scenarios.flight import Finished, flying
 from scenarios.runner import summary
 from sim import frames
-from sim.seeds import Purpose
 from sim.types import Capture
 from swarm.config import MissionConfig
-from swarm.localisation import Localisation, Odometry, OdometryConfig, PosePriorName
+from swarm.odometry import Odometry, OdometryConfig, PosePriorName
 from swarm.perception import Perception
 from swarm.recorder import Recorder
 from tests.helpers import CAMERA
-from tests.swarm_scenes import RADIUS_M, state
+from tests.swarm_scenes import RADIUS_M
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, Frame
 
 DRIFT = OdometryConfig()
-SURE = Localisation(0.0, seed=0, drone=0)
 
 
 def capture(stamp_s: float = 0.0, x_m: float = 0.0, yaw_rad: float = 0.0) -> Capture:
@@ -117,9 +115,6 @@ class TestDrift:
         for i in range(3):
             assert np.abs(ends[i] - ends[i - 1]).min() > 1e-6
 
-    def test_no_other_stream_has_its_number(self) -> None:
-        assert [p.name for p in Purpose if p == 9] == ["POSE_PRIOR"]
-
 
 class Listener(Raw):
     """Keeps the frames that it is given."""
@@ -182,34 +177,3 @@ def planned(kind: str) -> Run:
 def flown(run: Run) -> Finished:
     with flying(run, Recorder(), recorded=False, threads=2) as mission:
         return Finished(result=mission.run(), wall_s=1.0, folder=None)
-
-
-def test_a_localisation_drifts_with_the_root_of_time_and_moves_state_and_camera_alike() -> None:
-    true = state(1.0, 2.0, 3.0, (1, 0, 0))
-    errors_m = []
-    for drone in range(400):
-        where = Localisation(0.1, seed=3, drone=drone)
-        for _ in range(80):
-            where.advance(0.05)
-        errors_m.append(where.state(true).position_m - true.position_m)
-        np.testing.assert_allclose(where.pose(np.eye(4))[:3, 3], errors_m[-1], atol=1e-12)
-        np.testing.assert_array_equal(where.state(true).velocity_m_s, true.velocity_m_s)
-    assert np.std(errors_m) == pytest.approx(0.1 * np.sqrt(4.0), rel=0.1)
-    SURE.advance(9.0)
-    np.testing.assert_array_equal(SURE.state(true).position_m, true.position_m)
-
-
-def test_a_drone_whose_localisation_drifts_flies_beside_its_goal() -> None:
-    """It arrives where it believes the goal to be; the mission judges by the truth."""
-    changes = {
-        "mission.drones": 1, "rig.depth": "truth", "corrector": "raw", "rig.width_px": 96, "rig.height_px": 54,
-        "rig.decimate": 1, "mission.duration_s": 8.0, "mission.routes": [{"goal_m": [-3.0, 0.0, 6.0]}],
-        "mission.goal_radius_m": 0.3,
-    }  # fmt: skip
-    ends_m = []
-    for drift in (0.0, 0.5):
-        run = load_run("city", 5, {**changes, "mission.localisation_drift_m_per_sqrt_s": drift})
-        with flying(run, Recorder(), recorded=False, threads=1) as mission:
-            ends_m.append(mission.run().trajectories[0].position_m[-1] - [-3.0, 0.0, 6.0])
-    assert np.linalg.norm(ends_m[0]) < 0.35
-    assert np.linalg.norm(ends_m[1]) > 0.35

@@ -1,6 +1,5 @@
-"""Where a drone takes itself to be: by its localisation, by its odometry, and as it tells its corrector."""
+"""The odometry of a drone, by which it builds its map, and what its corrector is told of it."""
 
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -8,7 +7,7 @@ from pydantic import Field
 
 from sim import frames
 from sim.seeds import Purpose, stream
-from sim.types import Capture, DroneState
+from sim.types import Capture
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
@@ -65,30 +64,3 @@ class Odometry:
 
     def _yaw_error(self) -> FloatArray:
         return frames.rotation_from_yaw(self._yaw_error_rad)
-
-
-class Localisation:
-    """Where a drone takes itself to be: the truth and a random walk, which differs from drone to drone.
-
-    `drift_m_per_sqrt_s` is the standard deviation of each coordinate after one second; it grows with the root of time.
-    """
-
-    def __init__(self, drift_m_per_sqrt_s: float, *, seed: int, drone: int) -> None:
-        self._drift_m_per_sqrt_s = drift_m_per_sqrt_s
-        self._rng = stream(seed, Purpose.LOCALISATION, drone)
-        self._error_m: FloatArray = np.zeros(3)
-
-    def advance(self, dt_s: float) -> None:
-        """Drift for a time."""
-        if self._drift_m_per_sqrt_s:
-            self._error_m = self._error_m + self._drift_m_per_sqrt_s * np.sqrt(dt_s) * self._rng.standard_normal(3)
-
-    def state(self, true: DroneState) -> DroneState:
-        """Return the state that the drone believes to have."""
-        return replace(true, position_m=true.position_m + self._error_m)
-
-    def pose(self, T_world_cam: FloatArray) -> FloatArray:
-        """Return the pose of its camera that the drone believes, shape (4, 4)."""
-        T = T_world_cam.copy()
-        T[:3, 3] += self._error_m
-        return T
