@@ -69,9 +69,12 @@ class InverseSensorModel:
         disparity_error_px: float = DISPARITY_ERROR_PX,
     ) -> None:
         self._holes_are_free, self._min_confidence = holes == "free", np.float32(min_confidence)
-        self._disparity_error_px, i = disparity_error_px, intrinsics
+        self._disparity_error_px = disparity_error_px
+        self.camera = i = intrinsics
         self.row_edges = _edges(i.height_px, i.fy_px)
         self.col_edges = _edges(i.width_px, i.fx_px)
+        self.cell_of_row, self.cell_of_col = _cells(self.row_edges), _cells(self.col_edges)
+        """Row or column of cells to which each row or column of pixels belongs, shape (H,) or (W,)."""
         narrowest_px = min(np.diff(edges).min() for edges in (self.row_edges, self.col_edges))
         self._step = int(max(1, min(i.height_px // SAMPLED_ROWS, narrowest_px)))
         self._pixels = self._pixels_of_cells(i)
@@ -82,11 +85,10 @@ class InverseSensorModel:
         rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1)
         self.rays_cam: FloatArray = rays / self._ray_length[..., None]
         """Unit vector through the middle of each cell, camera frame, shape (rows, cols, 3)."""
-        self._focal_baseline_px_m = i.focal_baseline_px_m
 
     def range_of_error(self, error_m: float) -> float:
         """Return the range at which the error of the disparity is an error of the depth of `error_m` [m]."""
-        return float(np.sqrt(error_m * self._focal_baseline_px_m / max(self._disparity_error_px, 1e-6)))
+        return float(np.sqrt(error_m * self.camera.focal_baseline_px_m / max(self._disparity_error_px, 1e-6)))
 
     def read(self, corrected: CorrectedDepth) -> Evidence:
         """Return the evidence of an image; where it has no depth and no confidence, nothing is proven."""
@@ -105,7 +107,7 @@ class InverseSensorModel:
             seen_m = MAX_HIDDEN_M / float(np.radians(CELL_DEG)) / (1 - n_trusted / self._n_pixels)
         free_m = np.where(is_trusted, np.minimum(np.minimum(free_m, surface_m), seen_m.astype(np.float32)), 0)
         # f B / (f B / z + s): the free depth if the disparity was too small by s.
-        free_m /= 1 + free_m * np.float32(self._disparity_error_px / self._focal_baseline_px_m)
+        free_m /= 1 + free_m * np.float32(self._disparity_error_px / self.camera.focal_baseline_px_m)
         return Evidence(free_m * self._ray_length, surface_m * self._ray_length)
 
     def _pixels_of_cells(self, camera: Intrinsics) -> npt.NDArray[np.int64]:
@@ -128,6 +130,11 @@ def _edges(n_px: int, focal_px: float) -> npt.NDArray[np.int64]:
     """Return the first pixel of each cell along a side of the image, and the number of pixels."""
     n_cells = max(1, round(n_px / (focal_px * float(np.radians(CELL_DEG)))))
     return np.linspace(0, n_px, min(n_cells, n_px) + 1).round().astype(np.int64)
+
+
+def _cells(edges: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the number of the cell of each pixel along a side of the image."""
+    return np.repeat(np.arange(len(edges) - 1), np.diff(edges))
 
 
 def _members(edges: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

@@ -74,7 +74,7 @@ class MappingPilot(Pilot):
     ) -> None:
         super().__init__(config, control_hz, start_yaw_rad, radius_m)
         self._sensor = InverseSensorModel(camera, holes=config.holes, min_confidence=config.min_confidence)
-        self._voxels = VoxelMap(config.map, self._sensor, camera)
+        self._voxels = VoxelMap(config.map, self._sensor)
         self._half_width_m, self._half_height_m = radius_m + config.keep_m, radius_m + KEEP_ABOVE_M
         if 2 * self._half_height_m > HEIGHT_M:
             raise MissionError(

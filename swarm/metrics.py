@@ -116,8 +116,7 @@ class MissionMetrics:
         self._ticks_flown = np.zeros(world.n_drones, np.intp)
         self._samples: list[list[DroneState]] = []
         self._times_s: list[float] = []
-        self._series: dict[str, list[float]] = {"formation_error_m": [], "path_deviation_m": []}
-        self._min_separation_m = float("inf")
+        self._sampled: list[dict[str, float]] = []
         self._min_clearances_m = [float("inf")] * world.n_drones
         self._raw_errors = [DepthErrors()] * world.n_drones
         self._corrected_errors = [DepthErrors()] * world.n_drones
@@ -135,16 +134,13 @@ class MissionMetrics:
             slot_errors_m = np.concatenate([team.slot_errors_m(positions_m) for team in teams])
             if len(slot_errors_m):
                 now["formation_error_m"] = float(slot_errors_m.mean())
-        for name, values in self._series.items():
-            if name in now:
-                values.append(now[name])
         if np.count_nonzero(flying) > 1:
             in_the_air = [state for state, flies in zip(states, flying, strict=True) if flies]
             now["separation_m"] = separation_m(in_the_air, self._world.airframe.radius_m)
-            self._min_separation_m = min(self._min_separation_m, now["separation_m"])
         self._ticks_flown += flying
         self._samples.append(states)
         self._times_s.append(self._world.time_s)
+        self._sampled.append(now)
         return now
 
     def _clearances(self, flying: Sequence[int]) -> dict[str, float]:
@@ -190,7 +186,7 @@ class MissionMetrics:
 
     def summary(self, contacts: Sequence[Contact], dropped_frames: int) -> dict[str, MetricValue]:
         """Return all metrics of the mission; None where one is undefined."""
-        kinds = [c.kind for c in contacts]
+        kinds, errors_m = [c.kind for c in contacts], self._values("formation_error_m")
         return {
             "sim_time_s": self._world.time_s,
             "first_contact_s": contacts[0].time_s if contacts else None,
@@ -202,12 +198,10 @@ class MissionMetrics:
             "unsafe_commitments": sum(self._commitments.counts),
             "leader_progress_m": min(self._progress_m),
             "leader_arrived": int(all(self._arrived)),
-            "min_separation_m": _min_gap_m(self._min_separation_m, touched="drone" in kinds),
+            "min_separation_m": _min_gap_m(min(self._values("separation_m"), default=np.inf), touched="drone" in kinds),
             "min_clearance_m": _min_gap_m(min(self._min_clearances_m), touched=bool(contacts)),
-            "formation_error_mean_m": float(np.mean(errors_m))
-            if (errors_m := self._series["formation_error_m"])
-            else None,
-            "path_deviation_max_m": max(self._series["path_deviation_m"], default=None),
+            "formation_error_mean_m": float(np.mean(errors_m)) if errors_m else None,
+            "path_deviation_max_m": max(self._values("path_deviation_m"), default=None),
             "dropped_frames": dropped_frames,
             **_depth_metrics("raw", sum(self._raw_errors, start=DepthErrors())),
             **_depth_metrics("corrected", sum(self._corrected_errors, start=DepthErrors())),
@@ -229,6 +223,10 @@ class MissionMetrics:
             }
             for drone in range(self._world.n_drones)
         ]
+
+    def _values(self, name: str) -> list[float]:
+        """Return the values of a metric in the ticks in which it was defined."""
+        return [now[name] for now in self._sampled if name in now]
 
     def _path_length_m(self, drone: int) -> float:
         positions_m = np.array([s[drone].position_m for s in self._samples]).reshape(-1, 3)

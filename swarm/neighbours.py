@@ -10,7 +10,7 @@ from sim.types import Capture
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
-from .types import Detection, Neighbours, Percept
+from .types import Neighbours, Percept
 from .vectors import length
 
 MIN_PIXELS, DETECTED_WITHIN_M = 6, 12.0
@@ -65,15 +65,18 @@ class Detector:
         self._drone = drone
         self._rng = stream(seed, Purpose.DETECTION, drone)
 
-    def detect(self, capture: Capture, corrected: CorrectedDepth) -> tuple[Detection, ...]:
-        """Find the other drones in an image; the images must come in order, each once."""
-        n = len(self._drone_ids)
+    def detect(self, capture: Capture, corrected: CorrectedDepth) -> dict[int, FloatArray]:
+        """Find the other drones in an image: their centres in the camera frame, shape (3,), by their numbers.
+
+        The images must come in order, each once.
+        """
+        n, camera = len(self._drone_ids), self._camera
         missed = self._rng.random(n) < self._miss_rate
         pixel = np.flatnonzero(capture.segment_id >= self._drone_ids[0])
         shown = np.searchsorted(self._drone_ids, capture.segment_id.ravel()[pixel])
         visible = ~missed & (np.bincount(shown, minlength=n) >= MIN_PIXELS)
         visible[self._drone] = False
-        found = []
+        found = {}
         for drone in np.flatnonzero(visible).tolist():
             own = pixel[shown == drone]
             row, col = np.divmod(own, capture.segment_id.shape[1])
@@ -81,17 +84,13 @@ class Detector:
             depth_m = depth_m[depth_m > 0]
             if not len(depth_m):
                 continue
-            bearing_cam, range_m = self._ray(col.mean(), row.mean(), float(np.median(depth_m)))
+            x, y = (col.mean() - camera.cx_px) / camera.fx_px, (row.mean() - camera.cy_px) / camera.fy_px
+            ray = np.array([x, y, 1.0])
+            per_depth = length(ray)
+            range_m = float(np.median(depth_m)) * per_depth + self._radius_m
             if range_m <= DETECTED_WITHIN_M:
-                found.append(Detection(drone=drone, bearing_cam=bearing_cam, range_m=range_m))
-        return tuple(found)
-
-    def _ray(self, col: float, row: float, depth_m: float) -> tuple[FloatArray, float]:
-        """Return the direction of the centre of a drone in the camera frame, shape (3,), and its range [m]."""
-        c = self._camera
-        ray = np.array([(col - c.cx_px) / c.fx_px, (row - c.cy_px) / c.fy_px, 1.0])
-        per_depth = length(ray)
-        return ray / per_depth, depth_m * per_depth + self._radius_m
+                found[drone] = range_m * (ray / per_depth)
+        return found
 
 
 class NeighbourTracker:
@@ -119,14 +118,14 @@ class NeighbourTracker:
         pose = percept.T_world_cam
         if percept.stamp_s > self._newest_s:
             self._newest_s = percept.stamp_s
-            for found in percept.detections:
-                self._seen_at_s[found.drone] = percept.stamp_s
-                self._seen_m[found.drone] = pose[:3, 3] + pose[:3, :3] @ (found.range_m * found.bearing_cam)
+            for drone, at_cam_m in percept.detections.items():
+                self._seen_at_s[drone] = percept.stamp_s
+                self._seen_m[drone] = pose[:3, 3] + pose[:3, :3] @ at_cam_m
         age_s = time_s - self._seen_at_s
         is_fresh = age_s <= SEEN_FOR_S
         seen = np.flatnonzero(is_fresh[heard.drone] & self._is_in_view(heard.position_m, pose))
-        position_m, drone = heard.position_m.copy(), heard.drone[seen]
-        followed_m = self._seen_m[drone] + age_s[drone, None] * heard.velocity_m_s[seen]
+        position_m, drones = heard.position_m.copy(), heard.drone[seen]
+        followed_m = self._seen_m[drones] + age_s[drones, None] * heard.velocity_m_s[seen]
         agrees = ((followed_m - position_m[seen]) ** 2).sum(axis=1) <= AGREED_M**2
         position_m[seen[agrees]] = followed_m[agrees]
         is_fresh[heard.drone] = False

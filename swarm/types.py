@@ -48,17 +48,6 @@ class Neighbours:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Detection:
-    """Another drone that was found in an image."""
-
-    drone: int
-    bearing_cam: FloatArray
-    """Unit vector towards it in the camera frame, shape (3,)."""
-    range_m: float
-    """Distance to its centre by the corrected depth."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Percept:
     """Result of the perception of one drone for one capture."""
 
@@ -68,8 +57,8 @@ class Percept:
     T_odom_cam: FloatArray
     """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth
-    detections: tuple[Detection, ...] = ()
-    """Other drones that were found in the image."""
+    detections: Mapping[int, FloatArray] = field(default_factory=dict)
+    """Centres of the other drones that were found in the image, by their numbers: in the camera frame, shape (3,)."""
 
 
 class Outcome(StrEnum):

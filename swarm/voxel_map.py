@@ -7,14 +7,14 @@ lasts is an assumption, which a drone makes for as long as its odometry is good.
 
 from functools import cache
 from math import ceil, floor
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
 from voxdepth.model import Model
-from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
+from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 from .evidence import Evidence, InverseSensorModel
 from .vectors import are_near
@@ -75,21 +75,12 @@ class MapConfig(Model):
         return 2 * int(np.ceil(HEIGHT_M / 2 / VOXEL_M + 0.5)), side, side
 
 
-class View(NamedTuple):
-    """A pinhole camera whose images are reduced to cells."""
-
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
-    cell_row: Indices
-    """Row of cells to which each row of pixels belongs, shape (H,)."""
-    cell_col: Indices
-    """Column of cells to which each column of pixels belongs, shape (W,)."""
-
-
 def find_in_view(
-    view: View, origin_m: FloatArray, shape: tuple[int, int, int], T_map_cam: FloatArray, farthest_m: float
+    sensor: InverseSensorModel,
+    origin_m: FloatArray,
+    shape: tuple[int, int, int],
+    T_map_cam: FloatArray,
+    farthest_m: float,
 ) -> tuple[Indices, Indices, FloatVector]:
     """Find the voxels whose middle is in view, up to a range: index, that of the cell, and squared range [m^2] of each.
 
@@ -99,8 +90,9 @@ def find_in_view(
     """
     T, side_m = T_map_cam[:3].astype(np.float32), np.float32(VOXEL_M)
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = T[:, :3].T
-    fx, fy, cx, cy = (np.float32(px) for px in (view.fx_px, view.fy_px, view.cx_px + 0.5, view.cy_px + 0.5))
-    height, width = np.float32(len(view.cell_row)), np.float32(len(view.cell_col))
+    c = sensor.camera
+    fx, fy, cx, cy = (np.float32(px) for px in (c.fx_px, c.fy_px, c.cx_px + 0.5, c.cy_px + 0.5))
+    height, width = np.float32(c.height_px), np.float32(c.width_px)
     corner_m = origin_m.astype(np.float32) - T[:, 3]
     east_m, north_m, up_m = (
         first_m + side_m * (np.arange(n, dtype=np.float32) + np.float32(0.5))
@@ -121,18 +113,16 @@ def find_in_view(
     seen = np.flatnonzero((z > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height))
     row_px, col_px = v.ravel()[seen].astype(np.int64), u.ravel()[seen].astype(np.int64)
     voxel = seen % shape[0] * (shape[1] * shape[2]) + column[seen // shape[0]]
-    cell = view.cell_row[row_px] * (view.cell_col[-1] + 1) + view.cell_col[col_px]
+    cell = sensor.cell_of_row[row_px] * (sensor.cell_of_col[-1] + 1) + sensor.cell_of_col[col_px]
     return voxel, cell, (flat_m2 + up_m * up_m).ravel()[seen]
 
 
 class VoxelMap:
     """Collects the evidence of the images of one camera, whose cells are those of `sensor`."""
 
-    def __init__(self, config: MapConfig, sensor: InverseSensorModel, camera: Intrinsics) -> None:
+    def __init__(self, config: MapConfig, sensor: InverseSensorModel) -> None:
         self._config = c = config
-        rows, cols = (np.repeat(np.arange(len(e) - 1), np.diff(e)) for e in (sensor.row_edges, sensor.col_edges))
-        self._view = View(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, rows, cols)
-        self._rays_cam = sensor.rays_cam
+        self._sensor = sensor
         self._max_surface_m = sensor.range_of_error(MAX_ERROR_M)
         self._misses = np.zeros(c.shape, np.uint8)
         """Number of misses of each voxel since it was occupied last."""
@@ -198,7 +188,7 @@ class VoxelMap:
         (free_m, surface_m), half_m = evidence, np.float32(VOXEL_M / 2)
         is_exact, points_m = self._surfaces(surface_m, T_odom_cam, drones_m)
         voxel, cell, squared_m2 = find_in_view(
-            self._view, self.origin_m, self._misses.shape, T_odom_cam, max(NEAR_M, float(free_m.max()))
+            self._sensor, self.origin_m, self._misses.shape, T_odom_cam, max(NEAR_M, float(free_m.max()))
         )  # fmt: skip
         free_m2, from_m2, to_m2 = (
             np.square(np.maximum(range_m, 0)).ravel()[cell]
@@ -239,7 +229,7 @@ class VoxelMap:
     ) -> tuple[MaskImage, FloatArray]:
         """Return which cells show a surface that is exact and no drone, and where these surfaces are, shape (n, 3)."""
         is_exact = surface_m < self._max_surface_m
-        rays = self._rays_cam[is_exact] @ T_odom_cam[:3, :3].T
+        rays = self._sensor.rays_cam[is_exact] @ T_odom_cam[:3, :3].T
         points_m = surface_m[is_exact, None] * rays + T_odom_cam[:3, 3]
         is_surface = ~are_near(points_m, drones_m, DRONE_RADIUS_M)
         is_exact[is_exact] = is_surface

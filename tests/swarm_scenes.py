@@ -9,7 +9,7 @@ from sim.frames import R_BODY_CAM, pose
 from sim.types import Capture, DroneState, VelocityCommand
 from swarm.approach import DECEL_M_S2, GAIN_PER_S
 from swarm.pilot import Decision
-from swarm.types import Detection, Motion, Neighbours, Percept
+from swarm.types import Motion, Neighbours, Percept
 from tests.helpers import CAMERA
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame
@@ -66,11 +66,19 @@ def corrected(depth_m: FloatImage) -> CorrectedDepth:
 
 
 def percept_of(
-    depth_m: FloatImage, *found: Detection, stamp_s: float = 0.0, T_world_cam: FloatArray = AT_ORIGIN
+    depth_m: FloatImage,
+    found: Mapping[int, FloatArray] | None = None,
+    *,
+    stamp_s: float = 0.0,
+    T_world_cam: FloatArray = AT_ORIGIN,
 ) -> Percept:
     """What a drone perceives of a depth image whose odometry has no error."""
     return Percept(
-        stamp_s=stamp_s, T_world_cam=T_world_cam, T_odom_cam=T_world_cam, corrected=corrected(depth_m), detections=found
+        stamp_s=stamp_s,
+        T_world_cam=T_world_cam,
+        T_odom_cam=T_world_cam,
+        corrected=corrected(depth_m),
+        detections=found or {},
     )
 
 

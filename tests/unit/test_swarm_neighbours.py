@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose
 from swarm.neighbours import NeighbourConfig, NeighbourTracker
-from swarm.types import Detection, Motion, Neighbours, Percept
+from swarm.types import Motion, Neighbours, Percept
 from tests.helpers import CAMERA
 from tests.swarm_scenes import AT_ORIGIN, NOBODY, flat, neighbours_of, percept_of
 
@@ -19,15 +19,13 @@ def tracker() -> NeighbourTracker:
     return NeighbourTracker(NeighbourConfig(), CAMERA, 4)
 
 
-def seen_at(drone: int, at_m: object, T_world_cam: np.ndarray = AT_ORIGIN) -> Detection:
+def seen_at(drone: int, at_m: object, T_world_cam: np.ndarray = AT_ORIGIN) -> tuple[int, np.ndarray]:
     """A detection of a drone at a place in the world."""
-    at_cam_m = T_world_cam[:3, :3].T @ (np.asarray(at_m, np.float64) - T_world_cam[:3, 3])
-    range_m = float(np.linalg.norm(at_cam_m))
-    return Detection(drone=drone, bearing_cam=at_cam_m / range_m, range_m=range_m)
+    return drone, T_world_cam[:3, :3].T @ (np.asarray(at_m, np.float64) - T_world_cam[:3, 3])
 
 
-def percept(stamp_s: float, *found: Detection, T_world_cam: np.ndarray = AT_ORIGIN) -> Percept:
-    return percept_of(flat(5.0), *found, stamp_s=stamp_s, T_world_cam=T_world_cam)
+def percept(stamp_s: float, *found: tuple[int, np.ndarray], T_world_cam: np.ndarray = AT_ORIGIN) -> Percept:
+    return percept_of(flat(5.0), dict(found), stamp_s=stamp_s, T_world_cam=T_world_cam)
 
 
 def heard(**drones: tuple[object, object]) -> Neighbours:
@@ -100,7 +98,7 @@ def test_the_same_image_is_taken_in_once() -> None:
 def test_a_percept_is_placed_by_the_pose_of_its_own_camera() -> None:
     left = pose(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ R_BODY_CAM, np.array([10.0, 0.0, 3.0]))
     found = seen_at(2, (10, 6, 3), left)
-    np.testing.assert_allclose(found.bearing_cam, [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(found[1], [0, 0, 6], atol=1e-12)
     around = tracker().update(percept(0.0, found, T_world_cam=left), heard(d2=((10, 5, 3), STILL)), 0.0)
     np.testing.assert_allclose(around.position_m, [[10, 6, 3]], atol=1e-9)
 

@@ -26,7 +26,7 @@ def test_another_truth_changes_nothing_that_is_perceived() -> None:
     ids = np.full(CAMERA.shape, 8, np.int32)
     one, other = (eyes_with(0.0).see(capture(0.0, depth_true_m=flat(m), segment_id=ids)) for m in (3.0, 30.0))
     np.testing.assert_array_equal(one.corrected.depth_m, other.corrected.depth_m)
-    assert one.detections[0].range_m == other.detections[0].range_m
+    np.testing.assert_array_equal(one.detections[1], other.detections[1])
 
 
 def test_latency_delays_percepts_and_drops_captures_meanwhile() -> None:

@@ -17,14 +17,13 @@ from swarm.voxel_map import (
     UNOBSERVABLE,
     VOXEL_M,
     MapConfig,
-    View,
     VoxelMap,
     find_in_view,
 )
 from tests.helpers import CAMERA
 from tests.swarm_scenes import turn
 from tests.unit.test_swarm_evidence import flat, image
-from voxdepth.types import FloatArray, FloatImage
+from voxdepth.types import FloatArray, FloatImage, Intrinsics
 
 NOBODY = np.empty((0, 3))
 WIDTH_M = 0.5
@@ -38,7 +37,7 @@ class Drone:
 
     def __init__(self, **config: float) -> None:
         self.sensor = InverseSensorModel(CAMERA, disparity_error_px=0.01)
-        self.map = VoxelMap(MapConfig(**config), self.sensor, CAMERA)
+        self.map = VoxelMap(MapConfig(**config), self.sensor)
         self.map.start(HERE, 0.0, 0.0)
         self.time_s = 0.0
 
@@ -80,8 +79,9 @@ def test_a_voxel_is_in_view_where_its_middle_projects_into_the_image(
     shape, origin_m = (6, 20, 24), np.random.default_rng(seed).uniform(-50, 50, 3)
     at_m = origin_m + np.array([3.0, 2.4, 0.8])
     T = pose(rotation_from_quaternion(quaternion_from_angles(*angles_rad)) @ R_BODY_CAM, at_m)
-    view = View(85.0, 85.0, 79.5, 44.5, np.arange(90) // 10, np.arange(160) // 10)
-    voxel, cell, squared_m2 = find_in_view(view, origin_m, shape, T, 2.5)
+    camera = Intrinsics(width_px=160, height_px=90, fx_px=85, fy_px=85, cx_px=79.5, cy_px=44.5, baseline_m=0.1)
+    sensor = InverseSensorModel(camera)
+    voxel, cell, squared_m2 = find_in_view(sensor, origin_m, shape, T, 2.5)
     middles_m = origin_m + VOXEL_M * (np.argwhere(np.ones(shape))[:, ::-1] + 0.5) - T[:3, 3]
     x, y, z = (middles_m @ T[:3, :3]).T
     u, v = 85.0 * x / z + 80.0, 85.0 * y / z + 45.0
@@ -92,8 +92,12 @@ def test_a_voxel_is_in_view_where_its_middle_projects_into_the_image(
     is_clear = np.abs(inside) > 0.01
     np.testing.assert_array_equal(is_found[is_clear], inside[is_clear] > 0)
     np.testing.assert_allclose(squared_m2, (middles_m[voxel] ** 2).sum(axis=1), rtol=1e-3, atol=1e-3)
-    is_clear = (np.abs(u % 10 - 5) < 4.9) & (np.abs(v % 10 - 5) < 4.9) & (z > 0.3)
-    np.testing.assert_array_equal(cell[is_clear[voxel]], (v // 10 * 16 + u // 10)[voxel][is_clear[voxel]])
+    u, v = u[voxel], v[voxel]
+    rows, cols = (
+        np.searchsorted(edges, px, "right") - 1 for edges, px in ((sensor.row_edges, v), (sensor.col_edges, u))
+    )
+    is_clear = (np.abs(u - u.round()) > 0.1) & (np.abs(v - v.round()) > 0.1) & (z[voxel] > 0.3)
+    np.testing.assert_array_equal(cell[is_clear], (rows * (len(sensor.col_edges) - 1) + cols)[is_clear])
 
 
 @pytest.mark.parametrize("seed", range(2))
