@@ -70,33 +70,25 @@ class TestObservation:
             observe(blind, role_of(quick_task(), 1), quick_task())
 
 
-class TestLearner:
-    @pytest.mark.parametrize(
-        ("yaw_rad", "action", "expected_m_s"),
-        [
-            (0.0, [1, 0, 0, 0], [3.2, 0, 0]),
-            (np.pi / 2, [0.5, 0, 0, 0], [0, 1.6, 0]),
-            (np.pi / 2, [0, 1, 0, 0], [-3.2, 0, 0]),
-            (0.3, [0, 0, -0.25, 0], [0, 0, -0.8]),
-            (0.0, [1, 1, 0, 0], [3.2 / np.sqrt(2), 3.2 / np.sqrt(2), 0]),
-        ],
-    )
-    def test_an_action_is_a_velocity_in_the_heading_frame(
-        self, yaw_rad: float, action: list[float], expected_m_s: list[float]
-    ) -> None:
-        task = quick_task()
-        learner = Learner(role_of(task, 1), task.mission)
-        learner.action = np.array(action, np.float64)
-        decision = learner.decide(situation(yaw_rad, leader_m=(0.0, 0.0, 0.0)))
-        np.testing.assert_allclose(decision.command.velocity_m_s, expected_m_s, atol=1e-9)
-
-    def test_it_turns_at_most_at_the_yaw_rate(self) -> None:
-        task = quick_task()
-        learner = Learner(role_of(task, 1), task.mission)
-        learner.action = np.array(TURN)
-        here = situation(0.0, leader_m=(0.0, 0.0, 0.0))
-        yaw_rad = [learner.decide(here).command.yaw_rad for _ in range(20)][-1]
-        assert yaw_rad == pytest.approx(task.mission.pilot.yaw_rate_rad_s)  # 20 ticks are a second
+@pytest.mark.parametrize(
+    ("yaw_rad", "action", "expected_m_s"),
+    [
+        (0.0, [1, 0, 0, 0], [3.2, 0, 0]),
+        (np.pi / 2, [0.5, 0, 0, 0], [0, 1.6, 0]),
+        (np.pi / 2, [0, 1, 0, 0], [-3.2, 0, 0]),
+        (0.3, [0, 0, -0.25, 1], [0, 0, -0.8]),
+        (0.0, [1, 1, 0, -1], [3.2 / np.sqrt(2), 3.2 / np.sqrt(2), 0]),
+    ],
+)
+def test_an_action_is_a_velocity_in_the_heading_frame_and_a_turn_at_the_yaw_rate(
+    yaw_rad: float, action: list[float], expected_m_s: list[float]
+) -> None:
+    task = quick_task()
+    learner = Learner(role_of(task, 1), task.mission)
+    learner.action = np.array(action, np.float64)
+    commands = [learner.decide(situation(yaw_rad, leader_m=(0.0, 0.0, 0.0))).command for _ in range(20)]
+    np.testing.assert_allclose(commands[0].velocity_m_s, expected_m_s, atol=1e-9)
+    assert commands[-1].yaw_rad == pytest.approx(action[3] * task.mission.pilot.yaw_rate_rad_s)  # 20 ticks are a second
 
 
 class Captures(Recorder):

@@ -14,7 +14,7 @@ from swarm.environments.gym_env import LeaderFollowerEnv
 from swarm.environments.task import LearningTask
 from swarm.errors import MissionError
 from swarm.gym import TASKS
-from tests.learning import DIVE, FORWARD, QUICK_RIG, TURN, quick
+from tests.learning import FORWARD, QUICK_RIG, TURN, quick
 
 NAME = "swarm.gym:voxdepth/LeaderFollower-v0"
 
@@ -106,62 +106,35 @@ def test_a_picture_shows_the_learner_from_behind() -> None:
     assert not np.array_equal(before, env.render())
 
 
-@pytest.mark.slow
-def test_several_run_in_processes_of_their_own() -> None:
-    spawned = {"vector_kwargs": {"context": "spawn"}}
-    envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode="async", **spawned, **quick())
-    observations, _ = envs.reset(seed=[3, 4])
-    alone = LeaderFollowerEnv(**quick())
-    np.testing.assert_array_equal(observations["depth_m"][1], alone.reset(seed=4)[0]["depth_m"])
-    observations, *_ = envs.step(np.array([DIVE, FORWARD], np.float32))
-    np.testing.assert_array_equal(observations["velocity_m_s"][1], alone.step(array(FORWARD))[0]["velocity_m_s"])
-    envs.close()
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        *((quick() | {"learner": n}, rf"must be a follower, one of \[1, 2\], got {n}") for n in (0, 3, -1)),
+        (quick(drones=1), "drones must be 2 or more, got 1"),
+        ({"depth": "laser"}, "rig.depth: expected"),
+        ({"corector": "raw"}, "corector"),
+        ({"render_mode": "human"}, r"one of \['rgb_array'\] or None, got 'human'"),
+    ],
+)
+def test_options_that_cannot_be_are_told(options: dict[str, Any], text: str) -> None:
+    with pytest.raises(MissionError, match=text):
+        LeaderFollowerEnv(**options)
 
 
-class TestMistakes:
-    @pytest.mark.parametrize("learner", [0, 3, -1])
-    def test_only_followers_learn(self, learner: int) -> None:
-        with pytest.raises(MissionError, match=r"must be a follower, one of \[1, 2\], got"):
-            LeaderFollowerEnv(learner=learner, **quick())
+def test_a_table_changes_the_keys_that_it_names() -> None:
+    task = LearningTask.of(mission={"drones": 3}, rig={"depth": "fitted"}, scene={"columns": 1})
+    assert (task.mission.drones, task.rig.depth, task.scene.columns) == (3, "fitted", 1)
+    assert task.mission.routes == LearningTask().mission.routes
+    assert LearningTask.of(scene={"kind": "gap"}).scene == GapSpec()
 
-    def test_there_must_be_followers(self) -> None:
-        with pytest.raises(MissionError, match="drones must be 2 or more, got 1"):
-            LeaderFollowerEnv(**quick(drones=1))
 
-    def test_a_table_changes_the_keys_that_it_names(self) -> None:
-        task = LearningTask.of(mission={"drones": 3}, rig={"depth": "fitted"}, scene={"columns": 1})
-        assert task == LearningTask(
-            mission=LearningTask().mission.model_copy(update={"drones": 3}),
-            rig=LearningTask().rig.model_copy(update={"depth": "fitted"}),
-            scene=LearningTask().scene.model_copy(update={"columns": 1}),
-        )
-        assert LearningTask.of(scene={"kind": "gap"}).scene == GapSpec()
-
-    @pytest.mark.parametrize(
-        ("options", "text"),
-        [
-            ({"depth": "laser"}, "rig.depth: expected"),
-            ({"corector": "raw"}, "corector"),
-        ],
-    )
-    def test_unknown_options_are_told(self, options: dict[str, str], text: str) -> None:
-        with pytest.raises(MissionError, match=text):
-            LeaderFollowerEnv(**options)
-
-    def test_pictures_come_as_arrays_only(self) -> None:
-        with pytest.raises(MissionError, match=r"one of \['rgb_array'\] or None, got 'human'"):
-            LeaderFollowerEnv(render_mode="human")
-
-    @pytest.mark.parametrize("action", [[0.0] * 3, [[0.0] * 4], [0, 0, 0, np.nan], "left"])
-    def test_an_action_has_four_finite_numbers(self, action: Any) -> None:
-        env = LeaderFollowerEnv(**quick())
-        env.reset(seed=0)
+def test_an_action_has_four_finite_numbers_and_needs_an_episode() -> None:
+    env = LeaderFollowerEnv(render_mode="rgb_array", **quick())
+    for call in (lambda: env.step(array(FORWARD)), env.render):
+        with pytest.raises(MissionError, match=r"call reset\(\) first"):
+            call()
+    env.reset(seed=0)
+    for action in ([0.0] * 3, [[0.0] * 4], [0, 0, 0, np.nan], "left"):
         with pytest.raises(MissionError, match="four finite numbers"):
             env.step(np.array(action))
-
-    def test_an_episode_must_have_begun(self) -> None:
-        env = LeaderFollowerEnv(render_mode="rgb_array", **quick())
-        for call in (lambda: env.step(array(FORWARD)), env.render):
-            with pytest.raises(MissionError, match=r"call reset\(\) first"):
-                call()
-        env.close()
+    env.close()

@@ -1,7 +1,6 @@
 """What one depth image proves."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -90,18 +89,6 @@ def test_a_cell_with_exactly_the_least_share_of_trusted_pixels_is_free(
     halves = n_pixels % 2 == 0
     assert halves.mean() > 0.2
     np.testing.assert_array_equal(free_m[halves] > 0, min_trusted_share <= 0.5)
-
-
-def test_rays_go_through_the_middle_of_the_pixels_of_their_cell() -> None:
-    sensor = exact()
-    x, y, z = np.moveaxis(sensor.rays_cam, -1, 0)
-    across, down = x[0] / z[0], y[:, 0] / z[:, 0]
-    for slope, edges, focal_px, centre_px in (
-        (across, sensor.col_edges, CAMERA.fx_px, CAMERA.cx_px),
-        (down, sensor.row_edges, CAMERA.fy_px, CAMERA.cy_px),
-    ):
-        middle_px = np.array([np.arange(first, end).mean() for first, end in pairwise(edges)])
-        np.testing.assert_allclose(slope, (middle_px - centre_px) / focal_px, atol=1e-6)
 
 
 def test_the_least_confidence_is_enough() -> None:
