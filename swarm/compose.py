@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 from sim.cpu import mapper
 from sim.render import create_renderer
-from sim.rig import StereoRig
+from sim.sensor import StereoSensor
 from sim.world import World
 
 from .config import MissionSetup
@@ -51,7 +51,7 @@ def composed_mission(
         ]
         gray = gray or any(corrector.uses_gray for corrector in correctors if corrector)
         renderer = create_renderer(setup.renderer, world, threads=threads)
-        rig = StereoRig(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads))
+        rig = StereoSensor(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads))
         yield Mission(
             config,
             world,
