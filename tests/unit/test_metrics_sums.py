@@ -99,8 +99,9 @@ def test_a_case_by_hand() -> None:
 
 
 def test_exactly_five_percent_of_the_truth_is_close() -> None:
-    truth_m = np.full((1, 4), 10.0, np.float32)
-    assert Sums.of(np.array([[9.5, 10.5, 9.49, 10.51]], np.float32), truth_m, truth_m > 0).close == 2
+    truth_m = np.full((1, 1), 10.0, np.float32)
+    close = [Sums.of(np.full_like(truth_m, depth), truth_m, truth_m > 0).close for depth in (9.49, 9.5, 10.5, 10.51)]
+    assert close == [0, 1, 1, 0]
 
 
 def test_exactly_ten_percent_is_neither_too_far_nor_too_near() -> None:
