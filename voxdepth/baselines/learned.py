@@ -245,5 +245,5 @@ def origin(measured_px: FloatImage, previous: Result, result: Result) -> GrayIma
     tolerance_px = np.maximum(np.float32(CORRECT_SHARE) * result.disparity_px, np.float32(CORRECT_PX))
     agrees = np.abs(result.disparity_px - previous.disparity_px) <= tolerance_px
     remembered = agrees & (previous.confidence >= REMEMBERED_CONFIDENCE)
-    unmeasured = np.where(remembered, np.uint8(PixelClass.REMEMBERED), np.uint8(PixelClass.UNKNOWN))
+    unmeasured = np.where(remembered, np.uint8(PixelClass.REMEMBERED), np.uint8(PixelClass.UNMEASURED))
     return np.where(measured_px > 0, np.uint8(PixelClass.FUSED), unmeasured)
