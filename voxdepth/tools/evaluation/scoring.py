@@ -168,8 +168,8 @@ class Score:
                 yield Measurement(metric, mask, range_name, on, value, unit, sums.filled)
 
     def _measured_flicker(self) -> Iterator[Measurement]:
-        if (changes := self._flicker.total).pixels:
-            yield Measurement("flicker", STATIC, NEAR, FILLED, changes.mean_change_m, "m", changes.changes)
+        if n := self._flicker.changes:
+            yield Measurement("flicker", STATIC, NEAR, FILLED, self._flicker.mean_change_m, "m", n)
 
     def _measured_series(self) -> Iterator[Measurement]:
         """Yield the medians over the frames of which a value is known."""
