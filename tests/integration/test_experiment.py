@@ -43,8 +43,8 @@ def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
         assert stored["provenance"]["processor"]
         assert 10_000 < (out / name / "figure.png").stat().st_size < 500_000
     table = pd.read_csv(out / "quality" / "table.csv")
-    pd.testing.assert_series_equal(table["VD (paper)"], pd.Series([17.10, None, 177.61, 17.10], name="VD (paper)"))
-    assert table["n"][0] > table["n"][1] > table["n"][2] == FRAMES, "all pixels, occluded pixels, and frames"
+    pd.testing.assert_series_equal(table["VD (paper)"], pd.Series([17.10, None], name="VD (paper)"))
+    assert table["n"][0] > table["n"][1] > 0, "all pixels, and occluded pixels"
     assert table[["VD", "VD-code", "RS", "GS", *DEEP_SMOOTH]].notna().all(axis=None)
 
 
