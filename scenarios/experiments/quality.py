@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from voxdepth.paper.epochs import EpochEnd, Phase
 from voxdepth.registry import AUTHORS, PAPER, config_of, installed_names
 from voxdepth.tools.evaluation.frames import ALL
-from voxdepth.tools.evaluation.measurements import AS_GIVEN, Selector
+from voxdepth.tools.evaluation.measurements import AS_GIVEN, Selector, select
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 from voxdepth.tools.figure import Draw, panels, plotted
 
@@ -52,7 +52,7 @@ def quality(context: ExperimentContext) -> Findings:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
     measured = context.evaluate(METHODS.values()).measurements
     blocks = {
-        name: _block(measured.select(selector), printed, context) for name, (selector, printed) in METRICS.items()
+        name: _block(select(measured, selector), printed, context) for name, (selector, printed) in METRICS.items()
     }
     table = pd.concat(blocks, names=["metric", "unit", "sequence"])
     psnrs_db, masked_m = (table.loc[metric].droplevel("unit")[list(METHODS)] for metric in (PSNR, MASKED))

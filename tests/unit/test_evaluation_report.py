@@ -95,7 +95,7 @@ def test_a_failed_method_has_no_number_and_is_in_no_sample_size_and_missing_figu
 
 
 def test_results_are_tidy(done: Evaluation, tmp_path: Path) -> None:
-    write_frame(tmp_path / "results", done.measurements.frame)
+    write_frame(tmp_path / "results", done.measurements)
     with (tmp_path / "results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == MEASUREMENT_COLUMNS

@@ -115,7 +115,6 @@ def test_frames_are_averaged_as_told_and_settled_errors_leave_the_warm_up_out() 
     frames = evaluation_frames(n)
     truths_m = iter([frame.reference_m for frame in frames])
     done = scores_of(TRUTH, frames, lambda _: next(truths_m) * np.float32(next(factors)))
-    assert done["z_accuracy", "center", "all", "filled"].value == pytest.approx(0, abs=1e-6), "the median"
     assert done["m_rmse_u16_wrap", "occluded", "all", "as given"].value > 1, "the mean"
     settled, whole = (done[f"psnr16_mm{name}", "all", "all", "completed"] for name in ("_settled", ""))
     assert (settled.value, settled.n) == (np.inf, 2 * CAMERA.width_px * CAMERA.height_px)

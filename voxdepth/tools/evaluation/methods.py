@@ -110,7 +110,6 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s)),
         frame_close=score.frame_close,
-        frame_errors_m=score.frame_errors_m,
         thumbnail=encoded_thumbnail(corrected.depth_m),
     )
 

@@ -11,12 +11,8 @@ from ...metrics import (
     Flicker,
     Share,
     Sums,
-    fill_rate,
     ghost_share,
-    is_plane,
-    plane_fit_rms,
     survival,
-    z_accuracy,
 )
 from ...metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
 from ...types import CorrectedDepth, FloatImage, GrayImage, Intrinsics, MaskImage
@@ -37,11 +33,6 @@ SURVIVAL = [Selector(metric, "moving", ALL, AS_GIVEN) for metric in ("survival",
 """Shares of the pixels of moving objects, of the corrected and of the raw depth."""
 GHOSTS = [Selector(metric, "departed", ALL, FILLED) for metric in ("ghosts", "ghosts_raw")]
 """The same of those pixels that a moving object left some frames ago."""
-FILL_RATE, Z_ACCURACY, PLANE_FIT_RMS = (
-    Selector(metric, "center", ALL, FILLED) for metric in ("fill_rate", "z_accuracy", "plane_fit_rms")
-)
-"""The metrics of `voxdepth.metrics.depth_quality`: of all frames, of those with a true depth, and of those in which the
-sensor sees a plane. The last two are medians over these frames."""
 
 METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "mae": ("m", lambda sums: sums.mae_m),
@@ -51,13 +42,8 @@ METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
 }
 """Unit of each metric of errors, and how it follows from the sums. A new metric is one line here, and one in
 `quantities.py` for its table in the report. `too_far` and `too_near` are off by more than 10 %."""
-SERIES: Mapping[str, tuple[str, Callable[[list[float]], float]]] = {
-    "z_accuracy": ("share", np.median),
-    "plane_fit_rms": ("share", np.median),
-    "m_rmse_u16_wrap": ("1", np.mean),
-    "psnr_minmax8": ("dB", np.mean),
-}
-"""Unit of each metric that every frame has a value of, and what is told of these values."""
+SERIES = {"m_rmse_u16_wrap": "1", "psnr_minmax8": "dB"}
+"""Unit of each metric that every frame has a value of, and whose mean is told."""
 
 
 class Score:
@@ -73,8 +59,6 @@ class Score:
         self._believed = Sums()
         self.frame_close: tuple[tuple[int, int], ...] = ()
         """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
-        self.frame_errors_m: tuple[tuple[float, int], ...] = ()
-        """Sum of the absolute errors of measured pixels within 20 m of every frame [m], and number of these pixels."""
 
     def add(self, frame: EvaluationFrame, corrected: CorrectedDepth) -> None:
         """Add a frame with its reference, and its correction."""
@@ -83,7 +67,6 @@ class Score:
         self._add_sums(frame.reference_m, bins, masks, depth_m, completed_m)
         self._add_flicker(frame, bins, depth_m)
         self._add_shares(frame, depth_m)
-        self._add_quality(frame, depth_m)
         self._add_believed(frame, bins, corrected)
         self._add_paper(frame, bins, masks, depth_m, completed_m)
 
@@ -107,21 +90,19 @@ class Score:
         depth_m: FloatImage,
         completed_m: FloatImage,
     ) -> None:
-        near: defaultdict[str, Sums] = defaultdict(Sums)
+        hidden = Sums()
         for (mask, pixels), index in product(masks.items(), range(len(BINS))):
             chosen = pixels & (bins == index)
             if not chosen.any():
                 continue
             sums = Sums.of(depth_m, reference_m, chosen)
             self._sums[FILLED, mask, index] += sums
-            if index in RANGES[NEAR]:
-                near[mask] += sums
+            if mask == self._reference.hidden and index in RANGES[NEAR]:
+                hidden += sums
             if not _is_complete(sums):
                 sums = Sums.of(completed_m, reference_m, chosen)
             self._sums[COMPLETED, mask, index] += sums
-        hidden, given = near[self._reference.hidden], near[MEASURED]
         self.frame_close += ((hidden.close, hidden.pixels),)
-        self.frame_errors_m += ((given.abs_error_m, given.filled),)
 
     def _add_flicker(self, frame: EvaluationFrame, bins: GrayImage, depth_m: FloatImage) -> None:
         """Without the truth the depth itself, and not its error, should stay the same."""
@@ -130,17 +111,10 @@ class Score:
         self._flicker.add(depth_m, steady_m, frame.static & near)
 
     def _add_shares(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
-        self._shares[FILL_RATE] += fill_rate(depth_m)
         if frame.moving is not None and frame.departed_m is not None:
             for k, given_m in enumerate((depth_m, frame.frame.depth_m)):
                 self._shares[SURVIVAL[k]] += survival(given_m, frame.reference_m, frame.moving)
                 self._shares[GHOSTS[k]] += ghost_share(given_m, frame.reference_m, frame.departed_m)
-
-    def _add_quality(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
-        if self._reference.is_true:
-            self._series[Z_ACCURACY].append(z_accuracy(depth_m, frame.reference_m))
-        if is_plane(frame.frame.depth_m, self._intrinsics):
-            self._series[PLANE_FIT_RMS].append(plane_fit_rms(depth_m, self._intrinsics))
 
     def _add_believed(self, frame: EvaluationFrame, bins: GrayImage, corrected: CorrectedDepth) -> None:
         in_range = (bins != NONE) & (frame.reference_m < np.float32(FARTHEST_M)) & (corrected.depth_m > 0)
@@ -190,11 +164,10 @@ class Score:
             yield Measurement("flicker", STATIC, NEAR, FILLED, changes.mean_change_m, "m", changes.changes)
 
     def _measured_series(self) -> Iterator[Measurement]:
-        """Yield the mean or the median over the frames of which a value is known."""
+        """Yield the mean over the frames of which a value is known."""
         for selector, values in self._series.items():
-            unit, average = SERIES[selector.metric]
             if known := [value for value in values if value is not None]:
-                yield Measurement(*selector, float(average(known)), unit, len(known))
+                yield Measurement(*selector, float(np.mean(known)), SERIES[selector.metric], len(known))
 
     def _measured_believed(self) -> Iterator[Measurement]:
         """Yield the obstacle errors of believed fills."""

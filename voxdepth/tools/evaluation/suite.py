@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...errors import VoxDepthError
 from ..errors import ToolError
 from ..locks import locked
 from ..provenance import CORRECTION, EVALUATION_SOURCES, code_digest, processor_name, versions
 from .frames import ALL, NEAR, NONE, RANGES, FrameFile, Frames, FrameSource
-from .intervals import close_intervals, error_intervals
-from .measurements import Measurements
+from .intervals import close_intervals
+from .measurements import long_table
 from .methods import Method, MethodError, run
 from .recordings import Kind, Opened, RecordedSource
 from .results import Result, SequenceInfo, encoded_thumbnail, load, store
@@ -69,8 +70,8 @@ class Evaluation:
     """Number of results that had been finished before."""
 
     @cached_property
-    def measurements(self) -> Measurements:
-        """All measurements as the long table, with one row of the metric `error` per failed result."""
+    def measurements(self) -> pd.DataFrame:
+        """All measurements as a long table, with one row of the metric `error` per failed result."""
         rows: list[tuple[Any, ...]] = []
         for result in self.results:
             where = result.sequence, result.method
@@ -79,11 +80,9 @@ class Evaluation:
             rows += [(*where, *m, "") for m in result.measurements]
         for info in self.sequences.values():
             ours = [result for result in self.results if result.sequence == info.name and result.frame_close]
-            found = [*close_intervals({result.method: result.frame_close for result in ours}, info.reference.hidden)]
-            if info.reference.independent == "all":
-                found += error_intervals({result.method: result.frame_errors_m for result in ours})
+            found = close_intervals({result.method: result.frame_close for result in ours}, info.reference.hidden)
             rows += [(info.name, method, *m, "") for method, m in found]
-        return Measurements(rows)
+        return long_table(rows)
 
     @cached_property
     def sequences(self) -> dict[str, SequenceInfo]:
