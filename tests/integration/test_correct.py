@@ -115,7 +115,7 @@ def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path
     assert config["intrinsics"]["width_px"] == 160
     assert "numpy" in config["versions"]
     assert config["config"]["max_epoch_frames"] == 5
-    assert config["config"]["registration"]["size_px"] == 200
+    assert config["config"]["voxels"]["depth_m"] == 41
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["facts"]["epoch_end"]["max_frames"] >= 1
     assert sum(report["facts"]["phase"].values()) == report["frames"] == 12
@@ -217,7 +217,7 @@ MINE = ["--corrector", "voxdepth", "--config", "mine.toml"]
             "corrector = 'voxdepth'\n[config]\n",
             "configures the corrector 'voxdepth': ask for that",
         ),
-        (MINE, "[registration]\nsize_mm = 3", "registration.size_mm"),
+        (MINE, "[voxels]\nsize_mm = 3", "voxels.size_mm"),
         (MINE, "window_frames = 'ten'", "window_frames: "),
         (MINE, "median_size_px = 4", "1, 3 or 5 pixels"),
         (MINE, "= 3", "mine.toml is not valid TOML"),

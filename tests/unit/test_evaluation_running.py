@@ -160,8 +160,8 @@ def test_methods_are_found_by_name_and_refused_by_name() -> None:
 
 
 def test_a_method_may_have_a_setting_which_its_name_tells() -> None:
-    method = find_method("temporal[odometry.min_tracks=9]")
-    assert (method.name, method.is_foreign) == ("temporal[odometry.min_tracks=9]", False)
-    assert method.config["odometry"]["min_tracks"] == 9
+    method = find_method("temporal[smoothing_window_px=3]")
+    assert (method.name, method.is_foreign) == ("temporal[smoothing_window_px=3]", False)
+    assert method.config["smoothing_window_px"] == 3
     assert not is_baseline(method.name)
     assert is_baseline("telea")

@@ -228,8 +228,7 @@ def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_termi
     ("given", "told"),
     [
         ({"fil": "none"}, "unknown key 'fil' (did you mean fill"),
-        ({"max_evidence": 8.0}, "unknown key 'max_evidence' (did you mean fusion.max_evidence?); `voxdepth config"),
-        ({"fusion": {"max_evidnce": 8.0}}, "'fusion.max_evidnce' (did you mean fusion.max_evidence"),
+        ({"shadow_facto": 1.0}, "unknown key 'shadow_facto' (did you mean shadow_factor?); `voxdepth config"),
         ({"zzz": 1}, "unknown key 'zzz'; `voxdepth config temporal` prints all"),
     ],
 )

@@ -151,10 +151,6 @@ class Table:
         rows = [[text.replace("|", "\\|") for text in row] for row in self.texts]
         return "".join(f"| {' | '.join(line)} |\n" for line in (self.headings, sides, *rows))
 
-    def as_json(self) -> dict[str, Any]:
-        """Return what JSON files hold of the table."""
-        return {"name": self.name, "title": self.title, "columns": self.headings, "rows": self.rows}
-
     def print(self, console: "Console") -> None:
         """Print the table, in parts with the first column each where it is wider than the terminal.
 
