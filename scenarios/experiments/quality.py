@@ -6,10 +6,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth.registry import AUTHORS, PAPER, installed_names
-from voxdepth.tools.evaluation.frames import ALL
-from voxdepth.tools.evaluation.measurements import AS_GIVEN, Selector, select
+from voxdepth.tools.evaluation.measurements import Selector, select
 from voxdepth.tools.evaluation.methods import find_methods
-from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
+from voxdepth.tools.evaluation.scoring import M_RMSE, SETTLED_FRAMES, SETTLED_PSNR, SETTLED_RMSE, STRETCHED_PSNR
 from voxdepth.tools.evaluation.suite import Plan, evaluate
 from voxdepth.tools.figure import panels, plotted
 
@@ -50,10 +49,10 @@ PAPER_M_RMSE = pd.DataFrame.from_dict({
 """Printed without a unit; see `voxdepth.metrics.m_rmse_u16_wrap` for why so many lie just below 180."""
 PSNR, MASKED = "PSNR after warm-up", "masked RMSE after warm-up"
 METRICS: dict[tuple[str, str], tuple[Selector, pd.DataFrame]] = {
-    (PSNR, "dB"): (Selector("psnr16_mm_settled", range=ALL), PAPER_PSNR_DB),
-    (MASKED, "m"): (Selector("rmse_settled", "occluded"), PAPER_M_RMSE.iloc[:0]),
-    ("m_rmse_u16_wrap", "1"): (Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN), PAPER_M_RMSE),
-    ("psnr_minmax8", "dB"): (Selector("psnr_minmax8", "all", ALL, AS_GIVEN), PAPER_PSNR_DB),
+    (PSNR, "dB"): (SETTLED_PSNR, PAPER_PSNR_DB),
+    (MASKED, "m"): (SETTLED_RMSE, PAPER_M_RMSE.iloc[:0]),
+    ("m_rmse_u16_wrap", "1"): (M_RMSE, PAPER_M_RMSE),
+    ("psnr_minmax8", "dB"): (STRETCHED_PSNR, PAPER_PSNR_DB),
 }
 """The selected measurement and the paper's numbers of each block of rows, by its name and unit."""
 

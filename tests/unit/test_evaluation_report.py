@@ -31,7 +31,6 @@ def result(sequence: str, method: str, mae: float, n: int = 1000, **given: Any) 
     figures = [
         *(Measurement("mae", "all", name, "completed", mae, "m", n) for name in RANGES),
         Measurement("mae", "holes", "0-20 m", "completed", 2 * mae, "m", n),
-        Measurement("psnr16_mm", "all", "all", "completed", 20 - mae, "dB", 2),
         Measurement("latency_p50", "frames", "frames", "frames", 3.0, "ms", 2),
         Measurement("latency_p95", "frames", "frames", "frames", 4.0, "ms", 2),
     ]
@@ -99,7 +98,7 @@ def test_results_are_tidy(done: Evaluation, tmp_path: Path) -> None:
     with (tmp_path / "results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == MEASUREMENT_COLUMNS
-    assert len(rows) == 5 * (len(RANGES) + 4) + 1
+    assert len(rows) == 5 * (len(RANGES) + 3) + 1
     (failed,) = (row for row in rows if row["error"])
     assert (failed["method"], failed["metric"], failed["value"]) == ("bad", "error", "")
 

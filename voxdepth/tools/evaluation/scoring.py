@@ -42,8 +42,12 @@ METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
 }
 """Unit of each metric of errors, and how it follows from the sums. A new metric is one line here, and one in
 `quantities.py` for its table in the report. `too_far` and `too_near` are off by more than 10 %."""
-SERIES = {"m_rmse_u16_wrap": "1", "psnr_minmax8": "dB"}
-"""Unit of each metric that every frame has a value of, and whose mean is told."""
+SETTLED_PSNR = Selector("psnr16_mm_settled", range=ALL)
+SETTLED_RMSE = Selector("rmse_settled", OCCLUDED)
+"""PSNR and error without the warm-up, of rendered sequences."""
+M_RMSE = Selector("m_rmse_u16_wrap", OCCLUDED, ALL, AS_GIVEN)
+STRETCHED_PSNR = Selector("psnr_minmax8", range=ALL, on=AS_GIVEN)
+"""Masked error [1] and PSNR [dB] by the arithmetic of the paper's authors: means over the frames of these sequences."""
 
 
 class Score:
@@ -68,7 +72,7 @@ class Score:
         self._add_flicker(frame, bins, depth_m)
         self._add_shares(frame, depth_m)
         self._add_believed(frame, bins, corrected)
-        self._add_paper(frame, bins, masks, depth_m, completed_m)
+        self._add_paper(frame, bins, depth_m, completed_m)
 
     def measurements(self) -> list[Measurement]:
         """Return everything that is known after the last frame; measurements of no pixel are left out."""
@@ -121,30 +125,24 @@ class Score:
         believed = frame.hidden & in_range & (corrected.confidence >= np.float32(MIN_BELIEVED))
         self._believed += Sums.of(corrected.depth_m, frame.reference_m, believed)
 
-    def _add_paper(
-        self,
-        frame: EvaluationFrame,
-        bins: GrayImage,
-        masks: Mapping[str, MaskImage],
-        depth_m: FloatImage,
-        completed_m: FloatImage,
-    ) -> None:
-        """Score by the paper's peak, and by the arithmetic of its authors; a pixel without a surface counts as 0 mm."""
-        known, name = bins != NONE, self._reference.independent
-        independent = known & masks[name] if name in masks else known
-        occluded = OCCLUDED if OCCLUDED in masks else self._reference.hidden
-        # Surfaces that an image in 16 bits and millimetres can hold.
-        in_16_bits = Sums.of(completed_m, frame.reference_m, independent & (frame.reference_m <= np.float32(PEAK16_M)))
-        self._completed[Selector("psnr16_mm", name, ALL)] += in_16_bits
+    def _add_paper(self, frame: EvaluationFrame, bins: GrayImage, depth_m: FloatImage, completed_m: FloatImage) -> None:
+        """Score a rendered frame by the paper's peak, and by the arithmetic of its authors.
+
+        A pixel without a surface counts as 0 mm.
+        """
+        if frame.occluded is None:
+            return
+        known = bins != NONE
         if len(self.frame_close) > SETTLED_FRAMES:
-            self._completed[Selector("psnr16_mm_settled", name, ALL)] += in_16_bits
-            near = masks[occluded] & np.isin(bins, RANGES[NEAR])
-            self._completed[Selector("rmse_settled", occluded)] += Sums.of(completed_m, frame.reference_m, near)
+            # Surfaces that an image in 16 bits and millimetres can hold.
+            in_16_bits = known & (frame.reference_m <= np.float32(PEAK16_M))
+            self._completed[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
+            near = frame.occluded & np.isin(bins, RANGES[NEAR])
+            self._completed[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, near)
         depth_mm = to_millimetres(depth_m)
         reference_mm = to_millimetres(np.where(known, frame.reference_m, np.float32(0)))
-        wrapped = m_rmse_u16_wrap(depth_mm, reference_mm, masks[occluded] & known)
-        self._series[Selector("m_rmse_u16_wrap", occluded, ALL, AS_GIVEN)].append(wrapped)
-        self._series[Selector("psnr_minmax8", ALL, ALL, AS_GIVEN)].append(psnr_minmax8(depth_mm, reference_mm))
+        self._series[M_RMSE].append(m_rmse_u16_wrap(depth_mm, reference_mm, frame.occluded & known))
+        self._series[STRETCHED_PSNR].append(psnr_minmax8(depth_mm, reference_mm))
 
     def _measured_errors(self, mask: str, range_name: str) -> Iterator[Measurement]:
         parts = (MEASURED, self._reference.hidden) if mask == ALL else (mask,)
@@ -167,7 +165,8 @@ class Score:
         """Yield the mean over the frames of which a value is known."""
         for selector, values in self._series.items():
             if known := [value for value in values if value is not None]:
-                yield Measurement(*selector, float(np.mean(known)), SERIES[selector.metric], len(known))
+                unit = "1" if selector == M_RMSE else "dB"
+                yield Measurement(*selector, float(np.mean(known)), unit, len(known))
 
     def _measured_believed(self) -> Iterator[Measurement]:
         """Yield the obstacle errors of believed fills."""
@@ -177,11 +176,9 @@ class Score:
                 yield Measurement(metric, BELIEVED, BELIEVED_RANGE, FILLED, share, "share", n)
 
     def _measured_completed(self) -> Iterator[Measurement]:
-        """Yield the errors of completed pixels that are judged by the paper's peak or after the warm-up."""
+        """Yield the errors of completed pixels after the warm-up."""
         for selector, sums in self._completed.items():
-            is_psnr = selector.metric.startswith("psnr16_mm")
-            value = sums.psnr_db(PEAK16_M) if is_psnr else sums.rmse_m
-            unit = "dB" if is_psnr else "m"
+            value, unit = (sums.psnr_db(PEAK16_M), "dB") if selector == SETTLED_PSNR else (sums.rmse_m, "m")
             if sums.pixels:
                 yield Measurement(*selector, value if _is_complete(sums) else None, unit, sums.filled)
 

@@ -132,12 +132,15 @@ def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> 
     with FrameFile(plan.out) as frames:
         try:
             source = requested.open(plan.out, plan.frames, tell)
-            total = _number_of_frames(plan, source)
+            if len(source) == 0:
+                raise ToolError(f"{name!r} holds no whole frame: expected at least one; record it again")
+            total = min(plan.frames, len(source))
             digest = source.digest(total)
             keys = {method.name: _key(source, method, total, digest) for method in plan.methods}
-            finished = {method.name: _finished(plan, name, method, keys[method.name]) for method in plan.methods}
-            info = next((result.info for result in finished.values() if result is not None), None)
-            if info is None or None in finished.values():
+            own = [method.name for method in plan.methods if not method.is_foreign]
+            finished = {each: result for each in own if (result := load(plan.out, name, each, keys[each])) is not None}
+            info = next((result.info for result in finished.values()), None)
+            if info is None or len(finished) < len(keys):
                 frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
                 info = describe(source, frames, digest)
         except VoxDepthError as error:
@@ -146,18 +149,13 @@ def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> 
             return
         for method in plan.methods:
             tell(f"{name}, {method.name}")
-            result = finished[method.name]
-            if result is None:
-                scores = _scores(source, method, frames)
-                result = Result(sequence=name, method=method.name, key=keys[method.name], info=info, **scores)
-                store(plan.out, result)
-            yield result, finished[method.name] is not None
-
-
-def _number_of_frames(plan: Plan, source: FrameSource) -> int:
-    if len(source) == 0:
-        raise ToolError(f"{source.name!r} holds no whole frame: expected at least one; record it again")
-    return min(plan.frames, len(source))
+            if method.name in finished:
+                yield finished[method.name], True
+                continue
+            scores = _scores(source, method, frames)
+            result = Result(sequence=name, method=method.name, key=keys[method.name], info=info, **scores)
+            store(plan.out, result)
+            yield result, False
 
 
 def _key(source: FrameSource, method: Method, frames: int, digest: str) -> dict[str, Any]:
@@ -165,11 +163,6 @@ def _key(source: FrameSource, method: Method, frames: int, digest: str) -> dict[
     made_with = versions(CORRECTION) | {"processor": processor_name()}
     made_with["code"] = code_digest((*EVALUATION_SOURCES, *source.code))
     return {"frames": frames, "digest": digest, "config": method.config, "versions": made_with}
-
-
-def _finished(plan: Plan, sequence: str, method: Method, key: dict[str, Any]) -> Result | None:
-    """Return the finished result of a method on a sequence; None if there is none, or the method's code is foreign."""
-    return None if method.is_foreign else load(plan.out, sequence, method.name, key)
 
 
 def _scores(source: FrameSource, method: Method, frames: Frames) -> dict[str, Any]:
