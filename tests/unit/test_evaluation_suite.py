@@ -17,7 +17,7 @@ import pytest
 from scenarios.evaluation import SimulatedSource, shipped
 from scenarios.sequences import load_sequence
 from sim.recording import Recording, RecordingWriter
-from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of, truth_of, write_recording
+from tests.evaluation_clips import CAMERA, capture_of, method, shadow_of, truth_of, write_recording
 from voxdepth.datasets import open_dataset
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.evaluate import requested_of
@@ -188,7 +188,6 @@ def test_the_truth_splits_pixels_as_computed_by_hand(recording: Path) -> None:
         shadow = shadow_of(truth_m)
         np.testing.assert_array_equal(frame.occluded, shadow)
         np.testing.assert_array_equal(frame.hidden, shadow)
-        np.testing.assert_array_equal(frame.bins() <= 1, truth_m == POST_M)
         assert frame.frame.T_world_cam is None
     assert not frames[0].static.any()
     moved = truth_of(2) != truth_of(1)

@@ -2,12 +2,11 @@
 
 from .flicker import Changes, Flicker
 from .paper import m_rmse_u16_wrap, psnr_minmax8
-from .pixels import RANGE_BINS_M, is_correct
+from .pixels import is_correct
 from .shares import Share, ghost_share, survival
 from .sums import TOO_FAR, DepthErrors, Sums, depth_errors
 
 __all__ = [
-    "RANGE_BINS_M",
     "TOO_FAR",
     "Changes",
     "DepthErrors",

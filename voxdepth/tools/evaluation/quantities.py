@@ -13,8 +13,6 @@ from .intervals import CLOSE, LEAD
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames, select
 from .recordings import HELD_OUT
 from .scoring import (
-    BELIEVED,
-    BELIEVED_RANGE,
     GHOSTS,
     STATIC,
     SURVIVAL,
@@ -135,10 +133,6 @@ QUANTITIES = (
     OVER_BEST,
     Quantity("MAE of measured pixels within 20 m", "m", [Selector("mae", MEASURED, on=FILLED)], best="low",
              short="mean error of measured"),
-    Quantity(f"Obstacle errors of believed fills: more than 10 % too far / too near, {BELIEVED_RANGE}", "%",
-             [Selector(metric, BELIEVED, BELIEVED_RANGE, FILLED) for metric in ("too_far", "too_near")],
-             "Holes (held-out pixels where there is no truth) that a method fills with a confidence of at least 0.5, "
-             "or at all if it gives none. Too far hides an obstacle, too near is a phantom."),
     Quantity("Survival: pixels of moving objects within 5 % of the truth, by the method / of raw depth", "%", SURVIVAL,
              "A hole does not survive. Only sequences with known moving objects have it.", best="high",
              short="survival, raw"),

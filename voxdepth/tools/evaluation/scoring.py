@@ -2,31 +2,19 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from itertools import product
 
 import numpy as np
 
 from ...geometry import fill_from_nearest
-from ...metrics import (
-    Flicker,
-    Share,
-    Sums,
-    ghost_share,
-    survival,
-)
+from ...metrics import Flicker, Share, Sums, ghost_share, survival
 from ...metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
-from ...types import CorrectedDepth, FloatImage, GrayImage, Intrinsics, MaskImage
+from ...types import CorrectedDepth, FloatImage
 from ..output import to_millimetres
-from .frames import ALL, BINS, MEASURED, NEAR, NONE, OCCLUDED, RANGES, EvaluationFrame, Reference
+from .frames import ALL, MEASURED, NEAR, OCCLUDED, EvaluationFrame, Reference
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector
 
 STATIC = "static"
 """Mask of flicker, within 20 m: pixels that show the same surface as in the frame before."""
-BELIEVED, FARTHEST_M = "believed", 40.0
-"""Mask: the hidden pixels that a method fills with a confidence of at least `MIN_BELIEVED`, and their farthest depth: a
-stereo camera measures nothing beyond it."""
-BELIEVED_RANGE = f"0-{FARTHEST_M:g} m"
-MIN_BELIEVED = 0.5
 SETTLED_FRAMES = 16
 """Number of frames of the warm-up, in which every method gets its first template; `settled` errors leave it out."""
 SURVIVAL = [Selector(metric, "moving", ALL, AS_GIVEN) for metric in ("survival", "survival_raw")]
@@ -51,68 +39,52 @@ STRETCHED_PSNR = Selector("psnr_minmax8", range=ALL, on=AS_GIVEN)
 
 
 class Score:
-    """Scores the corrected frames of a sequence one by one, by masks and bins of range; keeps no image but the last."""
+    """Scores the corrected frames of a sequence one by one, by masks; keeps no image but the last."""
 
-    def __init__(self, reference: Reference, intrinsics: Intrinsics) -> None:
-        self._reference, self._intrinsics = reference, intrinsics
-        self._sums: defaultdict[tuple[str, str, int], Sums] = defaultdict(Sums)
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+        self._sums: dict[str, defaultdict[str, Sums]] = {FILLED: defaultdict(Sums), COMPLETED: defaultdict(Sums)}
         self._flicker = Flicker()
         self._shares: defaultdict[Selector, Share] = defaultdict(Share)
-        self._completed: defaultdict[Selector, Sums] = defaultdict(Sums)
+        self._settled: defaultdict[Selector, Sums] = defaultdict(Sums)
         self._series: defaultdict[Selector, list[float | None]] = defaultdict(list)
-        self._believed = Sums()
         self.frame_close: tuple[tuple[int, int], ...] = ()
         """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
 
     def add(self, frame: EvaluationFrame, corrected: CorrectedDepth) -> None:
         """Add a frame with its reference, and its correction."""
-        depth_m, bins, masks = corrected.depth_m, frame.bins(), frame.masks(self._reference.hidden)
+        depth_m = corrected.depth_m
         completed_m = fill_from_nearest(depth_m)
-        self._add_sums(frame.reference_m, bins, masks, depth_m, completed_m)
-        self._add_flicker(frame, bins, depth_m)
+        self._add_sums(frame, depth_m, completed_m)
+        self._add_flicker(frame, depth_m)
         self._add_shares(frame, depth_m)
-        self._add_believed(frame, bins, corrected)
-        self._add_paper(frame, bins, depth_m, completed_m)
+        self._add_paper(frame, depth_m, completed_m)
 
     def measurements(self) -> list[Measurement]:
         """Return everything that is known after the last frame; measurements of no pixel are left out."""
-        masks = (ALL, *dict.fromkeys(mask for _, mask, _ in self._sums))
         return [
-            *(m for mask, name in product(masks, RANGES) for m in self._measured_errors(mask, name)),
+            *(m for mask in (ALL, *self._sums[FILLED]) for m in self._measured_errors(mask)),
             *self._measured_flicker(),
             *(Measurement(*of, share.value, "share", share.of) for of, share in self._shares.items() if share.of),
             *self._measured_series(),
-            *self._measured_believed(),
-            *self._measured_completed(),
+            *self._measured_settled(),
         ]
 
-    def _add_sums(
-        self,
-        reference_m: FloatImage,
-        bins: GrayImage,
-        masks: Mapping[str, MaskImage],
-        depth_m: FloatImage,
-        completed_m: FloatImage,
-    ) -> None:
-        hidden = Sums()
-        for (mask, pixels), index in product(masks.items(), range(len(BINS))):
-            chosen = pixels & (bins == index)
-            if not chosen.any():
-                continue
-            sums = Sums.of(depth_m, reference_m, chosen)
-            self._sums[FILLED, mask, index] += sums
-            if mask == self._reference.hidden and index in RANGES[NEAR]:
-                hidden += sums
+    def _add_sums(self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage) -> None:
+        near = frame.near()
+        for mask, pixels in frame.masks(self._reference.hidden).items():
+            sums = Sums.of(depth_m, frame.reference_m, pixels & near)
+            self._sums[FILLED][mask] += sums
             if not _is_complete(sums):
-                sums = Sums.of(completed_m, reference_m, chosen)
-            self._sums[COMPLETED, mask, index] += sums
-        self.frame_close += ((hidden.close, hidden.pixels),)
+                sums = Sums.of(completed_m, frame.reference_m, pixels & near)
+            self._sums[COMPLETED][mask] += sums
+            if mask == self._reference.hidden:
+                self.frame_close += ((sums.close, sums.pixels),)
 
-    def _add_flicker(self, frame: EvaluationFrame, bins: GrayImage, depth_m: FloatImage) -> None:
+    def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Without the truth the depth itself, and not its error, should stay the same."""
-        near: MaskImage = np.isin(bins, RANGES[NEAR])
-        steady_m = frame.reference_m if self._reference.is_true else (bins != NONE).astype(np.float32)
-        self._flicker.add(depth_m, steady_m, frame.static & near)
+        steady_m = frame.reference_m if self._reference.is_true else frame.known().astype(np.float32)
+        self._flicker.add(depth_m, steady_m, frame.static & frame.near())
 
     def _add_shares(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         if frame.moving is not None and frame.departed_m is not None:
@@ -120,42 +92,36 @@ class Score:
                 self._shares[SURVIVAL[k]] += survival(given_m, frame.reference_m, frame.moving)
                 self._shares[GHOSTS[k]] += ghost_share(given_m, frame.reference_m, frame.departed_m)
 
-    def _add_believed(self, frame: EvaluationFrame, bins: GrayImage, corrected: CorrectedDepth) -> None:
-        in_range = (bins != NONE) & (frame.reference_m < np.float32(FARTHEST_M)) & (corrected.depth_m > 0)
-        believed = frame.hidden & in_range & (corrected.confidence >= np.float32(MIN_BELIEVED))
-        self._believed += Sums.of(corrected.depth_m, frame.reference_m, believed)
-
-    def _add_paper(self, frame: EvaluationFrame, bins: GrayImage, depth_m: FloatImage, completed_m: FloatImage) -> None:
+    def _add_paper(self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage) -> None:
         """Score a rendered frame by the paper's peak, and by the arithmetic of its authors.
 
         A pixel without a surface counts as 0 mm.
         """
         if frame.occluded is None:
             return
-        known = bins != NONE
+        known = frame.known()
         if len(self.frame_close) > SETTLED_FRAMES:
             # Surfaces that an image in 16 bits and millimetres can hold.
             in_16_bits = known & (frame.reference_m <= np.float32(PEAK16_M))
-            self._completed[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
-            near = frame.occluded & np.isin(bins, RANGES[NEAR])
-            self._completed[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, near)
+            self._settled[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
+            self._settled[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, frame.occluded & frame.near())
         depth_mm = to_millimetres(depth_m)
         reference_mm = to_millimetres(np.where(known, frame.reference_m, np.float32(0)))
         self._series[M_RMSE].append(m_rmse_u16_wrap(depth_mm, reference_mm, frame.occluded & known))
         self._series[STRETCHED_PSNR].append(psnr_minmax8(depth_mm, reference_mm))
 
-    def _measured_errors(self, mask: str, range_name: str) -> Iterator[Measurement]:
+    def _measured_errors(self, mask: str) -> Iterator[Measurement]:
         parts = (MEASURED, self._reference.hidden) if mask == ALL else (mask,)
-        for on in (FILLED, COMPLETED):
-            sums = sum((self._sums[on, part, index] for index in RANGES[range_name] for part in parts), Sums())
+        for on, sums_of in self._sums.items():
+            sums = sum((sums_of[part] for part in parts), Sums())
             if not sums.pixels:
                 continue
             if on == FILLED:
-                yield Measurement("coverage", mask, range_name, on, sums.coverage, "share", sums.pixels)
-                yield Measurement("close", mask, range_name, AS_GIVEN, sums.close / sums.pixels, "share", sums.pixels)
+                yield Measurement("coverage", mask, NEAR, on, sums.coverage, "share", sums.pixels)
+                yield Measurement("close", mask, NEAR, AS_GIVEN, sums.close / sums.pixels, "share", sums.pixels)
             for metric, (unit, value_of) in METRICS.items():
                 value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
-                yield Measurement(metric, mask, range_name, on, value, unit, sums.filled)
+                yield Measurement(metric, mask, NEAR, on, value, unit, sums.filled)
 
     def _measured_flicker(self) -> Iterator[Measurement]:
         if (changes := self._flicker.total).pixels:
@@ -168,16 +134,9 @@ class Score:
                 unit = "1" if selector == M_RMSE else "dB"
                 yield Measurement(*selector, float(np.mean(known)), unit, len(known))
 
-    def _measured_believed(self) -> Iterator[Measurement]:
-        """Yield the obstacle errors of believed fills."""
-        if n := self._believed.filled:
-            shares = {"too_far": self._believed.too_far_share, "too_near": self._believed.too_near_share}
-            for metric, share in shares.items():
-                yield Measurement(metric, BELIEVED, BELIEVED_RANGE, FILLED, share, "share", n)
-
-    def _measured_completed(self) -> Iterator[Measurement]:
+    def _measured_settled(self) -> Iterator[Measurement]:
         """Yield the errors of completed pixels after the warm-up."""
-        for selector, sums in self._completed.items():
+        for selector, sums in self._settled.items():
             value, unit = (sums.psnr_db(PEAK16_M), "dB") if selector == SETTLED_PSNR else (sums.rmse_m, "m")
             if sums.pixels:
                 yield Measurement(*selector, value if _is_complete(sums) else None, unit, sums.filled)

@@ -13,7 +13,7 @@ from ...errors import VoxDepthError
 from ..errors import ToolError
 from ..locks import locked
 from ..provenance import CORRECTION, EVALUATION_SOURCES, code_digest, processor_name, versions
-from .frames import ALL, NEAR, NONE, RANGES, FrameFile, Frames, FrameSource
+from .frames import FrameFile, Frames, FrameSource
 from .intervals import close_intervals
 from .measurements import long_table
 from .methods import Method, MethodError, run
@@ -174,11 +174,12 @@ def _scores(source: FrameSource, method: Method, frames: Frames) -> dict[str, An
 
 def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
     """Describe the frames of a sequence, at least one, whose contents have a digest."""
-    counts, hidden, holes = np.zeros(256, np.int64), 0, 0
+    pixels, near_pixels, hidden_pixels, holes = 0, 0, 0, 0
     for frame in frames:
-        bins = frame.bins()
-        counts += np.bincount(bins.ravel(), minlength=256)
-        hidden += int(np.count_nonzero(frame.hidden & (bins != NONE)))
+        known = frame.known()
+        pixels += int(np.count_nonzero(known))
+        near_pixels += int(np.count_nonzero(frame.near()))
+        hidden_pixels += int(np.count_nonzero(frame.hidden & known))
         holes += int(np.count_nonzero(frame.frame.depth_m == 0))
     return SequenceInfo(
         name=source.name,
@@ -187,13 +188,11 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
         seed=source.seed,
         camera=source.intrinsics,
         reference=source.reference,
-        pixels=int(counts[list(RANGES[ALL])].sum()),
-        near_pixels=int(counts[list(RANGES[NEAR])].sum()),
-        hidden_pixels=hidden,
+        pixels=pixels,
+        near_pixels=near_pixels,
+        hidden_pixels=hidden_pixels,
         holes=holes,
-        reference_thumbnail=encoded_thumbnail(
-            np.where(np.isfinite(frame.reference_m), frame.reference_m, np.float32(0))
-        ),
+        reference_thumbnail=encoded_thumbnail(np.where(frame.known(), frame.reference_m, np.float32(0))),
         raw_thumbnail=encoded_thumbnail(frame.frame.depth_m),
     )
 
