@@ -29,7 +29,8 @@ from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.quantities import QUANTITIES
 from voxdepth.tools.evaluation.references import held_out
 from voxdepth.tools.evaluation.report import method_table
-from voxdepth.tools.evaluation.scoring import METRICS, SETTLED_FRAMES
+from voxdepth.tools.evaluation.scoring import METRICS, SETTLED_FRAMES, Score
+from voxdepth.types import CorrectedDepth
 
 PATCHES = held_out("patches")
 MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n"
@@ -89,6 +90,14 @@ def test_unfilled_pixels_do_not_hide() -> None:
         done["mae", "holes", "0-20 m", "filled"].value is None
         and done["coverage", "holes", "0-20 m", "filled"].value == 0
     )
+
+
+def test_the_close_pixels_of_each_frame_are_those_of_holes_that_a_method_fills() -> None:
+    frames, score = evaluation_frames(2), Score(TRUTH)
+    for frame, depth_m in zip(frames, (frames[0].reference_m, frames[1].frame.depth_m), strict=True):
+        score.add(frame, CorrectedDepth.of(frame.frame, depth_m))
+    holes = [int(frame.hidden.sum()) for frame in frames]
+    assert score.frame_close == ((holes[0], holes[0]), (0, holes[1]))
 
 
 def test_a_frame_given_wholly_empty_leaves_no_figure_after_completion() -> None:

@@ -73,13 +73,14 @@ class Score:
     def _add_sums(self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage) -> None:
         near = frame.near()
         for mask, pixels in frame.masks(self._reference.hidden).items():
-            sums = Sums.of(depth_m, frame.reference_m, pixels & near)
-            self._sums[FILLED][mask] += sums
-            if not _is_complete(sums):
-                sums = Sums.of(completed_m, frame.reference_m, pixels & near)
-            self._sums[COMPLETED][mask] += sums
+            filled = Sums.of(depth_m, frame.reference_m, pixels & near)
+            self._sums[FILLED][mask] += filled
             if mask == self._reference.hidden:
-                self.frame_close += ((sums.close, sums.pixels),)
+                self.frame_close += ((filled.close, filled.pixels),)
+            is_whole = _is_complete(filled)
+            self._sums[COMPLETED][mask] += (
+                filled if is_whole else Sums.of(completed_m, frame.reference_m, pixels & near)
+            )
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Without the truth the depth itself, and not its error, should stay the same."""
