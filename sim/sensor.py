@@ -63,8 +63,6 @@ class RigConfig(Model):
     light_stops: float = Field(default=0.0, ge=-12, le=0)
     """Light, in f-stops relative to that at which the noise is `photon_sigma`. A gain makes up for less of it, and the
     noise grows."""
-    misalignment_px: float = Field(default=0.0, ge=-4, le=4)
-    """Error of the calibration of the pair: rows by which the right image lies too low."""
     exposure_sigma: float = Field(default=0.0, ge=0)
     """Standard deviation of the logarithm of a frame's brightness, which is the same in both images."""
     exposure_settling_frames: float = Field(default=0.0, ge=0, le=100)
@@ -193,8 +191,6 @@ class DepthSensor:
         left, right = pair.left, pair.right
         if right is not None and (strength := self._config.projected_texture):
             left, right = lit_by_pattern(left, right, strength, self.rendered, seed=self._seed)
-        if right is not None and (rows := self._config.misalignment_px):
-            right = replace(right, gray=lowered(right.gray, rows))
         gray_left = self._add_camera_noise(left, pair, 0)
         return gray_left, None if right is None else self._add_camera_noise(right, pair, 1)
 
@@ -320,13 +316,6 @@ def mean_gray(images: Sequence[Images]) -> Images:
     """The middle one of successive images of a camera, with the mean of all gray images."""
     gray = np.rint(np.mean([image.gray for image in images], axis=0)).astype(np.uint8)
     return replace(images[len(images) // 2], gray=gray)
-
-
-def lowered(gray: GrayImage, rows_px: float) -> GrayImage:
-    """The image moved down by a number of rows, which need not be whole; its first row is repeated."""
-    motion, size = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, rows_px]]), gray.shape[::-1]
-    moved = cv2.warpAffine(gray, motion, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(moved, np.uint8)
 
 
 def lit_by_pattern(

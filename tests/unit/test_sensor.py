@@ -8,7 +8,7 @@ from sim.camera_noise import exposure_gain
 from sim.depth_noise import DepthNoise, Disparity, Flicker, Scale
 from sim.errors import SensorError
 from sim.render import create_renderer
-from sim.sensor import RigConfig, StereoSensor, lowered
+from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher, occlusion_mask
 from sim.types import BodyPose, Capture
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
@@ -225,15 +225,3 @@ def test_less_light_means_more_noise_and_less_depth() -> None:
     depth = [share_within(image, 0.1) for image in images]
     assert depth[0] > 0.8
     assert depth[0] > depth[1] + 0.1 > depth[2] + 0.2
-
-
-def test_rows_that_are_out_of_line_cost_depth() -> None:
-    shares = [share_within(capture_of_a_wall(misalignment_px=rows), 0.1) for rows in (0.0, 1.0, 2.0, 4.0)]
-    assert shares[0] > shares[1] + 0.02 > shares[2] + 0.1 > shares[3] + 0.4
-
-
-@pytest.mark.parametrize("rows", [-1, 2])
-def test_an_image_is_lowered_by_whole_rows(rows: int) -> None:
-    gray = np.random.default_rng(0).integers(0, 256, (20, 30), dtype=np.uint8)
-    inside = slice(max(rows, 0), 20 + min(rows, 0))
-    np.testing.assert_array_equal(lowered(gray, rows)[inside], np.roll(gray, rows, axis=0)[inside])

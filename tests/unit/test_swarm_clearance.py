@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from scenarios.config import Scenario, load_run
 from scenarios.files import shipped_names
+from sim.drone import VELOCITY_GAIN_PER_S
 from sim.render import create_renderer
 from sim.sensor import RigConfig, StereoSensor
 from swarm.braking import BrakingConfig
@@ -80,7 +81,7 @@ def sight_needed_m(scenario: Scenario, speed_m_s: float) -> float:
         speed_m_s,
         decel_m_s2=pilot.braking.decel_m_s2,
         gain_per_s=pilot.braking.gain_per_s,
-        reaction_s=1 / scenario.rig.rate_hz + scenario.latency_s + 1 / airframe.velocity_gain_per_s,
+        reaction_s=1 / scenario.rig.rate_hz + scenario.latency_s + 1 / VELOCITY_GAIN_PER_S,
     )
     return stop_m + airframe.radius_m + pilot.keep_m - scenario.rig.mount_forward_m
 
