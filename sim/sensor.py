@@ -147,11 +147,8 @@ class DepthSensor:
         """Camera model of the rendered images."""
         far_m = config.max_depth_m
         self._matcher = StereoMatcher(self.rendered, config.stereo, max_depth_m=far_m) if stereo else None
-        self._fitted = (
-            FittedStereo(config.intrinsics, surfaces, decimate=config.decimate, max_depth_m=far_m, seed=seed)
-            if config.depth == "fitted"
-            else None
-        )
+        fitted = config.depth == "fitted"
+        self._fitted = FittedStereo(self.rendered, surfaces, max_depth_m=far_m, seed=seed) if fitted else None
         self._noise_terms = config.noise.terms if noisy else ()
         self._artefacts = config.artefacts.terms if config.artefacts else ()
         self._surfaces = surfaces
@@ -240,8 +237,8 @@ class DepthSensor:
             term.apply(image)
 
 
-class StereoSensor:
-    """Makes captures from any pose in a world, or from its drones, with a renderer of it; see `DepthSensor`.
+class StereoSensor(DepthSensor):
+    """A depth sensor that renders its images: from any pose in a world, or from its drones.
 
     With `right`, there are right images even if the sensor model does not need them. `pool_map` maps over drones; a map
     with several threads gives the same captures sooner.
@@ -258,14 +255,11 @@ class StereoSensor:
         right: bool = False,
         pool_map: Mapper = map,
     ) -> None:
+        super().__init__(config, world.surfaces, seed=seed, gray=gray)
         self._world = world
         self._renderer = renderer
-        self._config = config
-        self._sensor = DepthSensor(config, world.surfaces, seed=seed, gray=gray)
-        self._right = right or self._sensor.needs_right
+        self._right = right or self.needs_right
         self._map = pool_map
-        self.intrinsics = self._sensor.intrinsics
-        """Camera model of the captures."""
         self.mount_m = config.left_mount_m
         """Position of the left camera in the body frame, shape (3,)."""
 
@@ -284,14 +278,13 @@ class StereoSensor:
 
     def render(self, poses: Sequence[BodyPose], frame: int) -> list[RenderedPair]:
         """Render the cameras of several carriers in one batch. Only one thread may render at a time."""
-        config = self._config
-        to_left_m = {"left": 0.0}
+        config, to_left_m = self._config, {"left": 0.0}
         if self._right:
             to_left_m["right"] = config.baseline_m if config.projector else -config.baseline_m
         if config.color_offset_m:
             to_left_m["color"] = config.color_offset_m
         cameras = [self._camera(pose, offset_m) for pose in poses for offset_m in to_left_m.values()]
-        images = iter(self._renderer.render(cameras, gray=self._sensor.needs_gray))
+        images = iter(self._renderer.render(cameras, gray=self.needs_gray))
         return [RenderedPair(pose=pose, frame=frame, **{view: next(images) for view in to_left_m}) for pose in poses]
 
     def expose(self, poses: Sequence[BodyPose], frame: int) -> RenderedPair:
@@ -301,15 +294,11 @@ class StereoSensor:
         means: dict[str, Any] = {view: mean_gray(images) for view, images in seen.items() if images[0] is not None}
         return replace(pairs[len(pairs) // 2], **means)
 
-    def capture(self, pair: RenderedPair) -> Capture:
-        """Add the noise of the cameras, measure depth and decimate it. Several threads may do so at once."""
-        return self._sensor.capture(pair)
-
     def _camera(self, pose: BodyPose, to_left_m: float) -> Camera:
         """The left camera, moved to its left."""
         mount_m = self._config.left_mount_m + np.array([0.0, to_left_m, 0.0])
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
-        return Camera(T_world_cam=T_world_cam, intrinsics=self._sensor.rendered)
+        return Camera(T_world_cam=T_world_cam, intrinsics=self.rendered)
 
 
 def mean_gray(images: Sequence[Images]) -> Images:
