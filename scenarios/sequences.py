@@ -90,13 +90,6 @@ def load_sequence(name_or_path: str, seed: int | None, changes: dict[str, Any]) 
     return loaded.model_copy(update={"versions": versions(SIMULATION) | {"code": code_digest(SENSOR_SOURCES)}})
 
 
-def captures(seeded: SeededSequence, frames: int, *, start: int = 0) -> Iterator[Capture]:
-    """Yield the captures of a sequence from frame `start` up to `frames`, in order, without writing them."""
-    with simulation(seeded) as simulated:
-        for pair in simulated.render(start, frames):
-            yield simulated.sensor.capture(pair)
-
-
 def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> None:
     """Record the first frames of a sequence into a new or empty folder, where the recording is whole or absent.
 
@@ -132,7 +125,7 @@ def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int)
 
     with ThreadPoolExecutor(2) as pool:
         waiting: deque[Future[Capture]] = deque()
-        for pair in simulated.render(0, frames):
+        for pair in simulated.render(frames):
             waiting.append(pool.submit(measure, pair))
             if len(waiting) >= FRAMES_IN_PROGRESS:
                 yield waiting.popleft().result()
@@ -149,14 +142,18 @@ class Simulation:
     exposures: Callable[[], Iterator[list[BodyPose]]]
     """The poses of the camera while the shutter is open, one or more for each frame."""
 
-    def render(self, start: int, stop: int) -> Iterator[RenderedPair]:
-        """Yield the rendered images of the frames from `start` up to `stop`; a camera in a body is a `SensorError`."""
-        for frame, poses in enumerate(islice(self.exposures(), stop)):
-            if frame >= start:
-                self.world.move_to(poses[0].stamp_s)
-                pair = self.sensor.expose(poses, frame)
-                self._require_outside(pair)
-                yield pair
+    @property
+    def textureless_ids(self) -> list[int]:
+        """The segmentation ids of the bodies without texture."""
+        return [body_id for body_id, surface in self.world.surfaces.items() if surface.is_blank]
+
+    def render(self, frames: int) -> Iterator[RenderedPair]:
+        """Yield the rendered images of the first frames; a camera in a body is a `SensorError`."""
+        for frame, poses in enumerate(islice(self.exposures(), frames)):
+            self.world.move_to(poses[0].stamp_s)
+            pair = self.sensor.expose(poses, frame)
+            self._require_outside(pair)
+            yield pair
 
     def _require_outside(self, pair: RenderedPair) -> None:
         T_world_cam = pair.left.T_world_cam

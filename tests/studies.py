@@ -11,7 +11,7 @@ from typing import Any
 
 from scenarios.study.design import RunSpec, Study, expand
 from scenarios.study.executors import Processes
-from scenarios.study.run import Progress, run_study
+from scenarios.study.run import run_study
 from scenarios.study.store import RunRecord, StudyData, read_study
 from sim.types import Contact
 from swarm.types import Outcome
@@ -76,8 +76,8 @@ def slow_fake(spec: RunSpec) -> RunRecord:
     return fake(spec)
 
 
-def unseen(progress: Progress) -> None:
-    """A display that shows nothing."""
+def unseen(line: str) -> None:
+    """Shows nothing of the progress."""
 
 
 def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outcome]) -> StudyData:

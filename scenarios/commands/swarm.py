@@ -11,7 +11,7 @@ import typer
 from voxdepth.tools.options import CORRECTOR_HELP, INTERRUPTED
 from voxdepth.tools.viewer import RECORDING, open_viewer, require_display
 
-from .options import Depth, Renderer, Scenario, Seed, Seeds, Size, Workers, given, size_changes
+from .options import Depth, Renderer, Scenario, Seed, Size, given
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -53,17 +53,17 @@ def run(
         raise ScenarioError("--view opens the recording, which --no-record leaves out: give one of the two")
     if view:
         require_display("without --view, the command names the recording, and voxdepth view RECORDING --web")
-    changes = given(
-        drones=("mission.drones", drones),
-        duration=("mission.duration_s", duration),
-        depth=("rig.depth", depth),
-        theta=("rig.noise.scale.theta", theta),
-        corrector=("corrector", corrector),
-        controller=("mission.controller", controller),
-        prior=("mission.pose_prior.kind", prior),
-        renderer=("renderer", renderer),
-    )
-    planned = load_run(scenario, seed, changes | size_changes(size))
+    options = {
+        "mission.drones": drones,
+        "mission.duration_s": duration,
+        "rig.depth": depth,
+        "rig.noise.scale.theta": theta,
+        "corrector": corrector,
+        "mission.controller": controller,
+        "mission.pose_prior.kind": prior,
+        "renderer": renderer,
+    }
+    planned = load_run(scenario, seed, given(options, size))
     console = Console()
     with _progress(console, planned.scenario.mission.duration_s) as progress:
         finished = fly_and_write(planned, out, record=record, progress=progress)
@@ -76,74 +76,35 @@ def run(
 
 def accept(
     scenarios: Annotated[list[str] | None, typer.Argument(help="Scenarios; all when none is named.")] = None,
-    seeds: Seeds = 20,
-    workers: Workers = 2,
+    seeds: Annotated[int, typer.Option(min=1, help="How many seeds, from 0 on.")] = 20,
 ) -> None:
     """Fly the acceptance checks of scenarios; exit 1 if one is missed."""
-    from ..batch import check_acceptance
+    from ..acceptance import check_acceptance
     from ..files import shipped_names
 
     all_accepted = True
     for name in scenarios or shipped_names("scenarios"):
-        promises = check_acceptance(
-            name, range(seeds), lambda seed, outcome: typer.echo(f"  seed {seed}: {outcome}"), workers=workers
-        )
-        for promise in promises:
+        for promise in check_acceptance(
+            name, range(seeds), lambda seed, outcome: typer.echo(f"  seed {seed}: {outcome}")
+        ):
             typer.echo(f"{name}: {promise.text}: {'accepted' if promise.kept else 'MISSED'}")
-        all_accepted = all_accepted and all(promise.kept for promise in promises)
+            all_accepted = all_accepted and promise.kept
     if not all_accepted:
         raise typer.Exit(1)
 
 
-def threshold(
-    axis: Annotated[str, typer.Argument(help="What makes flights harder: light or noise.")],
-    corrector: Annotated[str, typer.Option(help=CORRECTOR_HELP)] = "temporal",
-    scenario: Annotated[str, typer.Option(help="A shipped scenario, or a TOML file.")] = "city",
-    flights: Annotated[int, typer.Option(min=5, help="Flights of one drone; 25 take some minutes.")] = 25,
-    workers: Workers = 2,
-) -> None:
-    """Find the light, or the noise, at which half of the flights arrive, with flights where they tell most."""
-    from ..errors import ScenarioError
-    from ..threshold import AXES, found, search
-
-    if axis not in AXES:
-        raise ScenarioError(f"there is no axis {axis!r}: choose from {', '.join(AXES)}")
-    verdict = ""
-    for seed, level, success, estimate in search(AXES[axis], scenario, corrector, flights=flights, workers=workers):
-        typer.echo(f"  seed {seed}: {level:.2f} {AXES[axis].unit}: {'arrived' if success else 'did not arrive'}")
-        verdict = found(AXES[axis], estimate)
-    typer.echo(f"{scenario}, {corrector}, {flights} flights: {verdict}")
-
-
 def freespace(
-    scenario: Annotated[str, typer.Argument(help="Folder of a recording, or a scenario by its name or TOML file.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a recording.")],
     corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated. Default: some.")] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="How many seeds.")] = 10,
-    first: Annotated[int, typer.Option(help="First seed; pilots have 1000 and up.", min=0)] = 1000,
-    workers: Workers = 2,
 ) -> None:
-    """Measure how far depth images prove free space, in the folder of a recording.
-
-    For a scenario, measure how often they claim free space that is not free, on flights by true depth.
-    """
-    from functools import partial
-
-    import pandas as pd
+    """Measure how far the depth images of a recording prove that the direction of view is free."""
     from rich.console import Console
 
     from voxdepth.datasets import open_dataset
 
-    from .. import free_space
-    from ..batch import in_processes
-    from ..config import load_run
+    from ..free_space import CORRECTORS, horizons
 
-    if Path(scenario).is_dir():
-        table = free_space.horizons(open_dataset(Path(scenario)), corrector or free_space.CORRECTORS)
-        return table.print(Console())
-    measure = partial(free_space.measure, correctors=corrector or free_space.CORRECTORS)
-    runs = [load_run(scenario, seed, {}) for seed in range(first, first + seeds)]
-    table = free_space.shares(pd.concat(list(in_processes(measure, runs, workers=workers))))
-    Console(width=400).print(table.markdown(), table.note)
+    horizons(open_dataset(folder), corrector or CORRECTORS).print(Console())
 
 
 def picture(
@@ -174,7 +135,7 @@ def picture(
     elif Path(what).is_dir() and what not in shipped_names("scenarios"):
         make_sheet(Path(what), out)
     else:
-        take_picture(load_run(what, seed, size_changes(size)), out, drone=drone, at_s=at)
+        take_picture(load_run(what, seed, given({}, size)), out, drone=drone, at_s=at)
     typer.echo(f"written to {out}", err=True)
 
 

@@ -1,42 +1,36 @@
-"""Analysis of a study: summaries of its arms, paired comparisons of arms, and curves over its axis."""
+"""Analysis of a study: its runs as a frame, its arms, paired comparisons of arms, and curves over its axis."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from swarm.types import MetricValue, Outcome
+from swarm.types import Outcome
 from voxdepth.types import FloatArray
 
-from ..errors import ScenarioError
-from .design import GAIN, NOISE_RATIO, EndpointName, RunSpec, arm_label
+from .design import GAIN, EndpointName, RunSpec, arm_label
 from .statistics import (
-    DoseResponse,
     Estimate,
     IndexArray,
     Pairs,
     SeedStatistic,
     bootstrap_ratio,
     crossing,
-    dose_response,
     holm,
     is_beyond,
     mcnemar,
     over_seeds,
-    pairs_needed,
-    pairs_of,
     success_threshold,
 )
 from .store import RunRecord, StudyData
 
-ArmLevel = tuple[str, float | None]
-"""An arm at one level of the axis."""
-Sides = tuple[ArmLevel, ArmLevel]
-"""Two arms that are compared."""
-RunPairs = list[tuple[RunSpec, RunSpec]]
-"""Runs of two arms with the same scenario and seed."""
+Sides = tuple[str, str]
+"""Labels of two arms that are compared."""
+RunPairs = tuple[pd.DataFrame, pd.DataFrame]
+"""Runs of two arms; equal rows have the same scenario and seed."""
 REACHED: Mapping[EndpointName, Outcome] = {"arrived": Outcome.SUCCESS, "collision": Outcome.COLLISION}
 """Outcome of the runs that reached an endpoint."""
 ENDS: Mapping[str, tuple[Outcome, ...]] = {
@@ -46,130 +40,129 @@ ENDS: Mapping[str, tuple[Outcome, ...]] = {
     "timeout": (Outcome.TIMEOUT,),
 }
 """The competing ends of a run."""
-Count = tuple[float, float]
-"""What is counted in a run, and what it is counted per; 1 for a mean over runs."""
-CountOf = Callable[[RunSpec, RunRecord], Count | None]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Measure:
-    """A number of every run, of which the mean over runs is reported, or the ratio of sums."""
+    """A ratio of two columns of `run_frame`, each summed over runs: a mean if the second one is 1 in each run."""
 
     name: str
     unit: str
-    of: CountOf
-    """Its values in a run; None if the store has none."""
+    count: str
+    per: str = "runs"
 
 
-def _metric(name: str) -> CountOf:
-    return lambda _, record: None if (value := record.metrics.get(name)) is None else (float(value), 1.0)
-
-
-def _time_to_goal_s(spec: RunSpec, record: RunRecord) -> float:
-    """Return the time of arrival; a run that does not arrive counts with the largest time that it had."""
-    arrived = record.outcome is Outcome.SUCCESS
-    return float(record.metrics["sim_time_s"] or 0) if arrived else spec.run.scenario.mission.duration_s
-
-
-def _goal_speed_m_s(spec: RunSpec, record: RunRecord) -> Count:
-    """Return the progress towards the goal per time to goal: a run that ends early keeps its progress."""
-    return float(record.metrics["leader_progress_m"] or 0) / _time_to_goal_s(spec, record), 1.0
-
-
-def _per_100_m(count: Callable[[Mapping[str, MetricValue]], float], *, leads: bool | None = None) -> CountOf:
-    """Return a count over the drones of a run, or over its leaders or followers alone, per 100 m of their ways."""
-
-    def of(_: RunSpec, record: RunRecord) -> Count | None:
-        drones = [drone for drone in record.drones if leads is None or drone["leads"] == leads]
-        way_m = sum(float(drone["path_length_m"] or 0) for drone in drones)
-        return (sum(map(count, drones)), way_m / 100) if drones else None
-
-    return of
-
-
-def _is_hit(drone: Mapping[str, MetricValue]) -> float:
-    return drone["first_contact_s"] is not None
-
-
-GOAL_SPEED = Measure(name="goal speed", unit="m/s", of=_goal_speed_m_s)
-TIME_TO_GOAL = Measure(name="time to goal", unit="s", of=lambda spec, record: (_time_to_goal_s(spec, record), 1.0))
+GOAL_SPEED = Measure("goal speed", "m/s", "goal_speed_m_s")
 MEASURES = (
     GOAL_SPEED,
-    TIME_TO_GOAL,
-    Measure(name="largest detour", unit="m", of=_metric("path_deviation_max_m")),
-    Measure(name="hits of leaders", unit="per 100 m", of=_per_100_m(_is_hit, leads=True)),
-    Measure(name="hits of followers", unit="per 100 m", of=_per_100_m(_is_hit, leads=False)),
-    Measure(
-        name="unsafe commitments",
-        unit="per 100 m",
-        of=_per_100_m(lambda drone: float(drone["unsafe_commitments"] or 0)),
-    ),
+    Measure("time to goal", "s", "time_to_goal_s"),
+    Measure("largest detour", "m", "largest_detour_m"),
+    Measure("hits of leaders", "per 100 m", "hits_of_leaders", "way_of_leaders_100_m"),
+    Measure("hits of followers", "per 100 m", "hits_of_followers", "way_of_followers_100_m"),
+    Measure("unsafe commitments", "per 100 m", "unsafe_commitments", "way_of_all_100_m"),
+)
+"""Measures of every arm, of which pairs of arms are compared."""
+DEPTH_MEASURES = (
+    Measure("depth error, MAE", "m", "depth_error_m"),
+    Measure("without depth", "%", "without_depth_percent"),
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class ArmSummary:
-    """The runs of one arm at one level of the axis in one scenario."""
+def run_frame(data: StudyData) -> pd.DataFrame:
+    """Return what the analysis needs of each run of each arm with a result, seed after seed.
+
+    `label` is the arm with its level. Scenarios and labels are categories, in the order of the study. A number that
+    the store lacks is NaN.
+    """
+    rows = [_row(spec, data.records[spec.key]) for spec in data.flown]
+    numbers = sorted({one for measure in (*MEASURES, *DEPTH_MEASURES) for one in (measure.count, measure.per)})
+    frame = pd.DataFrame(rows, columns=["scenario", "label", "arm", "level", "seed", "outcome", *numbers])
+    order = {"scenario": [spec.scenario for spec in data.specs], "label": [spec.label for spec in data.specs]}
+    categories = {name: pd.CategoricalDtype(list(dict.fromkeys(names))) for name, names in order.items()}
+    return frame.astype(dict.fromkeys(numbers, float) | categories)
+
+
+def _row(spec: RunSpec, record: RunRecord) -> dict[str, Any]:
+    """Return a row of `run_frame`. A run that does not arrive has the largest time, and keeps its progress."""
+    metrics, drones = record.metrics, record.drones
+    has_arrived = record.outcome is Outcome.SUCCESS
+    time_s = float(metrics["sim_time_s"] or 0) if has_arrived else spec.run.scenario.mission.duration_s
+    hole_share = metrics.get("depth_corrected_hole_share")
+    row = {
+        **{"scenario": spec.scenario, "label": spec.label, "arm": spec.arm, "level": spec.level, "seed": spec.seed},
+        "outcome": record.outcome,
+        "runs": 1.0,
+        "goal_speed_m_s": float(metrics["leader_progress_m"] or 0) / time_s,
+        "time_to_goal_s": time_s,
+        "largest_detour_m": metrics.get("path_deviation_max_m"),
+        "depth_error_m": metrics.get("depth_corrected_mae_m"),
+        "without_depth_percent": None if hole_share is None else 100 * hole_share,
+    }
+    leaders = [drone for drone in drones if drone["leads"]]
+    followers = [drone for drone in drones if not drone["leads"]]
+    for who, some in {"leaders": leaders, "followers": followers, "all": drones}.items():
+        if some:
+            row[f"hits_of_{who}"] = sum(drone["first_contact_s"] is not None for drone in some)
+            row[f"way_of_{who}_100_m"] = sum(float(drone["path_length_m"] or 0) for drone in some) / 100
+    if drones:
+        row["unsafe_commitments"] = sum(float(drone["unsafe_commitments"] or 0) for drone in drones)
+    return row
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """The runs of an arm at one level of the axis, in one scenario or in all together."""
 
     scenario: str
-    arm: str
-    level: float | None
-    planned: int
-    specs: Sequence[RunSpec]
-    """Runs with a result, ordered by seed."""
-    records: Sequence[RunRecord]
-    """Their results."""
+    """The scenario, or `all`."""
+    label: str
+    runs: pd.DataFrame
+    """At least one row of `run_frame`."""
 
     @property
-    def label(self) -> str:
-        """The arm, with its level if it has one."""
-        return arm_label(self.arm, self.level)
+    def name(self) -> str:
+        """The arm without its level."""
+        return str(self.runs["arm"].iloc[0])
+
+    @property
+    def level(self) -> float | None:
+        """The level of the axis; None without one."""
+        level = self.runs["level"].iloc[0]
+        return None if pd.isna(level) else float(level)
 
     @property
     def n(self) -> int:
-        """Number of runs with a result."""
-        return len(self.records)
-
-    @property
-    def collisions(self) -> int:
-        """Number of runs that ended in a collision."""
-        return self.count(Outcome.COLLISION)
-
-    @property
-    def ratio(self) -> float | None:
-        """Collision ratio: runs with a collision divided by runs; None without runs."""
-        return self.collisions / self.n if self.n else None
-
-    @property
-    def mean_wall_s(self) -> float | None:
-        """Mean wall-clock time of a run; None without runs."""
-        return sum(record.wall_s for record in self.records) / self.n if self.n else None
+        """Number of runs."""
+        return len(self.runs)
 
     def count(self, *outcomes: Outcome) -> int:
         """Return the number of runs with one of some outcomes."""
-        return sum(record.outcome in outcomes for record in self.records)
+        return int(self.runs["outcome"].isin(outcomes).sum())
 
     def estimate(self, measure: Measure) -> Estimate | None:
         """Return a measure over the runs with its interval; None where no run has it."""
-        strata: dict[str, list[Count]] = {}
-        for spec, record in zip(self.specs, self.records, strict=True):
-            if (count := measure.of(spec, record)) is not None:
-                strata.setdefault(spec.scenario, []).append(count)
-        return bootstrap_ratio(list(strata.values())) if strata else None
-
-    def contacts(self, kind: str) -> int:
-        """Return the number of contacts of a kind over all runs; a run may have several."""
-        return sum(contact.kind == kind for record in self.records for contact in record.contacts)
-
-    def mean(self, metric: str, outcome: Outcome | None = None) -> tuple[float | None, int]:
-        """Return the mean of a metric and the number of runs in it: those that have the metric and the outcome."""
-        records = [record for record in self.records if outcome in (None, record.outcome)]
-        values = [float(value) for record in records if (value := record.metrics.get(metric)) is not None]
-        return (sum(values) / len(values) if values else None), len(values)
+        return _estimate(self.runs["scenario"], self.runs[measure.count], self.runs[measure.per])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
+def arms_of(runs: pd.DataFrame) -> list[Arm]:
+    """Return every arm at every level that was flown: in each scenario, and then in all if there are several."""
+    by = [("scenario", "label")] if len(runs["scenario"].cat.categories) < 2 else [("scenario", "label"), ("label",)]
+    return [
+        Arm("all" if len(names) == 1 else names[0], names[-1], own)
+        for keys in by
+        for names, own in runs.groupby(list(keys), observed=True)
+    ]
+
+
+def _estimate(scenarios: pd.Series, *columns: pd.Series) -> Estimate | None:
+    """Return `bootstrap_ratio` of some columns, with the scenarios as strata."""
+    rows = np.column_stack(columns)
+    known = np.isfinite(rows).all(axis=1)
+    strata = [rows[known & (scenarios == name)] for name in dict.fromkeys(scenarios[known])]
+    return bootstrap_ratio(strata) if strata else None
+
+
+class Comparison(NamedTuple):
     """A paired comparison of two arms, over the scenarios and seeds for which both have a result."""
 
     first: str
@@ -183,56 +176,12 @@ class Comparison:
     p: float
     """P-value of the exact McNemar test."""
     p_holm: float | None
-    """P-value adjusted over all comparisons except the primary one; None for the primary comparison."""
-
-    @property
-    def primary(self) -> bool:
-        """Whether this is the pre-registered primary comparison."""
-        return self.p_holm is None
+    """P-value adjusted over all comparisons except the primary one; None for this pre-registered one."""
 
     @property
     def by_scenario(self) -> Mapping[str, Pairs]:
         """Pairs by scenario, and of all; nothing for one scenario."""
         return {**self.cells, "all": self.pairs} if len(self.cells) > 1 else {}
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeanDifference:
-    """The paired difference of the means of a measure, first minus second, over all scenarios and seeds of both."""
-
-    first: str
-    second: str
-    pairs: int
-    estimates: Mapping[str, Estimate | None]
-    """Differences by the name of the measure; None where the store has no values."""
-
-
-def summarise_arms(data: StudyData) -> list[ArmSummary]:
-    """Summarise every arm at every level in every scenario, in the order of the study."""
-    return _summaries(data, [(spec.scenario, spec) for spec in data.specs])
-
-
-def over_scenarios(data: StudyData) -> list[ArmSummary]:
-    """Summarise every arm at every level over all scenarios; none if there is one scenario."""
-    several = len({spec.scenario for spec in data.specs}) > 1
-    return _summaries(data, [("all", spec) for spec in data.specs] if several else [])
-
-
-def _summaries(data: StudyData, specs: Sequence[tuple[str, RunSpec]]) -> list[ArmSummary]:
-    grouped: dict[tuple[str, str, float | None], list[RunSpec]] = {}
-    for name, spec in specs:
-        grouped.setdefault((name, spec.arm, spec.level), []).append(spec)
-    return [
-        ArmSummary(
-            scenario=scenario,
-            arm=arm,
-            level=level,
-            planned=len(own),
-            specs=[spec for spec in own if spec.key in data.records],
-            records=[data.records[spec.key] for spec in own if spec.key in data.records],
-        )
-        for (scenario, arm, level), own in grouped.items()
-    ]
 
 
 def headline(comparisons: Sequence[Comparison]) -> list[Comparison]:
@@ -241,109 +190,65 @@ def headline(comparisons: Sequence[Comparison]) -> list[Comparison]:
     return declared or [one for one in comparisons if comparisons[0].first in (one.first, one.second)]
 
 
-def compare_arms(data: StudyData, endpoint: EndpointName) -> list[Comparison]:
+def compare_arms(data: StudyData, runs: pd.DataFrame, endpoint: EndpointName) -> list[Comparison]:
     """Compare how many runs of two arms reached an endpoint, for all pairs of arms that have a pair of runs.
 
     The declared comparison comes first; it is the primary one if it was declared on this endpoint.
     """
-    matched, declared = _matched(data)
+    matched, declared = matched_arms(data, runs)
     primary = declared if endpoint == data.study.endpoint else None
-    pooled = {sides: _counts(data, pairs, endpoint) for sides, pairs in matched.items()}
+    cells = {sides: _pairs_by_scenario(pairs, endpoint) for sides, pairs in matched.items()}
+    pooled = {sides: Pairs(*map(sum, zip(*own.values(), strict=True))) for sides, own in cells.items()}
     p_values = {sides: mcnemar(pairs.first_only, pairs.second_only) for sides, pairs in pooled.items()}
-    others = [sides for sides in p_values if sides != primary]
+    others = [sides for sides in pooled if sides != primary]
     adjusted = dict(zip(others, holm([p_values[sides] for sides in others]), strict=True))
     return [
-        Comparison(
-            first=arm_label(*sides[0]),
-            second=arm_label(*sides[1]),
-            declared=sides == declared,
-            cells={name: _counts(data, own, endpoint) for name, own in _by_scenario(matched[sides]).items()},
-            pairs=pairs,
-            p=p_values[sides],
-            p_holm=adjusted.get(sides),
-        )
+        Comparison(*sides, sides == declared, cells[sides], pairs, p_values[sides], adjusted.get(sides))
         for sides, pairs in pooled.items()
     ]
 
 
-def compare_means(data: StudyData, measures: Sequence[Measure]) -> list[MeanDifference]:
-    """Compare the means of some measures of all pairs of arms that have a pair of runs."""
-    return [
-        MeanDifference(
-            first=arm_label(*one),
-            second=arm_label(*other),
-            pairs=len(pairs),
-            estimates={measure.name: _mean_difference(data, measure, pairs) for measure in measures},
-        )
-        for (one, other), pairs in _matched(data)[0].items()
-    ]
+def _pairs_by_scenario(pairs: RunPairs, endpoint: EndpointName) -> dict[str, Pairs]:
+    """Count the pairs of each scenario by which of the two runs reached an endpoint."""
+    first, second = ((runs["outcome"] == REACHED[endpoint]).to_numpy() for runs in pairs)
+    kinds, scenarios = (first & second, first & ~second, ~first & second, ~first & ~second), pairs[0]["scenario"]
+    return {name: Pairs(*(int(kind[scenarios == name].sum()) for kind in kinds)) for name in dict.fromkeys(scenarios)}
 
 
-def _mean_difference(data: StudyData, measure: Measure, pairs: RunPairs) -> Estimate | None:
+def difference_of_means(pairs: RunPairs, measure: Measure) -> Estimate | None:
     """Return the difference of a measure over pairs of runs, with a bootstrap over the seeds of each scenario."""
-    strata: list[list[tuple[float, ...]]] = []
-    for own in _by_scenario(pairs).values():
-        counts = [[measure.of(spec, data.records[spec.key]) for spec in pair] for pair in own]
-        strata.append([(*a, *b) for a, b in counts if a is not None and b is not None])
-    strata = [rows for rows in strata if rows]
-    return bootstrap_ratio(strata) if strata else None
+    columns = [runs[name] for runs in pairs for name in (measure.count, measure.per)]
+    return _estimate(pairs[0]["scenario"], *columns)
 
 
-def _by_scenario(pairs: RunPairs) -> dict[str, RunPairs]:
-    scenarios = dict.fromkeys(first.scenario for first, _ in pairs)
-    return {name: [pair for pair in pairs if pair[0].scenario == name] for name in scenarios}
-
-
-def _counts(data: StudyData, pairs: RunPairs, endpoint: EndpointName) -> Pairs:
-    """Count the pairs by which of the two runs reached an endpoint."""
-    reached = {key: record.outcome is REACHED[endpoint] for key, record in data.records.items()}
-    return pairs_of([(reached[a.key], reached[b.key]) for a, b in pairs])
-
-
-def _matched(data: StudyData) -> tuple[dict[Sides, RunPairs], Sides | None]:
-    """Return the pairs of runs of the same scenario and seed of every two arms, and the declared arms.
+def matched_arms(data: StudyData, runs: pd.DataFrame) -> tuple[dict[Sides, RunPairs], Sides | None]:
+    """Return the runs of the same scenario and seed of every two arms that have any, and the declared arms.
 
     The declared arms come first, those of a gain at every level, and are None for a gain. Arms at two different
     levels are not compared.
     """
-    study, flown = data.study, dict[ArmLevel, dict[tuple[str, int], RunSpec]]()
-    for spec in data.flown:
-        flown.setdefault((spec.arm, spec.level), {})[spec.scenario, spec.seed] = spec
-    levels: list[ArmLevel] = [(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
+    study = data.study
+    blocks = pd.MultiIndex.from_arrays([runs["scenario"].astype(str), runs["seed"]], names=["in", "of"])
+    flown = dict(list(runs.set_index(blocks).groupby("label", observed=True)))
+    levels = [(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
     sides = [(a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (None in (a[1], b[1]) or a[1] == b[1])]
-    own: list[Sides] = []
-    if (declared := study.declared) is not None:
-        first, second = ([level for level in levels if level[0] == name] for name in (declared.arm, declared.against))
-        own = [(a, b) for a in first for b in second if declared.endpoint != GAIN or a[1] == b[1]]
+    declared = None
+    if study.declared is not None:
+        first, second = ([one for one in levels if one[0] == n] for n in (study.declared.arm, study.declared.against))
+        is_gain = study.declared.endpoint == GAIN
+        own = [(a, b) for a in first for b in second if not is_gain or a[1] == b[1]]
         sides = [*own, *(pair for pair in sides if pair not in own and pair[::-1] not in own)]
+        declared = None if is_gain else (arm_label(*own[0][0]), arm_label(*own[0][1]))
     matched = {}
-    for one, other in sides:
-        a, b = flown.get(one, {}), flown.get(other, {})
-        if pairs := [(a[block], b[block]) for block in a if block in b]:
-            matched[one, other] = pairs
-    return matched, own[0] if own and declared is not None and declared.endpoint != GAIN else None
+    for one, other in ((arm_label(*a), arm_label(*b)) for a, b in sides):
+        if one in flown and other in flown:
+            common = flown[one].index.intersection(flown[other].index, sort=False)
+            if len(common):
+                matched[one, other] = flown[one].loc[common], flown[other].loc[common]
+    return matched, declared
 
 
-def pairs_to_find(found: Comparison, endpoint: EndpointName, effect: float) -> int:
-    """Return how many pairs would find that the first arm is better by an effect, by the rates of a comparison.
-
-    Raises:
-        ScenarioError: The second arm leaves no room for so large an effect.
-    """
-    pairs = found.pairs
-    reached = pairs.both + pairs.second_only
-    room = (reached if endpoint == "collision" else pairs.n - reached) / pairs.n
-    if effect > room:
-        raise ScenarioError(
-            f"an effect of {100 * effect:.0f} points is impossible: {found.second} has the endpoint {endpoint!r} in "
-            f"{reached} of {pairs.n} runs, which leaves {100 * room:.0f} points; declare less, or another endpoint"
-        )
-    worse = (min(pairs.first_only, pairs.second_only) + 0.5) / (pairs.n + 1)
-    return pairs_needed(effect + 2 * worse, effect)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Gain:
+class Gain(NamedTuple):
     """A comparison of two curves: how much farther along the axis one arm keeps half of the reference's goal speed."""
 
     scenario: str
@@ -355,20 +260,29 @@ class Gain:
     """In the unit of the axis, positive if the first comes farther; None if one of them may leave the flown range."""
 
 
-Threshold = tuple[str, str, int, Estimate, Estimate | None, FloatArray]
-"""Scenario, arm, number of seeds, the levels at which half of the flights arrive and at which half of the reference's
-goal speed is left (None without a reference), and the levels that were flown."""
+class Threshold(NamedTuple):
+    """How far along the axis an arm comes."""
+
+    scenario: str
+    arm: str
+    seeds: int
+    half_arrive: Estimate
+    """Level at which half of the flights arrive."""
+    half_speed: Estimate | None
+    """Level at which half of the reference's goal speed is left; None without a reference."""
+    levels: FloatArray
+    """The levels that were flown."""
 
 
-def curves(data: StudyData, value: Callable[[RunSpec, RunRecord], float]) -> dict[tuple[str, str], pd.DataFrame]:
-    """Return a number of every run by scenario and arm, for arms with a level: columns are levels, the easiest first.
+Curves = dict[tuple[str, str], pd.DataFrame]
+"""A number of every run by scenario and arm, for arms with a level: columns are levels, the easiest first, and rows the
+seeds that have a result at every level of the arm."""
 
-    The rows are the seeds that have a result at every level of the arm.
-    """
-    names = ["scenario", "arm", "seed", "level", "value"]
-    rows = [(s.scenario, s.arm, s.seed, s.level, value(s, data.records[s.key])) for s in data.flown]
-    grouped = pd.DataFrame(rows, columns=names).groupby(names[:2], sort=False)
+
+def curves(data: StudyData, runs: pd.DataFrame, values: pd.Series) -> Curves:
+    """Return the curves of a value of each row of `run_frame`."""
     levels = {arm.name: data.study.levels_of(arm) for arm in data.study.arms}
+    grouped = runs.assign(value=values).groupby(["scenario", "arm"], sort=False, observed=True)
     return {
         (scenario, arm): own.pivot(index="seed", columns="level", values="value").reindex(columns=levels[arm]).dropna()
         for (scenario, arm), own in grouped
@@ -376,38 +290,38 @@ def curves(data: StudyData, value: Callable[[RunSpec, RunRecord], float]) -> dic
     }
 
 
-def thresholds(data: StudyData) -> list[Threshold]:
+def thresholds(data: StudyData, runs: pd.DataFrame) -> list[Threshold]:
     """Return how far along the axis each arm comes, of the arms that have a seed at each of at least three levels."""
-    speeds, full = _speeds(data)
+    speeds, full = _speeds(data, runs)
     found = []
-    for (scenario, arm), own in curves(data, lambda _, record: record.outcome is Outcome.SUCCESS).items():
+    for (scenario, arm), own in curves(data, runs, runs["outcome"] == Outcome.SUCCESS).items():
         if len(own) and len(own.columns) > 2:
             levels, half_speed = own.columns.to_numpy(float), None
             if seeds := sorted({*own.index} & full.get(scenario, {}).keys()):
                 half_speed = over_seeds(len(seeds), _half_speed(speeds[scenario, arm], full[scenario], seeds))
             half_arrive = success_threshold(levels, own.to_numpy(bool))
-            found.append((scenario, arm, len(own), half_arrive, half_speed, levels))
+            found.append(Threshold(scenario, arm, len(own), half_arrive, half_speed, levels))
     return found
 
 
-def gains(data: StudyData) -> list[Gain]:
+def gains(data: StudyData, runs: pd.DataFrame) -> list[Gain]:
     """Compare the curves of goal speed of all pairs of arms that share seeds; the declared pair comes first."""
-    declared, (speeds, full) = data.study.declared, _speeds(data)
+    declared, (speeds, full) = data.study.declared, _speeds(data, runs)
     primary = (declared.arm, declared.against) if declared is not None and declared.endpoint == GAIN else None
     found = []
     for pair in combinations((place for place, own in speeds.items() if len(own.columns) > 2), 2):
-        first, second = reversed(pair) if (pair[1][1], pair[0][1]) == primary else pair
-        seeds = sorted({*speeds[first].index} & {*speeds[second].index} & full.get(first[0], {}).keys())
-        if first[0] == second[0] and seeds:
-            estimate = _gain(speeds[first], speeds[second], full[first[0]], seeds)
-            named = {"scenario": first[0], "first": first[1], "second": second[1]}
-            found.append(Gain(**named, declared=(first[1], second[1]) == primary, seeds=len(seeds), estimate=estimate))
+        (scenario, first), (other, second) = reversed(pair) if (pair[1][1], pair[0][1]) == primary else pair
+        a, b = speeds[scenario, first], speeds[other, second]
+        seeds = sorted({*a.index} & {*b.index} & full.get(scenario, {}).keys())
+        if scenario == other and seeds:
+            estimate = _gain(a, b, full[scenario], seeds)
+            found.append(Gain(scenario, first, second, (first, second) == primary, len(seeds), estimate))
     return sorted(found, key=lambda gain: not gain.declared)
 
 
-def _speeds(data: StudyData) -> tuple[dict[tuple[str, str], pd.DataFrame], dict[str, dict[int, float]]]:
+def _speeds(data: StudyData, runs: pd.DataFrame) -> tuple[Curves, dict[str, dict[int, float]]]:
     """Return the curves of goal speed, and the reference's mean goal speed by scenario and seed."""
-    speeds, axis = curves(data, lambda spec, record: _goal_speed_m_s(spec, record)[0]), data.study.axis
+    speeds, axis = curves(data, runs, runs["goal_speed_m_s"]), data.study.axis
     reference = None if axis is None else axis.reference
     return speeds, {place: own.mean(axis=1).to_dict() for (place, arm), own in speeds.items() if arm == reference}
 
@@ -433,26 +347,3 @@ def _gain(
             return None
     harder = np.sign(first.columns[-1] - first.columns[0])
     return over_seeds(len(seeds), lambda rows: np.asarray(harder * (a(rows) - b(rows))))
-
-
-def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | str]]:
-    """Fit the collisions of every arm with at least three noise ratios to the seeds that were flown at all of them.
-
-    Yields:
-        The scenario, the arm, and its dose response or the reason why there is none.
-    """
-    collided = curves(data, lambda _, record: record.outcome is Outcome.COLLISION)
-    for (scenario, arm), rows in collided.items() if data.study.axis_key == NOISE_RATIO else ():
-        if len(rows.columns) > 2:
-            fit: DoseResponse | str
-            try:
-                fit = dose_response(rows.columns.tolist(), rows.to_numpy(bool))
-            except ScenarioError as error:
-                fit = str(error)
-            yield scenario, arm, fit
-
-
-def first_collisions(data: StudyData) -> list[RunSpec]:
-    """Return the run of each arm that ended in a collision and has the lowest seed."""
-    found = {spec.arm: spec for spec in reversed(data.collisions)}
-    return [found[arm.name] for arm in data.study.arms if arm.name in found]

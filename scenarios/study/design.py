@@ -25,8 +25,6 @@ from ..errors import ScenarioError
 from ..files import Name, load_alone
 from ..provenance import simulation_versions
 
-PILOT_SEEDS = range(1000, 6000)
-"""Seeds of pilots, which may be used to choose scenes and controllers."""
 ALWAYS_SET = ("rig.depth", "corrector")
 """Keys that every arm sets, so that the changes of a study could not affect them."""
 NOISE_RATIO = "rig.noise.scale.theta"
@@ -96,7 +94,7 @@ class Arm(Model):
     changes: Mapping[str, Any] = Field(default={}, strict=False)
     """Values of the scenario to set, by dotted key."""
     factors: Mapping[str, str] = Field(default={}, strict=False)
-    """Place of the arm in a factorial design, as in { policy = "free", corrector = "raw" }."""
+    """Place of the arm in a factorial design, as in { policy = "free", corrector = "raw" }: columns of `runs.csv`."""
 
     @pydantic.field_validator("theta", mode="before")
     @classmethod
@@ -148,7 +146,7 @@ class Study(Model):
     """Shipped scenarios by name, or paths of TOML files, relative to the study's file."""
     seeds: Seeds
     pilot: bool = False
-    """Whether this is a pilot, which may be used to choose scenes and controllers. Its seeds are `PILOT_SEEDS`."""
+    """Whether this is a pilot, which may be used to choose scenes and controllers, as its report says."""
     time_limit_s: float = Field(default=1800.0, gt=0)
     """Wall-clock time after which a run is stopped and counts as an error."""
     changes: Mapping[str, Any] = Field(default={}, strict=False)
@@ -166,21 +164,16 @@ class Study(Model):
                 raise ValueError(f"every {what} may be named once, got {twice[0]!r} more than once")
         if taken := [key for key in self.changes if _is_set_by(key, ALWAYS_SET)]:
             raise ValueError(f"changes must not set {taken[0]}, because every arm sets it: set it in the arms")
-        self._check_seeds()
+        if greedy := [arm for arm in self.arms if (arm.seeds or 0) > self.seeds.count]:
+            raise ValueError(f"arm {greedy[0].name!r} has {greedy[0].seeds} seeds, the study only {self.seeds.count}")
         self._check_axis()
         self._check_primary_comparison()
-        self._check_factors()
         return self
 
     @property
     def endpoint(self) -> EndpointName:
         """What is counted in the first place."""
         return "arrived" if self.declared is None or self.declared.endpoint == "gain" else self.declared.endpoint
-
-    @property
-    def factors(self) -> tuple[str, ...]:
-        """Names of the factors; empty unless the design is factorial."""
-        return next((tuple(arm.factors) for arm in self.arms if arm.factors), ())
 
     @property
     def axis_key(self) -> str:
@@ -209,46 +202,22 @@ class Study(Model):
         if axis is not None and axis.reference not in (None, *(arm.name for arm in self.arms)):
             raise ValueError(f"the reference of the axis is no arm of the study: {axis.reference!r}")
 
-    def _check_seeds(self) -> None:
-        seeds = self.seeds.first_seeds()
-        shared = range(max(seeds.start, PILOT_SEEDS.start), min(seeds.stop, PILOT_SEEDS.stop))
-        if len(shared) != (len(seeds) if self.pilot else 0):
-            pilots, own = (f"{some[0]} to {some[-1]}" for some in (PILOT_SEEDS, seeds))
-            raise ValueError(
-                f"seeds {pilots} are those of pilots, and of nothing else; got {own} with pilot = "
-                f"{str(self.pilot).lower()}: set seeds.first, or pilot"
-            )
-        for arm in self.arms:
-            if arm.seeds is not None and arm.seeds > self.seeds.count:
-                raise ValueError(f"arm {arm.name!r} has {arm.seeds} seeds, the study only {self.seeds.count}")
-
-    def _check_factors(self) -> None:
-        placed: dict[tuple[str, ...], str] = {}
-        for arm in (arm for arm in self.arms if arm.factors):
-            if set(arm.factors) != set(self.factors):
-                raise ValueError(f"all arms of a design have the same factors, got {arm.name!r} with {[*arm.factors]}")
-            if (count := len(self.levels_of(arm))) > 1:
-                raise ValueError(f"an arm with factors has one level, {arm.name!r} has {count}")
-            place = tuple(arm.factors[name] for name in self.factors)
-            if place in placed:
-                raise ValueError(f"arms {placed[place]!r} and {arm.name!r} have the same factors: {dict(arm.factors)}")
-            placed[place] = arm.name
-
     def _check_primary_comparison(self) -> None:
-        if self.declared is None:
+        declared = self.declared
+        if declared is None:
             return
-        arms = {arm.name: arm for arm in self.arms}
-        for name in (self.declared.arm, self.declared.against):
-            if name not in arms:
-                raise ValueError(f"the declared comparison names no arm of the study: {name!r}; it has {list(arms)}")
-            count = len(self.levels_of(arms[name]))
-            if self.declared.endpoint != GAIN and count > 1:
+        levels = {arm.name: len(self.levels_of(arm)) for arm in self.arms}
+        for name in (declared.arm, declared.against):
+            if name not in levels:
+                raise ValueError(f"the declared comparison names no arm of the study: {name!r}; it has {list(levels)}")
+            if declared.endpoint != GAIN and levels[name] > 1:
+                count = levels[name]
                 raise ValueError(
                     f"a declared comparison needs arms of one level, or endpoint = {GAIN!r}: {name!r} has {count}"
                 )
-        if self.declared.arm == self.declared.against:
-            raise ValueError(f"the declared comparison must name two arms, got {self.declared.arm!r} twice")
-        if self.declared.endpoint == GAIN and (self.axis is None or self.axis.reference is None):
+        if declared.arm == declared.against:
+            raise ValueError(f"the declared comparison must name two arms, got {declared.arm!r} twice")
+        if declared.endpoint == GAIN and (self.axis is None or self.axis.reference is None):
             raise ValueError(f"endpoint = {GAIN!r} needs an axis with a reference: give both in [axis]")
 
 
@@ -277,8 +246,13 @@ class RunSpec:
 
     @property
     def label(self) -> str:
+        """The arm with its level."""
+        return arm_label(self.arm, self.level)
+
+    @property
+    def title(self) -> str:
         """The run in words."""
-        return f"scenario {self.scenario}, arm {arm_label(self.arm, self.level)}, seed {self.seed}"
+        return f"scenario {self.scenario}, arm {self.label}, seed {self.seed}"
 
 
 def arm_label(arm: str, level: float | None) -> str:
@@ -336,33 +310,26 @@ def expand(study: Study) -> list[RunSpec]:
     names = [load_run(scenario, 0, {}).scenario.name for scenario in study.scenarios]
     if len(set(names)) < len(names):
         raise ScenarioError(f"the scenarios of a study must have different names, got {', '.join(names)}")
-    repeated = _repeated(study)
+    repeated = [
+        (arm, level, _resolved(study, scenario, arm, level))
+        for scenario, arm in product(study.scenarios, study.arms)
+        for level in study.levels_of(arm)
+    ]
     return [
-        _spec(arm, level, run.model_copy(update={"seed": seed}))
+        RunSpec(scenario=run.scenario.name, arm=arm.name, level=level, run=run, key=key_of(run))
         for seed in study.seeds.first_seeds()
-        for arm, level, run in repeated
+        for arm, level, run in ((arm, level, run.model_copy(update={"seed": seed})) for arm, level, run in repeated)
         if seed in study.seeds.first_seeds(arm.seeds)
     ]
 
 
-def _repeated(study: Study) -> list[tuple[Arm, float | None, Run]]:
-    """The runs that the seeds repeat, by arm and level; their own seed is of no meaning.
-
-    One error tells all arms that set what their scenarios do not take.
-    """
-    repeated, told = [], dict[str, None]()
-    for scenario, arm in product(study.scenarios, study.arms):
-        for level in study.levels_of(arm):
-            try:
-                at = {} if level is None else {study.axis_key: level}
-                run = load_run(scenario, 0, {**study.changes, **arm.settings, **at})
-                sources_of(run)
-                repeated.append((arm, level, run))
-            except VoxDepthError as error:
-                told[f"arm {arm.name!r}: {error}"] = None
-    if told:
-        raise ScenarioError(f"the study {study.name!r}: {'; '.join(told)}")
-    return repeated
+def _resolved(study: Study, scenario: str, arm: Arm, level: float | None) -> Run:
+    """Return the run of an arm at a level that the seeds repeat."""
+    at = {} if level is None else {study.axis_key: level}
+    try:
+        return load_run(scenario, 0, {**study.changes, **arm.settings, **at})
+    except VoxDepthError as error:
+        raise ScenarioError(f"the study {study.name!r}: arm {arm.name!r}: {error}") from error
 
 
 def versions_of(specs: Iterable[RunSpec]) -> dict[str, str]:
@@ -387,7 +354,3 @@ def identity(study: Study, specs: Sequence[RunSpec]) -> tuple[object, ...]:
     """Return what results depend on of a study with its resolved scenarios; it is the same wherever these lie."""
     design = study.model_dump(exclude={"scenarios", "description", "time_limit_s"})
     return design, [(spec.scenario, spec.arm, spec.level, spec.key) for spec in specs]
-
-
-def _spec(arm: Arm, level: float | None, run: Run) -> RunSpec:
-    return RunSpec(scenario=run.scenario.name, arm=arm.name, level=level, run=run, key=key_of(run))

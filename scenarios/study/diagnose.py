@@ -1,32 +1,23 @@
-"""Diagnosing collisions: runs are flown again, and a probe records what the drone saw of the object that it hit."""
+"""The diagnosis of a collision: a probe on board says what the drone had seen of the object that it hit."""
 
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
-from sim.types import Capture, Contact, DroneState, IdImage
+from sim.types import Capture, Contact, DroneState
 from sim.world import World
 from swarm.cost_map import CostMap
 from swarm.pilot import Decision, PilotConfig
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.voxel_map import STATES
-from voxdepth.errors import no_such
 from voxdepth.geometry import back_project
 from voxdepth.metrics import TOO_FAR
 from voxdepth.tools.table import Table, Value
-from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
-
-from ..batch import in_processes
-from ..config import Run
-from ..errors import ScenarioError
-from ..flight import Finished, flying
-from .design import RunSpec
-from .replay import differences
-from .store import RunRecord, StudyData
+from voxdepth.types import CorrectedDepth, FloatArray, MaskImage
 
 LOOKBACK_S = 3.0
 """Time before the collision from which images are used."""
@@ -63,8 +54,6 @@ class Diagnosis:
     """Corrected depth of the same pixel [m]."""
     held_before: str | None = None
     """What the map of the drone held there a second before, one of `STATES`; None without a map."""
-    held_at_last: str | None = None
-    """What it held there at the collision."""
 
     def __str__(self) -> str:
         parts = [str(self.cause)]
@@ -73,32 +62,12 @@ class Diagnosis:
         if self.textureless:
             parts.append("it has no texture")
         if self.held_before is not None:
-            parts.append(f"map: {self.held_before} a second before, {self.held_at_last} at last")
+            parts.append(f"map: {self.held_before} a second before")
         return "; ".join(parts)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Observation:
-    """One image with its true depth and its corrected depth."""
-
-    stamp_s: float
-    true_m: FloatImage
-    """True depth [m], shape (H, W); 0 = no surface."""
-    corrected_m: FloatImage
-    """Corrected depth [m], shape (H, W); 0 = invalid."""
-    trusted: MaskImage
-    """Pixels with enough confidence, shape (H, W)."""
-    segment_id: IdImage
-    T_world_cam: FloatArray
-    intrinsics: Intrinsics
-
-    def pixels_of(self, body: int, point_m: FloatArray) -> MaskImage:
-        """Return the pixels of a body within `NEAR_M` of a point of the world, shape (H, W)."""
-        shown: MaskImage = (self.segment_id == body) & (self.true_m > 0)
-        points_m = back_project(np.where(shown, self.true_m, np.float32(0)), self.intrinsics)
-        in_world_m = points_m @ self.T_world_cam[:3, :3].T + self.T_world_cam[:3, 3]
-        shown[shown] = np.linalg.norm(in_world_m - point_m, axis=1) < NEAR_M
-        return shown
+Image = tuple[Capture, CorrectedDepth]
+"""An image of a drone with its true and its corrected depth."""
 
 
 class CollisionProbe(Recorder):
@@ -107,7 +76,7 @@ class CollisionProbe(Recorder):
     def __init__(self, pilot: PilotConfig) -> None:
         self._min_confidence = pilot.evidence.min_confidence if pilot.holes == "evidenced" else 0.0
         """Confidence from which these drones trust a pixel."""
-        self._observations: defaultdict[int, deque[Observation]] = defaultdict(deque)
+        self._images: defaultdict[int, deque[Image]] = defaultdict(deque)
         self._decisions: defaultdict[int, deque[tuple[float, Decision]]] = defaultdict(deque)
         self._world: World | None = None
         self.diagnosis: Diagnosis | None = None
@@ -119,19 +88,9 @@ class CollisionProbe(Recorder):
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Keep an image for `LOOKBACK_S`."""
-        recent = self._observations[capture.drone]
-        recent.append(
-            Observation(
-                stamp_s=capture.stamp_s,
-                true_m=np.where(np.isfinite(capture.depth_true_m), capture.depth_true_m, np.float32(0)),
-                corrected_m=corrected.depth_m,
-                trusted=corrected.confidence >= self._min_confidence,
-                segment_id=capture.segment_id,
-                T_world_cam=capture.T_world_cam,
-                intrinsics=capture.intrinsics,
-            )
-        )
-        while recent[0].stamp_s < capture.stamp_s - LOOKBACK_S:
+        recent = self._images[capture.drone]
+        recent.append((capture, corrected))
+        while recent[0][0].stamp_s < capture.stamp_s - LOOKBACK_S:
             recent.popleft()
 
     def tick(
@@ -153,16 +112,11 @@ class CollisionProbe(Recorder):
             return
         assert self._world is not None, "start comes first"
         hit, body = next((hit, body) for hit, body in self._world.described.items() if body.name == contact.other)
-        recent = [seen for seen in self._observations[contact.drone] if seen.stamp_s >= contact.time_s - LOOKBACK_S]
-        found = diagnose(recent, hit, self._world.states[contact.drone].position_m)
-        struck_m = self._world.nearest_point_m(contact.drone, hit)
-        held = [held_at(decision.view, struck_m) for _, decision in self._decisions[contact.drone]]
-        self.diagnosis = replace(
-            found,
-            textureless=body.surface.is_blank,
-            held_before=held[0] if held else None,
-            held_at_last=held[-1] if held else None,
-        )
+        recent = [one for one in self._images[contact.drone] if one[0].stamp_s >= contact.time_s - LOOKBACK_S]
+        found = diagnose(recent, hit, self._world.states[contact.drone].position_m, self._min_confidence)
+        struck_m, decisions = self._world.nearest_point_m(contact.drone, hit), self._decisions[contact.drone]
+        held = held_at(decisions[0][1].view, struck_m) if decisions else None
+        self.diagnosis = replace(found, textureless=body.surface.is_blank, held_before=held)
 
 
 def held_at(view: CostMap | None, place_m: FloatArray) -> str | None:
@@ -173,18 +127,19 @@ def held_at(view: CostMap | None, place_m: FloatArray) -> str | None:
     return STATES[view.state_at(T[:3, :3] @ place_m + T[:3, 3])]
 
 
-def diagnose(observations: Sequence[Observation], body: int, point_m: FloatArray) -> Diagnosis:
+def diagnose(images: Sequence[Image], body: int, point_m: FloatArray, min_confidence: float) -> Diagnosis:
     """Find the cause by a majority of the pixels of the surface that was hit, over all images; texture is left out.
 
-    `body` was hit by a drone at `point_m` [m], shape (3,).
+    `body` was hit by a drone at `point_m` [m], shape (3,). The drone trusts pixels from `min_confidence` on.
     """
-    masks = [one.pixels_of(body, point_m) for one in observations]
-    if sum(bool(mask.any()) for mask in masks) < max(1, MIN_VISIBLE_SHARE * len(observations)):
+    masks = [_pixels_of(body, point_m, capture) for capture, _ in images]
+    if sum(bool(mask.any()) for mask in masks) < max(1, MIN_VISIBLE_SHARE * len(images)):
         return Diagnosis(cause=Cause.NOT_IN_VIEW)
-    seen = list(zip(observations, masks, strict=True))
-    true_m = np.concatenate([one.true_m[mask] for one, mask in seen])
-    corrected_m = np.concatenate([one.corrected_m[mask] for one, mask in seen])
-    trusted = np.concatenate([one.trusted[mask] for one, mask in seen]) & (corrected_m > 0)
+    seen = list(zip(images, masks, strict=True))
+    true_m = np.concatenate([capture.depth_true_m[mask] for (capture, _), mask in seen])
+    corrected_m = np.concatenate([corrected.depth_m[mask] for (_, corrected), mask in seen])
+    confidence = np.concatenate([corrected.confidence[mask] for (_, corrected), mask in seen])
+    trusted = (confidence >= min_confidence) & (corrected_m > 0)
     if np.mean(corrected_m > 0) < 0.5:
         return Diagnosis(cause=Cause.NO_DEPTH)
     if np.mean(trusted) < 0.5:
@@ -198,35 +153,13 @@ def diagnose(observations: Sequence[Observation], body: int, point_m: FloatArray
     )
 
 
-def colliding_runs(data: StudyData, arms: Sequence[str], limit: int | None) -> Mapping[str, Sequence[RunSpec]]:
-    """Return at most `limit` runs of each arm that ended in a collision, ordered by seed; no `arms` stand for all.
-
-    Raises:
-        ScenarioError: The study has no such arm.
-    """
-    found: dict[str, list[RunSpec]] = {arm.name: [] for arm in data.study.arms}
-    for arm in arms:
-        if arm not in found:
-            raise ScenarioError(no_such("arm", arm, found))
-    for spec in data.collisions:
-        found[spec.arm].append(spec)
-    return {arm: specs[:limit] for arm, specs in found.items() if not arms or arm in arms}
-
-
-def diagnose_runs(data: StudyData, specs: Sequence[RunSpec], workers: int) -> Iterator[Diagnosis]:
-    """Fly runs again that ended in a collision, and yield the diagnosis of each in order.
-
-    Raises:
-        ScenarioError: A run does not end as in the study, by `differences`.
-    """
-    flown = in_processes(_fly, [spec.run for spec in specs], workers=workers)
-    for spec, (diagnosis, finished) in zip(specs, flown, strict=True):
-        if diagnosis is None or differences(data.records[spec.key], RunRecord.of(spec.key, finished)):
-            raise ScenarioError(
-                f"{spec.label} did not end as in the study, which was flown with {data.versions}: compare "
-                f"with voxdepth study replay OUT {spec.short_key}"
-            )
-        yield diagnosis
+def _pixels_of(body: int, point_m: FloatArray, capture: Capture) -> MaskImage:
+    """Return the pixels of a body within `NEAR_M` of a point of the world, shape (H, W)."""
+    shown: MaskImage = capture.segment_id == body
+    points_m = back_project(np.where(shown, capture.depth_true_m, np.float32(0)), capture.intrinsics)
+    in_world_m = points_m @ capture.T_world_cam[:3, :3].T + capture.T_world_cam[:3, 3]
+    shown[shown] = np.linalg.norm(in_world_m - point_m, axis=1) < NEAR_M
+    return shown
 
 
 def cause_table(found: Mapping[str, Sequence[Diagnosis]]) -> Table:
@@ -242,10 +175,3 @@ def cause_table(found: Mapping[str, Sequence[Diagnosis]]) -> Table:
         row: list[Value] = [arm, len(diagnoses), causes[Cause.DRONE], textureless, *(causes[cause] for cause in seen)]
         rows.append([*row, *(held[state] for state in STATES)])
     return Table.of("Causes of collisions", [*head, *(f"seen: {cause}" for cause in seen), *maps], rows)
-
-
-def _fly(run: Run) -> tuple[Diagnosis | None, Finished]:
-    probe = CollisionProbe(run.scenario.mission.pilot)
-    with flying(run, probe, recorded=False, threads=1) as mission:
-        finished = Finished(result=mission.run(), wall_s=0.0, folder=None)
-    return probe.diagnosis, finished

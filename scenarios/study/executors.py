@@ -1,26 +1,24 @@
 """How runs are flown: in this process, or by workers of Dask, on this machine or on several."""
 
+import json
 import logging
-import math
 import platform
 import signal
 import time
 import traceback
 import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import Any, Protocol
 
-from voxdepth.errors import PluginError
 from voxdepth.tools.options import use_one_thread
 
 from ..errors import ScenarioError
 from ..flight import fly
 from ..provenance import simulation_versions
 from .design import RunSpec, key_of
-from .store import Completion, Failure, FailureKind, RunRecord
+from .store import Completion, Failure, RunRecord
 
 LOCAL_SETTINGS = {
     # A run that ends its worker would also end the next one.
@@ -40,15 +38,13 @@ def run_one(spec: RunSpec) -> RunRecord:
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
-        ScenarioError: The key is not that of the run, or a number of the result is not finite.
+        ScenarioError: The key is not that of the run.
+        ValueError: A number of the result is not finite.
     """
     if key_of(spec.run) != spec.key:
         raise ScenarioError("the code of a controller or corrector has changed since the study began: see --resume")
     record = RunRecord.of(spec.key, fly(spec.run, threads=1))
-    for figures in (record.metrics, *record.drones, *map(vars, record.contacts)):
-        for name, value in figures.items():
-            if isinstance(value, float) and not math.isfinite(value):
-                raise ScenarioError(f"expected finite numbers, or None, got {name} = {value}")
+    json.dumps(asdict(record), allow_nan=False)  # This is an error of the run where a number is not finite.
     return record
 
 
@@ -56,9 +52,8 @@ def attempt(fly_one: FlyOne, spec: RunSpec) -> Completion:
     """Fly one run; an exception becomes a failure with its traceback."""
     try:
         return fly_one(spec)
-    except Exception as error:  # Any error belongs to this run and must not stop the others.
-        kind: FailureKind = "plugin error" if isinstance(error, PluginError) else "error"
-        return Failure(key=spec.key, kind=kind, text=traceback.format_exc())
+    except Exception:  # Any error belongs to this run and must not stop the others.
+        return Failure(key=spec.key, kind="error", text=traceback.format_exc())
 
 
 class Executor(Protocol):
@@ -146,20 +141,19 @@ class Cluster:
             return Failure(key=spec.key, kind="timeout", text=f"stopped at its time limit of {self.time_limit_s:g} s")
         return Failure(key=spec.key, kind="died", text="its worker process ended without a message")
 
-    @contextmanager
-    def _client(self) -> Iterator[Any]:
+    def _client(self) -> Any:
+        """Connect to the scheduler and wait for a worker."""
         from distributed import Client
 
-        with ExitStack() as opened:
-            try:
-                client = opened.enter_context(Client(self.address))
-                client.wait_for_workers(1, timeout=NO_WORKER_TIMEOUT_S)
-            except (OSError, TimeoutError, ValueError) as error:
-                raise ScenarioError(
-                    f"there is no cluster with a worker at {self.address} ({error}): start one with `dask scheduler` "
-                    "and `dask worker ADDRESS --nthreads 1`"
-                ) from error
-            yield client
+        try:
+            client = Client(self.address)
+            client.wait_for_workers(1, timeout=NO_WORKER_TIMEOUT_S)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise ScenarioError(
+                f"there is no cluster with a worker at {self.address} ({error}): start one with `dask scheduler` "
+                "and `dask worker ADDRESS --nthreads 1`"
+            ) from error
+        return client
 
 
 @dataclass(frozen=True)
@@ -201,12 +195,11 @@ def _ended(client: Any, futures: list[Any]) -> set[Any]:
     from distributed import wait
 
     try:
-        ended: set[Any] = wait(futures, timeout=NO_WORKER_TIMEOUT_S, return_when="FIRST_COMPLETED").done
+        return set(wait(futures, timeout=NO_WORKER_TIMEOUT_S, return_when="FIRST_COMPLETED").done)
     except TimeoutError:
         if not client.nthreads():
             raise ScenarioError("no worker is left: finished runs are stored, go on with --resume") from None
         return set()
-    return ended
 
 
 def _attempt_on_worker(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Completion:

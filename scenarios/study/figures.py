@@ -5,25 +5,37 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from voxdepth.tools.figure import Draw, Picture, legend_label, line_color, panel_figure
 from voxdepth.types import FloatArray
 
-from ..batch import OUTCOMES
-from .analysis import GOAL_SPEED, REACHED, ArmSummary, Comparison, headline
+from .analysis import GOAL_SPEED, REACHED, Arm, Comparison, headline
 from .design import ENDPOINTS, EndpointName, Study
 from .statistics import wilson
 from .tables import ENDPOINT_TITLES
 
 WIDTH_IN = 9.0
-COLORS = dict(zip(OUTCOMES, ("#4c9f70", "#c0392b", "#e0a030", "#7d5ba6", "#8a8f98"), strict=True))
 LEVEL_CAPTION = "Bands are 95 % intervals: of a bootstrap that draws runs for goal speeds, Wilson's for shares of runs."
 FOREST_CAPTION = (
     "Differences of shares with 95 % intervals: Newcombe's in each scenario, and of all pairs. To "
     "the right of the line, more runs of the first arm."
 )
 AXIS_LABELS: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "runs with a collision"}
+
+
+def all_figures(study: Study, arms: Sequence[Arm], comparisons: Sequence[Comparison]) -> list[Picture]:
+    """Draw the effects by scenario, and the curves of each scenario over the axis."""
+    found = forest(comparisons, study.endpoint)
+    unit = "" if study.axis is None or not study.axis.unit else f" [{study.axis.unit}]"
+    for scenario in dict.fromkeys(arm.scenario for arm in arms):
+        own = [arm for arm in arms if arm.scenario == scenario]
+        if len({arm.level for arm in own} - {None}) > 1:
+            labels = {"goal speed [m/s]": _goal_speeds}
+            labels |= {f"{AXIS_LABELS[name]} [%]": partial(_shares, endpoint=name) for name in ENDPOINTS}
+            draws = [partial(_draw_curves, own, f"{study.axis_key}{unit}", *panel) for panel in labels.items()]
+            title, size_in = f"{scenario}: curves over {study.axis_key.rpartition('.')[2]}", (WIDTH_IN / 3, 3.6)
+            found.append(_picture(title, LEVEL_CAPTION, draws, size_in, shared_legend=True))
+    return found
 
 
 def forest(comparisons: Sequence[Comparison], endpoint: EndpointName) -> list[Picture]:
@@ -36,13 +48,17 @@ def forest(comparisons: Sequence[Comparison], endpoint: EndpointName) -> list[Pi
     return [_picture(title, FOREST_CAPTION, [partial(_draw_forest, found)], (WIDTH_IN, height_in))]
 
 
+def _picture(title: str, caption: str, draws: Sequence[Draw], panel_in: tuple[float, float], **style: Any) -> Picture:
+    return Picture.of(title, caption, panel_figure("", draws, panel_in=panel_in, **style))
+
+
 def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
     """Draw a block of rows for each comparison: its scenarios, and a diamond for all of them."""
     row, names = 0, {}
     for one in comparisons:
         names[row] = legend_label(f"{one.first} - {one.second}")
         for name, pairs in one.by_scenario.items():
-            value, interval = pairs.difference, pairs.interval
+            value, interval = pairs.difference
             row += 1
             names[row] = f"{name}, n = {pairs.n}"
             error = 100 * np.maximum(0.0, [[value - interval.low], [interval.high - value]])
@@ -58,35 +74,10 @@ def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
     axes.grid(alpha=0.3, axis="x")
 
 
-def all_figures(study: Study, arms: Sequence[ArmSummary]) -> list[Picture]:
-    """Draw the figures of all scenarios; arms without a result are left out."""
-    found: list[Picture] = []
-    unit = "" if study.axis is None or not study.axis.unit else f" [{study.axis.unit}]"
-    for scenario in dict.fromkeys(arm.scenario for arm in arms if arm.n):
-        own = [arm for arm in arms if arm.scenario == scenario and arm.n]
-        if len({arm.level for arm in own} - {None}) > 1:
-            labels = {"goal speed [m/s]": _goal_speeds}
-            labels |= {f"{AXIS_LABELS[name]} [%]": partial(_shares, endpoint=name) for name in ENDPOINTS}
-            draws = [partial(_draw_curves, own, f"{study.axis_key}{unit}", *panel) for panel in labels.items()]
-            title, size_in = f"{scenario}: curves over {study.axis_key.rpartition('.')[2]}", (WIDTH_IN / 3, 3.6)
-            found.append(_picture(title, LEVEL_CAPTION, draws, size_in, shared_legend=True))
-        caption, draw = "Every run has exactly one outcome; n is the number of runs.", partial(_draw_outcomes, own)
-        size_in = WIDTH_IN, 1.6 + 0.32 * len(own)
-        found.append(_picture(f"{scenario}: how runs ended", caption, [draw], size_in, shared_legend=True))
-    return found
-
-
-def _picture(title: str, caption: str, draws: Sequence[Draw], panel_in: tuple[float, float], **style: Any) -> Picture:
-    return Picture.of(title, caption, panel_figure("", draws, panel_in=panel_in, **style))
-
-
-def _draw_curves(
-    arms: Sequence[ArmSummary], x_label: str, y_label: str, bands: Callable[..., FloatArray], axes: Any
-) -> None:
+def _draw_curves(arms: Sequence[Arm], x_label: str, y_label: str, bands: Callable[..., FloatArray], axes: Any) -> None:
     """Draw a curve with its band for every arm over the axis, or a horizontal line for an arm of one level or none."""
-    levels = [arm.level for arm in arms if arm.level is not None]
-    for k, name in enumerate(dict.fromkeys(arm.arm for arm in arms)):
-        own, color = sorted((a for a in arms if a.arm == name), key=lambda a: abs(a.level or 0)), line_color(k)
+    for k, name in enumerate(dict.fromkeys(arm.name for arm in arms)):
+        own, color = sorted((a for a in arms if a.name == name), key=lambda a: abs(a.level or 0)), line_color(k)
         runs = sorted({arm.n for arm in own})
         label = legend_label(f"{name}, n = {runs[0]}" + (f" to {runs[-1]}" if len(runs) > 1 else ""))
         y, low, high = bands(own)
@@ -96,7 +87,7 @@ def _draw_curves(
             continue
         axes.plot(x, y, marker="o", ms=3, **style)
         axes.fill_between(x, low, high, color=color, alpha=0.15, lw=0)
-    if max(levels, key=abs) < 0:
+    if max((arm.level for arm in arms if arm.level is not None), key=abs) < 0:
         axes.invert_xaxis()
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
@@ -105,25 +96,13 @@ def _draw_curves(
     axes.grid(alpha=0.3)
 
 
-def _draw_outcomes(arms: Sequence[ArmSummary], axes: Any) -> None:
-    ended = [outcome for outcome in OUTCOMES if any(arm.count(outcome) for arm in arms)]
-    shares = pd.DataFrame({one.value: [100 * arm.count(one) / arm.n for arm in arms] for one in ended})
-    shares.plot(ax=axes, kind="barh", stacked=True, width=0.8, color=[COLORS[outcome] for outcome in ended])
-    axes.set_xlim(0, 100)
-    axes.set_xlabel("runs [%]")
-    axes.set_yticks(np.arange(len(arms)), [f"{arm.label}, n = {arm.n}" for arm in arms], fontsize=8)
-    for label in axes.get_yticklabels():
-        label.set_parse_math(False)
-    axes.set_ylim(len(arms) - 0.5, -0.5)  # The first arm is at the top.
-
-
-def _goal_speeds(arms: Sequence[ArmSummary]) -> FloatArray:
+def _goal_speeds(arms: Sequence[Arm]) -> FloatArray:
     """Return mean goal speeds [m/s] and the ends of their intervals, shape (3, arms)."""
     found = [estimate for arm in arms if (estimate := arm.estimate(GOAL_SPEED)) is not None]
     return np.array([(one.value, *one.interval) for one in found]).T
 
 
-def _shares(arms: Sequence[ArmSummary], endpoint: EndpointName) -> FloatArray:
+def _shares(arms: Sequence[Arm], endpoint: EndpointName) -> FloatArray:
     """Return shares of runs that reached an endpoint [%] and their Wilson bounds, shape (3, arms)."""
     counts = [(arm.count(REACHED[endpoint]), arm.n) for arm in arms]
     return 100 * np.array([(count / n, *wilson(count, n)) for count, n in counts]).T

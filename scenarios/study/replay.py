@@ -1,15 +1,18 @@
-"""Flying one run of a study again, to watch it and to check that it ends in the same way."""
+"""Flying runs of a study again, to check that they end in the same way, to watch them, and to diagnose collisions."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from swarm.types import Outcome
 
+from ..config import Run
 from ..errors import ScenarioError
+from ..flight import Finished, flying
 from ..runner import fly_and_write
 from .design import RunSpec, versions_of
+from .diagnose import CollisionProbe, Diagnosis
 from .store import RunRecord, StudyData
 
 TOLERANCE = 1e-6
@@ -23,73 +26,79 @@ def differences(before: RunRecord, now: RunRecord) -> list[str]:
     """Return the names of what differs between two results of one run; empty if they are the same.
 
     Numbers are the same within `TOLERANCE`, errors of depth within `DEPTH_TOLERANCE`; the outcome, names and the drones
-    that touched something must be equal.
+    that touched something must be equal. Names that only `now` has are of a later version.
     """
-    found = ["outcome"] if before.outcome is not now.outcome else []
-    contacts = [[asdict(contact) for contact in record.contacts] for record in (before, now)]
-    found += ["contacts"] if _unlike(*contacts) else []
-    found += ["drones"] if before.drones and _unlike(before.drones, now.drones) else []
-    return found + [
-        name
-        for name in before.metrics
-        if name not in now.metrics or not _is_same(name, before.metrics[name], now.metrics[name])
+    a, b = _flat(before), _flat(now)
+    return [name for name, value in a.items() if name not in b or not _is_same(name, value, b[name])]
+
+
+def _flat(record: RunRecord) -> dict[str, object]:
+    """Return all values of a result by name; those of a contact and of a drone follow its number."""
+    rows = {"contact": [asdict(contact) for contact in record.contacts], "drone": record.drones}
+    listed = [
+        (f"{what} {k} {name}", value)
+        for what, many in rows.items()
+        for k, one in enumerate(many)
+        for name, value in one.items()
     ]
-
-
-def _unlike(before: Sequence[Mapping[str, object]], now: Sequence[Mapping[str, object]]) -> bool:
-    """Return whether two lists of values by name differ. Names that only `now` has are of a later version."""
-    return len(before) != len(now) or not all(
-        name in b and _is_same(name, value, b[name])
-        for a, b in zip(before, now, strict=True)
-        for name, value in a.items()
-    )
+    return {"outcome": record.outcome, "contacts": len(record.contacts), **dict(listed), **record.metrics}
 
 
 def _is_same(name: str, before: object, now: object) -> bool:
     if isinstance(before, int | float) and isinstance(now, int | float):
-        tolerance = DEPTH_TOLERANCE if name.startswith("depth_") else TOLERANCE
+        tolerance = DEPTH_TOLERANCE if "depth_" in name else TOLERANCE
         return math.isclose(before, now, rel_tol=tolerance, abs_tol=tolerance)
     return before == now
 
 
-def find(data: StudyData, prefix: str) -> RunSpec:
-    """Return the run whose key begins with a prefix.
+def chosen(data: StudyData, keys: Sequence[str]) -> list[RunSpec]:
+    """Return the runs whose keys begin as named; without names, those that ended in a collision, arm after arm.
 
     Raises:
-        ScenarioError: No key or more than one key begins with it.
+        ScenarioError: No key or more than one key begins as one of the names.
     """
-    found = [spec for key, spec in data.runs.items() if key.startswith(prefix.lower())]
-    if not found:
-        raise ScenarioError(f"no run's key begins with {prefix!r}: take one from what voxdepth study report writes")
-    if len(found) > 1:
-        raise ScenarioError(f"{len(found)} runs' keys begin with {prefix!r}: give more digits")
-    return found[0]
+    if not keys:
+        arms = [arm.name for arm in data.study.arms]
+        collided = [spec for spec in data.flown if data.records[spec.key].outcome is Outcome.COLLISION]
+        return sorted(collided, key=lambda spec: arms.index(spec.arm))
+    found = [[spec for key, spec in data.runs.items() if key.startswith(name.lower())] for name in keys]
+    for name, specs in zip(keys, found, strict=True):
+        if not specs:
+            raise ScenarioError(f"no run's key begins with {name!r}: take one from what voxdepth study report writes")
+        if len(specs) > 1:
+            raise ScenarioError(f"{len(specs)} runs' keys begin with {name!r}: give more digits")
+    return [specs[0] for specs in found]
 
 
-def fly_again(data: StudyData, spec: RunSpec, out: Path, *, record: bool) -> tuple[Path | None, bool | None, str]:
-    """Fly a run again and compare its result with that of the study.
-
-    Returns:
-        The folder of its files; whether the result is that of the study by `differences`, None if the study has no
-        result of the run; and the comparison in words.
+def fly_again(run: Run, out: Path | None) -> tuple[Finished, Diagnosis | None]:
+    """Fly a run again; with `out`, write its files and its recording to a new folder there, and without, diagnose it.
 
     Raises:
         ToolError: The folder cannot be written.
         KeyboardInterrupt: Ctrl-C was pressed.
     """
-    finished = fly_and_write(spec.run, out, record=record)
-    before, now = data.records.get(spec.key), RunRecord.of(spec.key, finished)
-    if now.outcome is Outcome.INTERRUPTED:
+    probe = CollisionProbe(run.scenario.mission.pilot)
+    if out is not None:
+        finished = fly_and_write(run, out, record=True)
+    else:
+        with flying(run, probe, recorded=False) as mission:
+            finished = Finished(result=mission.run(), wall_s=0.0, folder=None)
+    if finished.result.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
+    return finished, probe.diagnosis
+
+
+def compared(data: StudyData, spec: RunSpec, finished: Finished) -> tuple[bool | None, str]:
+    """Return whether a result is that of the study, None if it has none of the run, and the comparison in words."""
+    before, now = data.records.get(spec.key), RunRecord.of(spec.key, finished)
     if before is None:
-        return finished.folder, None, f"{now.outcome}; the study has no result of this run"
+        return None, f"{now.outcome}; the study has no result of this run"
     other = differences(before, now)
     if not other:
         same = f"the same as in the study, errors of depth within {DEPTH_TOLERANCE:g}, others within {TOLERANCE:g}"
-        return finished.folder, True, f"{now.outcome}: {same}"
+        return True, f"{now.outcome}: {same}"
     versions = [name for name, version in versions_of([spec]).items() if data.versions.get(name) != version]
-    verdict = (
+    return False, (
         f"{now.outcome}, in the study {before.outcome}: NOT the same; other: {', '.join(other)}; "
         f"other versions: {', '.join(versions) or 'none'}; the study was begun on {data.machine}"
     )
-    return finished.folder, False, verdict

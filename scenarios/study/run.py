@@ -1,108 +1,42 @@
-"""Running a study: missing runs go to the executor, completed runs go into the store, and the progress is shown."""
+"""Running a study: missing runs go to the executor, completed runs go into the store, and the progress is told."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
-
-from rich.console import Console
-from rich.live import Live
 
 from swarm.controllers import load_controller
 
-from .analysis import summarise_arms
 from .design import Study, by_importance, expand
 from .executors import Executor
-from .store import Completion, Failure, StudyData, add, begun
+from .store import Failure, StudyData, add, begun, read_study
 
 LINE_EVERY_S = 30.0
+"""Wall-clock time between two lines about the progress."""
 
 
-@dataclass
-class Progress:
-    """What there is of a study while it runs."""
+def progress_line(planned: int, left: int, flown: int, failed: int, elapsed_s: float) -> str:
+    """Return the time of day, the number of runs, the speed, the time left and the number of errors.
 
-    data: StudyData
-    """All that has ended, in this call or before."""
-    flown: int = 0
-    """Number of runs that ended in this call, with or without a result."""
-    flown_wall_s: float = 0.0
-    """Sum of the wall-clock times of their flights."""
-    elapsed_s: float = 0.0
-    """Wall-clock time since this call began."""
-
-    def add(self, done: Completion, elapsed_s: float) -> None:
-        """Count a run that has just ended."""
-        self.data = self.data.after(done)
-        self.flown += 1
-        self.flown_wall_s += 0.0 if isinstance(done, Failure) else done.wall_s
-        self.elapsed_s = elapsed_s
-
-    @property
-    def is_over(self) -> bool:
-        """Whether every run has ended."""
-        return not self.data.missing(retry_errors=False)
-
-    @property
-    def left_s(self) -> float | None:
-        """Estimate of the wall-clock time that is left, by the mean times of the arms and the runs side by side.
-
-        None before the first result of this call.
-        """
-        if not self.flown_wall_s or not self.elapsed_s:
-            return None
-        records = self.data.records.values()
-        mean_s = sum(record.wall_s for record in records) / len(records)
-        left = [(arm.planned - arm.n) * (arm.mean_wall_s or mean_s) for arm in summarise_arms(self.data)]
-        return sum(left) * self.elapsed_s / self.flown_wall_s
-
-    def line(self) -> str:
-        """Return the time of day, the number of runs, the speed, the time left and the number of errors."""
-        parts = [f"{time.strftime('%H:%M:%S')} {len(self.data.records)} of {len(self.data.runs)} runs"]
-        if self.flown and self.elapsed_s > 0:
-            parts.append(f"{3600 * self.flown / self.elapsed_s:.0f} runs per hour")
-        if self.left_s is not None:
-            parts.append(f"{duration(self.left_s)} left")
-        if self.data.failures:
-            parts.append(f"{len(self.data.failures)} errors")
-        return ", ".join(parts)
-
-
-def duration(seconds: float) -> str:
-    """Return a time in hours and minutes."""
-    minutes = round(seconds / 60)
-    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"
-
-
-Display = Callable[[Progress], None]
-"""Shows the progress of a study."""
-
-
-@contextmanager
-def display_on(console: Console) -> Iterator[Display]:
-    """Give a display of one line: it is renewed on a terminal, and otherwise printed again every half minute."""
-    next_s = 0.0
-
-    def print_line(progress: Progress) -> None:
-        nonlocal next_s
-        if progress.elapsed_s >= next_s or progress.is_over:
-            next_s = progress.elapsed_s + LINE_EVERY_S
-            console.print(progress.line(), soft_wrap=True)
-
-    if not console.is_terminal:
-        yield print_line
-        return
-    with Live(console=console, refresh_per_second=2) as live:
-        yield lambda progress: live.update(progress.line())
+    Of the planned runs some are left; those that were flown in this call took `elapsed_s` together, and of these some
+    failed.
+    """
+    parts = [f"{time.strftime('%H:%M:%S')} {planned - left} of {planned} runs"]
+    if flown:
+        left_min = round(left * elapsed_s / flown / 60)
+        parts += [f"{3600 * flown / elapsed_s:.0f} runs per hour", f"{left_min // 60} h {left_min % 60:02d} min left"]
+    if failed:
+        parts.append(f"{failed} errors")
+    return ", ".join(parts)
 
 
 def run_study(
-    study: Study, out: Path, executor: Executor, display: Display, *, resume: bool = False, retry_errors: bool = False
+    study: Study, out: Path, executor: Executor, tell: Callable[[str], None], *, resume: bool = False
 ) -> StudyData:
     """Fly the missing runs of a study, store each as it ends, and return the whole content of the store.
 
-    A store that contains runs is refused without `resume`; with `retry_errors`, a run that failed counts as missing.
+    A store that contains runs is refused without `resume`. A run that failed counts as missing.
+    `tell` gets `progress_line` at the beginning, at the end, and every half minute between.
 
     Raises:
         ScenarioError: The study cannot be resolved, its store cannot be used, or no run can be flown.
@@ -113,14 +47,17 @@ def run_study(
     for controller in sorted({spec.run.scenario.mission.controller for spec in specs}):
         load_controller(controller)
     with begun(out, study, specs, resume=resume) as data:
-        waiting = data.missing(retry_errors=retry_errors)
+        waiting = by_importance(study, specs, data.missing)
         if not waiting:
             return data
-        progress, start_s = Progress(data), time.perf_counter()
-        display(progress)
-        with closing(executor.run(by_importance(study, specs, waiting))) as runs:
-            for done in runs:
-                add(out, done)
-                progress.add(done, time.perf_counter() - start_s)
-                display(progress)
-        return progress.data
+        planned, failed, start_s, told_s = len(data.runs), 0, time.monotonic(), 0.0
+        tell(progress_line(planned, len(waiting), 0, 0, 0.0))
+        with closing(executor.run(waiting)) as runs:
+            for flown, ended in enumerate(runs, start=1):
+                add(out, ended)
+                failed += isinstance(ended, Failure)
+                elapsed_s = time.monotonic() - start_s
+                if flown == len(waiting) or elapsed_s > told_s + LINE_EVERY_S:
+                    told_s = elapsed_s
+                    tell(progress_line(planned, len(waiting) - flown, flown, failed, elapsed_s))
+        return read_study(out)

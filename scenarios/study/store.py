@@ -6,11 +6,10 @@ Every file appears whole: it is written under another name and renamed. A run ha
 
 import json
 import lzma
-import os
 import tarfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal, Self, TypeVar
 
@@ -19,7 +18,7 @@ import pydantic
 from sim.types import Contact
 from swarm.types import Outcome
 from voxdepth.model import Model, problems
-from voxdepth.tools.files import as_tool_error, atomic
+from voxdepth.tools.files import write
 from voxdepth.tools.locks import locked
 from voxdepth.tools.provenance import machine
 
@@ -30,13 +29,9 @@ from .design import RunSpec, Study, identity, versions_of
 
 MANIFEST = "study.json"
 RUNS, FAILURES = "runs", "failures"
-FORMAT = 1
-"""Version of the files."""
 
 Ended = TypeVar("Ended", "RunRecord", "Failure")
-
-
-FailureKind = Literal["error", "plugin error", "timeout", "died"]
+FailureKind = Literal["error", "timeout", "died"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +64,7 @@ class Failure:
 
     key: str
     kind: FailureKind
-    """`error`: an exception. `plugin error`: a fault of a user's code. `timeout`: stopped at the time limit. `died`:
-    the process ended unexpectedly."""
+    """`error`: an exception. `timeout`: stopped at the time limit. `died`: the process ended unexpectedly."""
     text: str
     """A traceback, or another description."""
 
@@ -112,21 +106,9 @@ class StudyData:
         return [spec for spec in self.specs if spec.key in self.records]
 
     @property
-    def collisions(self) -> list[RunSpec]:
-        """The specs whose run ended in a collision, in their order."""
-        return [spec for spec in self.flown if self.records[spec.key].outcome is Outcome.COLLISION]
-
-    def missing(self, *, retry_errors: bool) -> list[RunSpec]:
-        """Return one spec for each run that has not been flown."""
-        passed = self.records.keys() if retry_errors else self.records.keys() | self.failures.keys()
-        return [spec for key, spec in self.runs.items() if key not in passed]
-
-    def after(self, done: Completion) -> Self:
-        """Return the content when one more run has ended."""
-        failures = {key: failure for key, failure in self.failures.items() if key != done.key}
-        if isinstance(done, Failure):
-            return replace(self, failures=failures | {done.key: done})
-        return replace(self, failures=failures, records={**self.records, done.key: done})
+    def missing(self) -> list[RunSpec]:
+        """One spec for each run without a result."""
+        return [spec for key, spec in self.runs.items() if key not in self.records]
 
 
 class Cell(Model):
@@ -146,17 +128,6 @@ class Cell(Model):
         """Read a run without the settings that have become constants since it was flown."""
         return run if isinstance(run, Run) else Run.model_validate_json(json.dumps(run), extra="ignore")
 
-    @classmethod
-    def all_of(cls, specs: Sequence[RunSpec]) -> tuple[Self, ...]:
-        """Gather the specs of a study."""
-        found: dict[tuple[str, str, float | None], list[RunSpec]] = {}
-        for spec in specs:
-            found.setdefault((spec.scenario, spec.arm, spec.level), []).append(spec)
-        return tuple(
-            cls(scenario=scenario, arm=arm, level=level, run=own[0].run, keys={spec.seed: spec.key for spec in own})
-            for (scenario, arm, level), own in found.items()
-        )
-
     def spec(self, seed: int) -> RunSpec:
         """Return the run with a seed."""
         run = self.run.model_copy(update={"seed": seed})
@@ -166,7 +137,8 @@ class Cell(Model):
 class Manifest(Model):
     """What a study was begun with."""
 
-    format: int
+    format: Literal[1] = 1
+    """Version of the files."""
     study: Study
     versions: dict[str, str]
     machine: str
@@ -175,8 +147,14 @@ class Manifest(Model):
     @classmethod
     def of(cls, study: Study, specs: Sequence[RunSpec]) -> Self:
         """Return that of a study that begins here and now."""
-        versions, cells = versions_of(specs), Cell.all_of(specs)
-        return cls(format=FORMAT, study=study, versions=versions, machine=machine(), cells=cells)
+        found: dict[tuple[str, str, float | None], list[RunSpec]] = {}
+        for spec in specs:
+            found.setdefault((spec.scenario, spec.arm, spec.level), []).append(spec)
+        cells = tuple(
+            Cell(scenario=scenario, arm=arm, level=level, run=own[0].run, keys={spec.seed: spec.key for spec in own})
+            for (scenario, arm, level), own in found.items()
+        )
+        return cls(study=study, versions=versions_of(specs), machine=machine(), cells=cells)
 
     @property
     def specs(self) -> list[RunSpec]:
@@ -197,16 +175,20 @@ def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool)
     busy = f"another process is flying the study: wait for it, or look at it with {look}"
     with locked(folder, busy):
         if not (folder / MANIFEST).exists():
-            _write(folder / MANIFEST, Manifest.of(study, specs).model_dump_json(indent=1))
+            write(folder / MANIFEST, Manifest.of(study, specs).model_dump_json(indent=1).encode())
         data = read_study(folder)
-        _require_same(folder, data, study, specs, resume=resume)
+        _require_same(folder, data, study, specs)
+        if (data.records or data.failures) and not resume:
+            raise ScenarioError(
+                f"{folder} holds runs of the study {study.name!r}: go on with --resume, or use another --out"
+            )
         yield data
 
 
 def add(folder: Path, done: Completion) -> None:
     """Store one run that has ended, so that a crash leaves its file whole or absent; failing is a `ToolError`."""
     kind = FAILURES if isinstance(done, Failure) else RUNS
-    _write(folder / kind / f"{done.key}.json", json.dumps(asdict(done), allow_nan=False, indent=1))
+    write(folder / kind / f"{done.key}.json", json.dumps(asdict(done), allow_nan=False, indent=1).encode())
 
 
 def read_study(place: Path) -> StudyData:
@@ -247,20 +229,12 @@ def _files(place: Path) -> dict[str, bytes]:
 
 
 def _manifest(place: Path, text: bytes) -> Manifest:
-    try:
-        found = json.loads(text).get("format")
-    except (ValueError, AttributeError) as error:
-        raise _damaged(place / MANIFEST, error, "restore a copy of it") from error
-    if found != FORMAT:
-        raise ScenarioError(
-            f"{place} has the format {found}, this version reads {FORMAT}: use another --out, or the version of "
-            "voxdepth that wrote it"
-        )
+    """Decode the manifest of a study."""
     try:
         return Manifest.model_validate_json(text)
     except pydantic.ValidationError as error:
         raise ScenarioError(
-            f"{place / MANIFEST} is damaged, or was written by a version of voxdepth with other keys "
+            f"{place / MANIFEST} is damaged, or was written by another version of voxdepth "
             f"({problems(error, Manifest, 'study')}): restore a copy of it, or use that version"
         ) from error
 
@@ -274,50 +248,26 @@ def _ended(place: Path, files: Mapping[str, bytes], kind: str, record: type[Ende
             if one.key not in keys or f"{kind}/{one.key}.json" != name:
                 raise ValueError(f"the key {one.key} is that of another run")
         except ValueError as error:
+            problem = "; ".join(str(error).splitlines()[:3])
             remedy = "restore a copy of it, or delete it and fly that run again with --resume"
-            raise _damaged(place / name, error, remedy) from error
+            raise ScenarioError(f"{place / name} is damaged ({problem}): {remedy}") from error
         found[one.key] = one
     return found
 
 
-def _damaged(path: Path, error: Exception, remedy: str) -> ScenarioError:
-    problem = "; ".join(str(error).splitlines()[:3])
-    return ScenarioError(f"{path} is damaged ({problem}): {remedy}")
-
-
-def _write(path: Path, text: str) -> None:
-    """Make or replace a file in one step that survives a loss of power; failing is a `ToolError`."""
-    with atomic(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    with as_tool_error(f"cannot write {path}"):
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-
-
-def _require_same(folder: Path, data: StudyData, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> None:
+def _require_same(folder: Path, data: StudyData, study: Study, specs: Sequence[RunSpec]) -> None:
     """Refuse to go on with what is not the study that was begun, or was begun with other versions."""
-    name, before, now = data.study.name, data.versions, versions_of(specs)
+    before, now = data.versions, versions_of(specs)
     changed = [one for one in {**before, **now} if before.get(one) != now.get(one)]
-    if edited := [one for one in changed if ":" in one and one in before and one in now]:
+    is_same = identity(data.study, data.specs) == identity(study, specs)
+    if not is_same and not any(one in before and one in now for one in changed):
         raise ScenarioError(
-            f"the code of {' and '.join(edited)} has changed since {folder} was begun, so results may differ: take "
-            "the change back, or use another --out"
+            f"{folder} holds another version of the study {data.study.name!r}: the study or one of its scenarios has "
+            "changed; use another --out"
         )
-    if identity(data.study, data.specs) != identity(study, specs):
-        raise ScenarioError(
-            f"{folder} holds another version of the study {name!r}: the study or one of its scenarios has changed; "
-            "use another --out"
-        )
-    if (data.records or data.failures) and not resume:
-        raise ScenarioError(f"{folder} holds runs of the study {name!r}: go on with --resume, or use another --out")
     if changed:
         told = ", ".join(f"{one} {before.get(one, 'unknown')} -> {now.get(one, 'unknown')}" for one in changed)
         raise ScenarioError(
             f"{folder} was begun with other versions ({told}), so results may differ: install those versions (code: "
-            "check out that revision), or use another --out"
+            "check out that revision, or take the change back), or use another --out"
         )

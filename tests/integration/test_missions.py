@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.batch import check_acceptance
+from scenarios.acceptance import check_acceptance
 from scenarios.config import Run, load_run
 from scenarios.files import shipped_names
 from scenarios.flight import fly, flying
@@ -124,4 +124,4 @@ def test_nothing_is_known_before_the_latency_has_passed() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_names("scenarios"))
 def test_shipped_scenarios_keep_their_promise(name: str) -> None:
-    assert [promise for promise in check_acceptance(name, [0], lambda *_: None, workers=1) if not promise.kept] == []
+    assert [promise for promise in check_acceptance(name, [0], lambda *_: None) if not promise.kept] == []

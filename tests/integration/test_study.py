@@ -2,28 +2,24 @@
 
 import json
 import os
-import random
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet
 import pytest
-from distributed import LocalCluster
 from typer.testing import CliRunner, Result
 
 from scenarios.errors import ScenarioError
-from scenarios.study.design import expand
-from scenarios.study.executors import Cluster, Executor, Processes, Serial
+from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
-from scenarios.study.store import Completion, Failure
 from swarm.types import Outcome
-from tests.integration.test_cli import ENVIRONMENT, voxdepth
-from tests.studies import PIDS, arm, fake, killable, noisy, results_of, study, unseen
+from tests.integration.test_cli import ENVIRONMENT
+from tests.studies import PIDS, arm, fake, killable, results_of, study, unseen
 from voxdepth.tools.cli import create_app
 
 TINY = """
@@ -59,22 +55,17 @@ def tiny(tmp_path: Path) -> Path:
     return tmp_path / "tiny.toml"
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
-def test_all_executors_give_the_same_records_bit_by_bit() -> None:
-    specs = expand(study(arm("truth"), noisy("voxdepth", 0.5, corrector="voxdepth"), arm("stereo", depth="stereo")))
-    executors: list[Executor] = [Serial(), Processes(1, 60.0), Processes(3, 60.0)]
-    serial, *others = ({done.key: done for done in executor.run(specs)} for executor in executors)
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        others.append({done.key: done for done in Cluster(cluster.scheduler_address, 60.0).run(specs)})
-    assert len(serial) == 6
-    assert not any(isinstance(done, Failure) for done in serial.values())
-    assert [written(done) for done in others] == [written(serial)] * 3
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+    """The folder of a study that was flown, and what the command said."""
+    folder = tmp_path_factory.mktemp("flown")
+    (folder / "tiny.toml").write_text(TINY)
+    return folder / "out", study_command(folder / "tiny.toml", "--out", folder / "out", "--workers", "0")
 
 
-def written(done: dict[str, Completion]) -> list[str]:
-    """Records digit by digit, but for their wall-clock time."""
-    return [repr(replace(done[key], wall_s=0.0)) for key in sorted(done)]
+def study_command(*arguments: str | Path) -> Result:
+    """A command in this process, which is quicker."""
+    return CliRunner().invoke(create_app(), ["study", *map(str, arguments)])
 
 
 @pytest.mark.slow
@@ -83,20 +74,19 @@ def test_a_study_killed_again_and_again_loses_nothing_and_repeats_nothing(tmp_pa
     pids.mkdir()
     command = [sys.executable, "-m", "tests.studies", str(out)]
     environment = ENVIRONMENT | {PIDS: str(pids)}
-    moments = random.Random(4)
-    for _ in range(4):
+    for _ in range(2):
         before = results_so_far(out)
         child = subprocess.Popen(command, env=environment)
         wait_until(lambda before=before: results_so_far(out) > before)  # type: ignore[misc]
-        time.sleep(moments.uniform(0, 0.5))
         child.kill()
         child.wait()
         wait_until(lambda: not any(is_running(int(path.name)) for path in pids.iterdir()))
     killed = results_of(out)
-    assert 4 <= len(killed) < 40, "it was killed in the middle of its work"
-    assert subprocess.run(command, env=environment, check=False, timeout=120).returncode == 0
+    assert 2 <= len(killed) < 40, "it was killed in the middle of its work"
+    resumed = run_study(killable(), out, Serial(fake), unseen, resume=True)
+    assert killed.items() <= resumed.records.items()
     undisturbed = run_study(killable(), tmp_path / "undisturbed", Serial(fake), unseen)
-    assert results_of(out) == undisturbed.records
+    assert resumed.records == undisturbed.records
     assert not undisturbed.failures
     assert len(undisturbed.records) == 40
 
@@ -124,43 +114,26 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def study_command(*arguments: str | Path) -> Result:
-    """A command in this process, which is quicker."""
-    return CliRunner().invoke(create_app(), ["study", *map(str, arguments)])
-
-
 @pytest.mark.slow
-def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    flown = voxdepth("study", tiny, "--out", out)
-    assert flown.returncode == 0, flown.stderr
-    assert max(len(line) for line in flown.stdout.splitlines() if "runs per hour" in line) < 80
-    assert "4 of 4 runs" in flown.stdout
-    assert "go on with --resume, or use another --out" in str(study_command(tiny, "--out", out).exception)
-    assert study_command("run", tiny, "--out", out, "--resume").exit_code == 0
+def test_a_study_from_its_file_to_its_report(flown: tuple[Path, Result], tmp_path: Path) -> None:
+    out, said = flown
+    assert said.exit_code == 0, said.output
+    assert max(len(line) for line in said.stdout.splitlines() if "runs per hour" in line) < 80
+    assert "4 of 4 runs" in said.stdout
+    file = out.parent / "tiny.toml"
+    assert "go on with --resume, or use another --out" in str(study_command(file, "--out", out).exception)
+    assert study_command("run", file, "--out", out, "--resume").exit_code == 0
     before = set(out.iterdir())
     assert "4 of 4 runs" in study_command("report", out, "--progress").stdout
     assert set(out.iterdir()) == before, "the progress alone writes nothing"
-    reported = study_command("report", out, "--effect", "20")
+    reported = study_command("report", out, "--to", tmp_path)
     assert reported.exit_code == 0, reported.output
-    assert "truth - blind: 20 points need about" in reported.output
-    table = pyarrow.parquet.read_table(out / "runs.parquet").to_pylist()
+    table = pyarrow.parquet.read_table(tmp_path / "runs.parquet").to_pylist()
     records = results_of(out)
     assert {row["key"]: (row["outcome"], row["min_clearance_m"]) for row in table} == {
         key: (record.outcome, record.metrics["min_clearance_m"]) for key, record in records.items()
     }
-    page = (out / "report.html").read_text()
-    assert "This study is not complete" not in page
-    assert "scenario city, arm blind, seed 0</td>" in page
-    diagnosed = voxdepth("study", "diagnose", out)
-    assert "arm blind, seed 0: where it was" in diagnosed.stdout, "true depth shows what is there"
-    assert "| blind | 2 | 0 | 0 | 0 | 0 | 0 | 0 | 2 | 0 | 0 | 0 | 0 |" in diagnosed.stdout
-    assert "| truth | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 |" in diagnosed.stdout
-    first = voxdepth("study", "diagnose", out, "--arm", "blind", "--limit", "1")
-    assert "| blind | 1 | 0 | 0 | 0 | 0 | 0 | 0 | 1 |" in first.stdout
-    assert "truth" not in first.stdout
-    deaf = study_command("diagnose", out, "--arm", "deaf")
-    assert "there is no arm 'deaf'; choose one of: truth, blind" in str(deaf.exception)
+    assert "This study is not complete" not in (tmp_path / "report.html").read_text()
 
 
 def test_an_archive_is_reported_without_unpacking_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,22 +157,26 @@ def test_runs_that_failed_are_told_and_flown_again_when_asked(tiny: Path, tmp_pa
     assert study_command("report", out).exit_code == 0
     assert "<td>timeout</td>" in (out / "report.html").read_text()
     resumed = study_command(tiny, "--out", out, "--resume", "--workers", "0")
-    assert resumed.exit_code == 1, "errors stay until they are asked for"
-    retried = study_command(tiny, "--out", out, "--resume", "--retry-errors", "--workers", "0")
-    assert retried.exit_code == 0, retried.output
-    assert "2 of 2 runs" in retried.stdout
-    alone = study_command(tiny, "--out", out, "--retry-errors")
-    assert "--retry-errors goes with --resume" in str(alone.exception)
+    assert resumed.exit_code == 0, resumed.output
+    assert "2 of 2 runs" in resumed.stdout
 
 
 @pytest.mark.slow
-def test_a_replay_says_whether_it_ended_the_same(tiny: Path, tmp_path: Path) -> None:
+def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was_hit(
+    flown: tuple[Path, Result], tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    assert study_command(tiny, "--out", out, "--workers", "0").exit_code == 0
+    shutil.copytree(flown[0], out)
+    collisions = study_command("replay", out)
+    assert collisions.exit_code == 0, collisions.output
+    same = "collision: the same as in the study, errors of depth within 0.0001, others within 1e-06"
+    assert [f"arm blind, seed {seed}: {same}" in collisions.stdout for seed in (0, 1)] == [True, True]
+    assert collisions.stdout.count("\n  where it was") == 2, "true depth shows what is there"
+    assert "| blind | 2 | 0 | 0 | 0 | 0 | 0 | 0 | 2 |" in collisions.stdout
+    assert "truth" not in collisions.stdout
     key = next(key for key, record in results_of(out).items() if record.outcome is Outcome.COLLISION)
     again = study_command("replay", out, key[:10], "--record")
-    assert again.exit_code == 0, again.output
-    assert "collision: the same as in the study, errors of depth within 0.0001, others within 1e-06" in again.stdout
+    assert same in again.stdout
     assert len(list(out.glob("replays/*/run.rrd"))) == 1
     path = out / "runs" / f"{key}.json"
     stored = json.loads(path.read_text())

@@ -7,11 +7,11 @@ import pytest
 
 from tests.realsense_files import SoftwareCamera
 from voxdepth.baselines.realsense import (
-    FILLS,
     RealSenseChain,
-    RealSenseHoles,
+    RealSenseLeft,
+    fill_farthest,
+    fill_from_left,
 )
-from voxdepth.baselines.single_frame import AuthorsMax
 from voxdepth.errors import ConfigError
 from voxdepth.types import Frame, Intrinsics, Source
 
@@ -52,21 +52,15 @@ def moving_scene(n_frames: int) -> list[np.ndarray]:
     return frames
 
 
-@pytest.mark.parametrize("fill", FILLS)
-def test_hole_filling_keeps_what_was_measured_and_says_what_it_filled(fill: Any) -> None:
+def test_hole_filling_keeps_what_was_measured_and_says_what_it_filled() -> None:
     depth_m = holed(0)
-    result = RealSenseHoles(fill=fill).process(frame_of(depth_m))
+    result = RealSenseLeft().process(frame_of(depth_m))
     valid = depth_m > 0
     filled = ~valid & (result.depth_m > 0)
     np.testing.assert_array_equal(result.depth_m[valid], depth_m[valid])
     assert filled.sum() > 100
     np.testing.assert_array_equal(result.source, valid * Source.SENSOR + filled * Source.INPAINTED)
     np.testing.assert_array_equal(result.confidence, valid + 0.5 * filled)
-
-
-def test_unknown_modes_are_refused() -> None:
-    with pytest.raises(ConfigError, match="'right'; choose one of: left, farthest, nearest"):
-        RealSenseHoles(fill="right")  # type: ignore[arg-type]
 
 
 def test_the_chain_needs_the_baseline() -> None:
@@ -93,28 +87,17 @@ def test_the_chain_smooths_noise_and_fills_what_flickers_from_the_past() -> None
     assert (result.source[noisy_m == 0] == Source.INPAINTED).mean() > 0.99
 
 
-def test_the_authors_maximum_is_that_of_five_neighbours_of_the_median_without_the_last_row_and_column() -> None:
-    depth_m = holed(4)
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(depth_m, 2, "edge"), (5, 5))
-    median_m = np.median(windows, axis=(2, 3))
-    expected = np.zeros_like(depth_m)
-    for row, col in np.ndindex(18, 22):
-        neighbours = [(row, col - 1), (row - 1, col), (row - 1, col - 1), (row, col + 1), (row - 1, col + 1)]
-        expected[row, col] = max(median_m[at] for at in neighbours)  # -1 is the opposite side, as for the authors
-    np.testing.assert_array_equal(AuthorsMax().process(frame_of(depth_m)).depth_m, expected)
-
-
 # librealsense
 
 
-@pytest.mark.parametrize("mode", range(3))
-def test_hole_filling_equals_that_of_librealsense(mode: int) -> None:
+@pytest.mark.parametrize(("mode", "fill"), enumerate([fill_from_left, fill_farthest]))
+def test_hole_filling_equals_that_of_librealsense(mode: int, fill: Any) -> None:
     sdk = SoftwareCamera(CAMERA)
     block = sdk.rs.hole_filling_filter(mode)
-    baseline = RealSenseHoles(fill=list(FILLS)[mode])  # type: ignore[arg-type]
     for units in moving_scene(5):
-        expected = sdk.through(units, [block])
-        np.testing.assert_array_equal(np.rint(baseline.process(frame_of(units / 1000)).depth_m * 1000), expected)
+        expected, filled_m = sdk.through(units, [block]), (units / 1000).astype(np.float32)
+        fill(filled_m)
+        np.testing.assert_array_equal(np.rint(filled_m * 1000), expected)
         assert (expected != units).any() == units.any()
 
 

@@ -50,7 +50,7 @@ def test_frames_without_a_pixel_do_not_count() -> None:
 
 def test_the_change_of_the_error_is_that_of_pairs_of_frames() -> None:
     raw = [(1.0, 10), (9.0, 10), (2.0, 10)]
-    sums = {"raw": raw, "temporal": [(0.8 * error, n) for error, n in raw], "flow": [(0.0, 0)] * 3}
+    sums = {"raw": raw, "temporal": [(0.8 * error, n) for error, n in raw], "telea": [(0.0, 0)] * 3}
     values = {(method, m.metric): m for method, m in error_intervals(sums)}
     assert {method for method, _ in values} == {"temporal"}
     shown = [values["temporal", name].value for name in ("mae_change", "mae_change_low", "mae_change_high")]

@@ -12,7 +12,7 @@ from scenarios.config import Run, images_of, load_run
 from scenarios.errors import ScenarioError
 from scenarios.flight import fly
 from scenarios.mission_pictures import draw_flight, flight_figure, take_picture
-from scenarios.runner import LONGEST_CORRECTOR, _create_first, _new_folder, fly_and_write, folder_name
+from scenarios.runner import LONGEST_CORRECTOR, _new_folder, fly_and_write, folder_name
 
 QUICK = {"mission.drones": 2, "mission.duration_s": 0.5, **images_of(32, 32), "rig.depth": "truth"}
 
@@ -67,7 +67,7 @@ def test_drones_have_their_numbers_and_towers_without_texture_a_mark(blank_share
 def test_the_folder_of_a_run_says_what_was_flown(folders: list[Path]) -> None:
     noisy = run("city", **{"rig.depth": "noisy", "rig.noise.scale.theta": 0.5, "corrector": "median"})
     assert folder_name(noisy) == "city-0-noisy0.5-median"
-    config = {"fill": "none", "max_featureless_frames": 7, "smoothing_window_px": 3}
+    config = {"fill": "none", "shadow_factor": 1.0, "smoothing_window_px": 3}
     set_up = folder_name(run("city", **{"corrector": {"name": "temporal", "config": config}}))
     assert re.fullmatch(rf"city-0-truth-temporal-fill-none[\w.-]{{,{LONGEST_CORRECTOR}}}", set_up)
     names = [folder.name for folder in folders]
@@ -76,7 +76,6 @@ def test_the_folder_of_a_run_says_what_was_flown(folders: list[Path]) -> None:
 
 
 def test_a_run_has_a_folder_of_its_own_and_none_without_files(tmp_path: Path) -> None:
-    assert [_create_first(tmp_path / "run").name for _ in range(3)] == ["run", "run-2", "run-3"]
     with _new_folder(tmp_path / "a" / "b", run("crossing")) as folder:
         assert folder.is_dir()
     assert not (tmp_path / "a").exists()

@@ -11,8 +11,8 @@ from voxdepth import networks
 from voxdepth.errors import ConfigError
 from voxdepth.networks import FOLDER, load, read_card
 
-NAMES = ("corrector", "convex")
-CHANNELS = {"corrector": 10, "convex": 1}
+NAMES = ("corrector",)
+CHANNELS = {"corrector": 10}
 LARGEST_BYTES = 500_000
 
 needs_runtime = pytest.mark.skipif(not networks.has_runtime(), reason="needs the extra learned")

@@ -7,9 +7,10 @@ import numpy as np
 import pydantic
 import pytest
 
-from scenarios.study.analysis import GOAL_SPEED, compare_means, gains, thresholds
+from scenarios.study.analysis import gains, matched_arms, run_frame, thresholds
 from scenarios.study.design import Study, by_importance, expand
-from scenarios.study.report import Findings, result
+from scenarios.study.figures import all_figures
+from scenarios.study.report import Findings
 from scenarios.study.statistics import LAPSE, crossing, success_threshold, told
 from scenarios.study.store import StudyData
 from swarm.types import Outcome
@@ -46,7 +47,7 @@ def test_every_arm_flies_every_level_of_the_axis_unless_it_names_its_own_and_see
     specs = expand(planned)
     assert [(s.arm, s.level) for s in specs] == [*((a, s) for a in "ab" for s in STOPS), ("full", 0.0)] * 2
     assert [s.run.scenario.rig.light_stops for s in specs[:9]] == list(STOPS)
-    assert specs[1].label == "scenario city, arm a at -0.5, seed 0"
+    assert specs[1].title == "scenario city, arm a at -0.5, seed 0"
     assert by_importance(planned, specs, specs) == specs
 
 
@@ -105,12 +106,12 @@ def test_a_threshold_beyond_the_levels_is_said_to_be_there(always: bool) -> None
 
 def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
     data = flown(light(), {"a": -1.7, "b": -2.4})
-    (gain,) = gains(data)
+    (gain,) = gains(data, run_frame(data))
     assert (gain.first, gain.second, gain.declared, gain.seeds) == ("b", "a", True, 8)
     assert gain.estimate.value == pytest.approx(0.7, abs=0.1)
     assert gain.estimate.interval.low < 0.7 < gain.estimate.interval.high
-    assert result(data).startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
-    a, b = thresholds(data)
+    assert Findings(data).verdict.startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
+    a, b = thresholds(data, run_frame(data))
     for (_, _, seeds, half_arrive, half_speed, _), place in ((a, -1.7), (b, -2.4)):
         assert seeds == 8
         assert half_speed.value == pytest.approx(place, abs=0.1)
@@ -120,32 +121,36 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
 def test_curves_of_two_scenarios_are_not_compared(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text('name = "own"\ndescription = "Mine."\n')
     data = flown(light(seeds=2, scenarios=["city", str(tmp_path / "own.toml")]), {"a": -1.7, "b": -2.4})
-    assert [(gain.scenario, gain.first, gain.second) for gain in gains(data)] == [("city", "b", "a"), ("own", "b", "a")]
+    found = [(gain.scenario, gain.first, gain.second) for gain in gains(data, run_frame(data))]
+    assert found == [("city", "b", "a"), ("own", "b", "a")]
 
 
 @pytest.mark.parametrize("half_at", [{"a": -1.7, "b": -6.0}, {"a": 1.0, "b": -2.4}])
 def test_a_gain_is_not_extrapolated(half_at: dict[str, float]) -> None:
     data = flown(light(), half_at)
-    (gain,) = gains(data)
+    (gain,) = gains(data, run_frame(data))
     assert gain.estimate is None
-    assert result(data).endswith("come down to half of the full goal speed outside of the levels that were flown.")
-    assert "may lie outside of 0 to -4" in Findings(data).tables["thresholds"].markdown()
+    findings = Findings(data)
+    assert findings.verdict.endswith("come down to half of the full goal speed outside of the levels that were flown.")
+    assert "may lie outside of 0 to -4" in findings.tables["thresholds"].markdown()
 
 
 def test_measures_are_compared_as_the_gain_was_declared_and_the_report_shows_every_level() -> None:
     data = flown(light(), {"a": -1.7, "b": -2.4})
-    pairs = [(one.first, one.second) for one in compare_means(data, [GOAL_SPEED])]
+    pairs = list(matched_arms(data, run_frame(data))[0])
     assert pairs[: len(STOPS)] == [(f"b at {level:g}", f"a at {level:g}") for level in STOPS]
     assert len(pairs) == len(STOPS) + 2, "and both against the reference at its level"
     findings = Findings(data)
     arms = findings.tables["means"].column("arm")
     assert [arm for arm in arms if str(arm).startswith("a ")] == [f"a at {level:g}" for level in STOPS]
-    assert "city: curves over light_stops" in [picture.title for picture in findings.pictures()]
+    (curves,) = all_figures(data.study, findings.arms, findings.comparisons["arrived"])
+    assert curves.title == "city: curves over light_stops"
 
 
 def test_seeds_without_a_result_at_every_level_are_left_out() -> None:
     data = flown(light(), {"a": -1.7, "b": -2.4})
     lost = next(spec.key for spec in data.specs if (spec.seed, spec.arm, spec.level) == (3, "a", -1.0))
     data = replace(data, records={key: one for key, one in data.records.items() if key != lost})
-    assert gains(data)[0].seeds == 7
-    assert [seeds for _, _, seeds, *_ in thresholds(data)] == [7, 8]
+    runs = run_frame(data)
+    assert gains(data, runs)[0].seeds == 7
+    assert [one.seeds for one in thresholds(data, runs)] == [7, 8]

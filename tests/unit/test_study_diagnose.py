@@ -11,19 +11,19 @@ from scenarios.study.diagnose import (
     Cause,
     CollisionProbe,
     Diagnosis,
-    Observation,
+    Image,
     cause_table,
     diagnose,
 )
 from sim.bodies import Surface
 from sim.frames import pose
-from sim.types import Contact, VelocityCommand
+from sim.types import Capture, Contact, VelocityCommand
 from swarm.cost_map import CostMap
 from swarm.pilot import Decision, PilotConfig
 from swarm.voxel_map import FREE, OCCUPIED, UNOBSERVABLE, MapConfig
 from tests.helpers import wall, world_of
 from voxdepth.metrics import TOO_FAR
-from voxdepth.types import FloatArray, Intrinsics
+from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics
 
 CAMERA = Intrinsics(width_px=40, height_px=30, fx_px=20.0, fy_px=20.0, cx_px=19.5, cy_px=14.5, baseline_m=1.0)
 WALL, OTHER = 7, 8
@@ -32,33 +32,40 @@ AHEAD_M = np.array([0.0, 0.0, 2.0])
 ASIDE_M = np.array([5.0, 0.0, 2.0])
 
 
-def seen(
-    ratio: float, *, trusted: bool = True, shows: int = WALL, shift_m: float = 0.0, true_m: float = 2.0
-) -> Observation:
+TRUSTED_FROM = 0.5
+
+
+def seen(ratio: float, *, trusted: bool = True, shows: int = WALL, shift_m: float = 0.0, true_m: float = 2.0) -> Image:
     """A wall straight ahead that is shown `ratio` times as far as it is; 0 is a hole."""
     T_world_cam = np.eye(4)
     T_world_cam[0, 3] = shift_m
-    true = np.full(CAMERA.shape, true_m, np.float32)
-    return Observation(
+    true, nothing = np.full(CAMERA.shape, true_m, np.float32), np.zeros(CAMERA.shape, np.uint8)
+    capture = Capture(
         stamp_s=0.0,
-        true_m=true,
-        corrected_m=np.float32(ratio) * true,
-        trusted=np.full(CAMERA.shape, trusted),
+        drone=0,
+        gray_left=nothing,
+        gray_right=None,
+        depth_true_m=true,
+        depth_raw_m=true,
+        occluded=nothing.astype(np.bool_),
+        invalid_reason=nothing,
         segment_id=np.full(CAMERA.shape, shows, np.int32),
         T_world_cam=T_world_cam,
         intrinsics=CAMERA,
     )
+    confidence = np.full(CAMERA.shape, TRUSTED_FROM if trusted else 0.4, np.float32)
+    return capture, CorrectedDepth(depth_m=np.float32(ratio) * true, source=nothing, confidence=confidence)
 
 
-def cause_of(observations: Sequence[Observation], point_m: FloatArray = AHEAD_M) -> Cause:
-    return diagnose(observations, WALL, point_m).cause
+def found_in(images: Sequence[Image], point_m: FloatArray = AHEAD_M) -> Diagnosis:
+    return diagnose(images, WALL, point_m, TRUSTED_FROM)
 
 
 UNTRUSTED, AWAY = seen(1.0, trusted=False), seen(1.0, shows=OTHER)
 
 
 @pytest.mark.parametrize(
-    ("observations", "cause"),
+    ("images", "cause"),
     [
         ([seen(1.05)] * 5, Cause.CORRECT),
         ([seen(1.3)] * 5, Cause.TOO_FAR),
@@ -75,14 +82,14 @@ UNTRUSTED, AWAY = seen(1.0, trusted=False), seen(1.0, shows=OTHER)
         ([], Cause.NOT_IN_VIEW),
     ],
 )
-def test_the_cause_is_what_the_wall_looked_like(observations: list[Observation], cause: Cause) -> None:
-    assert cause_of(observations) is cause
+def test_the_cause_is_what_the_wall_looked_like(images: list[Image], cause: Cause) -> None:
+    assert found_in(images).cause is cause
 
 
 def test_only_the_part_that_was_hit_counts() -> None:
     """A drone that slides sideways along a wall sees other parts of it well."""
-    assert cause_of([seen(1.0)] * 5, ASIDE_M) is Cause.NOT_IN_VIEW
-    assert cause_of([seen(1.0, shift_m=5.0)] * 5, ASIDE_M) is Cause.CORRECT
+    assert found_in([seen(1.0)] * 5, ASIDE_M).cause is Cause.NOT_IN_VIEW
+    assert found_in([seen(1.0, shift_m=5.0)] * 5, ASIDE_M).cause is Cause.CORRECT
 
 
 @pytest.mark.parametrize("texture", [0.0, 1.25])
@@ -112,13 +119,12 @@ def test_what_the_map_of_the_drone_held_is_told() -> None:
             decision = Decision(command=command, wanted_velocity_m_s=np.zeros(3), state="free", view=costs)
             probe.tick(0, 2.0 * k if k < 2 else 2.9, world.states, np.empty((0, 3)), [decision])
         probe.contact(0, Contact(time_s=3.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
-    found = probe.diagnosis
-    assert (found.held_before, found.held_at_last) == ("free", "occupied")
-    assert "map: free a second before, occupied at last" in str(found)
+    assert probe.diagnosis.held_before == "free"
+    assert "map: free a second before" in str(probe.diagnosis)
 
 
 def test_distances_are_of_what_was_trusted() -> None:
-    found = diagnose([seen(1.3)] * 3 + [seen(5.0, trusted=False)] * 2, WALL, AHEAD_M)
+    found = found_in([seen(1.3)] * 3 + [seen(5.0, trusted=False)] * 2)
     assert (found.true_m, found.corrected_m) == (pytest.approx(2.0), pytest.approx(2.6))
     assert str(found) == "too far away, shown at 2.60 m instead of 2.00 m"
     assert str(Diagnosis(cause=Cause.NO_DEPTH, textureless=True)) == "no depth; it has no texture"
@@ -142,9 +148,9 @@ def test_the_table_has_a_row_for_each_arm() -> None:
 def test_the_verdict_follows_from_the_distances_that_are_told() -> None:
     random = np.random.default_rng(0)
     for _ in range(100):
-        one = seen(1.0, true_m=2.0)
+        capture, corrected = seen(1.0)
         true_m = random.uniform(1.7, 2.4, CAMERA.shape).astype(np.float32)
         shown_m = true_m * random.normal(1.1, 0.3, CAMERA.shape).clip(0.2).astype(np.float32)
-        found = diagnose([replace(one, true_m=true_m, corrected_m=shown_m)] * 3, WALL, AHEAD_M)
+        found = found_in([(replace(capture, depth_true_m=true_m), replace(corrected, depth_m=shown_m))] * 3)
         verdict, shown, true = re.fullmatch(r"(.*), shown at (\S+) m instead of (\S+) m", str(found)).groups()
         assert (verdict == Cause.TOO_FAR) == (float(shown) > TOO_FAR * float(true))

@@ -4,9 +4,6 @@ Parameters are the defaults of librealsense 2.59 (`src/proc`); neighbours, borde
 tests compare the results bit by bit with it.
 """
 
-from collections.abc import Callable
-from typing import Literal
-
 import cv2
 import numpy as np
 from numba import float32, void
@@ -29,10 +26,6 @@ SPATIAL_PASSES = 2
 """Number of passes over rows and columns."""
 LAST_FRAMES, LEAST_VALID = 0b1111, 2
 """A hole takes the last mean if this many of the frames had a depth that agreed. A bit is a frame, the last lowest."""
-
-HoleFillName = Literal["left", "farthest", "nearest"]
-HoleFill = Callable[[FloatImage], None]
-"""Fills holes (0) of a depth image [m], shape (H, W), in place and in raster order."""
 
 
 def smooth_in_space(disparity: FloatImage) -> FloatImage:
@@ -101,31 +94,24 @@ class TemporalFilter:
         return np.where(valid | persists, self._mean, np.float32(0))
 
 
-class RealSenseHoles(Baseline):
-    """Fills holes as librealsense's `hole_filling_filter` does; a measured depth stays.
+class RealSenseLeft(Baseline):
+    """Fills holes as librealsense's `hole_filling_filter` in mode 0 does, which the paper describes.
 
-    Args:
-        fill: `left` is mode 0, which the paper describes, `farthest` mode 1, the SDK's default, `nearest` mode 2.
-
-    Raises:
-        ConfigError: There is no such mode.
+    A measured depth stays.
     """
 
-    def __init__(self, *, fill: HoleFillName = "farthest") -> None:
-        if fill not in FILLS:
-            raise ConfigError(f"there is no hole filling {fill!r}; choose one of: {', '.join(FILLS)}")
-        self._fill = FILLS[fill]
+    def __init__(self) -> None:
         compile_all()
 
     def _corrected(self, frame: Frame) -> FloatImage:
         filled_m = np.array(frame.depth_m, order="C")
-        self._fill(filled_m)
+        fill_from_left(filled_m)
         return filled_m
 
 
 @compiled(void(FLOAT_IMAGE))
 def fill_from_left(depth_m: FloatImage) -> None:
-    """Mode 0: a hole takes the nearest depth to its left; without one it stays."""
+    """Mode 0 of hole filling, in place: a hole takes the nearest depth to its left; without one it stays."""
     for row in range(depth_m.shape[0]):
         for col in range(1, depth_m.shape[1]):
             if depth_m[row, col] == 0:
@@ -134,9 +120,10 @@ def fill_from_left(depth_m: FloatImage) -> None:
 
 @compiled(void(FLOAT_IMAGE))
 def fill_farthest(depth_m: FloatImage) -> None:
-    """Mode 1: a hole takes the largest of the depths above, above left, left, below left and below.
+    """Mode 1, the default, in place: a hole takes the largest of five depths beside it.
 
-    The first and the last row and the first column stay as they are, as in the SDK.
+    They lie above, above left, left, below left and below. The first and the last row and the first column stay as they
+    are, as in the SDK.
     """
     for row in range(1, depth_m.shape[0] - 1):
         for col in range(1, depth_m.shape[1]):
@@ -144,30 +131,6 @@ def fill_farthest(depth_m: FloatImage) -> None:
                 above = max(depth_m[row - 1, col], depth_m[row - 1, col - 1])
                 below = max(depth_m[row + 1, col], depth_m[row + 1, col - 1])
                 depth_m[row, col] = max(above, below, depth_m[row, col - 1])
-
-
-@compiled(void(FLOAT_IMAGE))
-def fill_nearest(depth_m: FloatImage) -> None:
-    """Mode 2: a hole takes the smallest valid of the same five depths, but stays if the one above is invalid.
-
-    The first and the last row and the first column stay as they are, as in the SDK.
-    """
-    for row in range(1, depth_m.shape[0] - 1):
-        for col in range(1, depth_m.shape[1]):
-            if depth_m[row, col] == 0:
-                nearest_m, left = depth_m[row - 1, col], col - 1
-                for other_m in (
-                    depth_m[row - 1, left],
-                    depth_m[row, left],
-                    depth_m[row + 1, left],
-                    depth_m[row + 1, col],
-                ):
-                    if (other_m > 0) & (other_m < nearest_m):
-                        nearest_m = other_m
-                depth_m[row, col] = nearest_m
-
-
-FILLS: dict[str, HoleFill] = {"left": fill_from_left, "farthest": fill_farthest, "nearest": fill_nearest}
 
 
 class RealSenseChain(Baseline):

@@ -67,21 +67,36 @@ class VoxelGrid:
     Cells are numbered with x fastest and z slowest, so that neighbouring pixels of a surface share words of memory.
     """
 
-    def __init__(self, config: VoxelConfig) -> None:
+    def __init__(self, config: VoxelConfig, intrinsics: Intrinsics) -> None:
         self.config = config
         self.words: Words = np.zeros(config.n_words, np.uint32)
+        self._intrinsics = intrinsics
 
     def clear(self) -> None:
         """Empty the grid."""
         self.words.fill(0)
 
-    def integrate(self, depth_m: FloatImage, intrinsics: Intrinsics, T_grid_cam: FloatArray) -> None:
-        """OR the voxels of all valid pixels of a depth image into the grid: paper, Algorithm 1.
+    def integrate(self, depth_m: FloatImage, T_grid_cam: FloatArray) -> None:
+        """OR the voxels of all valid pixels of a depth image [m], shape (H, W), into the grid: paper, Algorithm 1.
 
         `T_grid_cam`, shape (4, 4), is the pose of its camera in the frame of the grid.
         """
-        rays = RayMap.of(intrinsics, self.config.T_cells_m @ T_grid_cam)
+        rays = RayMap.of(self._intrinsics, self.config.T_cells_m @ T_grid_cam)
         _mark(np.ascontiguousarray(depth_m), rays.rows, rays.cols, rays.offset, self.config.shape, self.words)
+
+    def project(self) -> FloatImage:
+        """Depth image [m], shape (H, W), float32, of the centres of the voxels as the camera of the grid sees them.
+
+        It is 0 where no centre falls.
+        """
+        depth_m, camera = np.zeros(self._intrinsics.shape, np.float32), self._intrinsics
+        focal_px, centre_px = (camera.fx_px, camera.fy_px), (camera.cx_px, camera.cy_px)
+        _draw(self.words, self.config.cell_m, self.config.shape, focal_px, centre_px, depth_m)
+        return depth_m
+
+    def occupied(self) -> "OccupiedVoxels":
+        """The voxels of the grid as they are now."""
+        return OccupiedVoxels.of(self.words, self.config)
 
 
 @compiled(void(READABLE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32[::1], UniTuple(int64, 3), WORDS))
@@ -132,14 +147,6 @@ class OccupiedVoxels:
         cells = np.column_stack([x - nx // 2, y - ny // 2, z]).astype(np.float32)
         centres_m: PointArray = (cells + np.float32(0.5)) * np.array(self.config.cell_m, np.float32)
         return centres_m
-
-
-def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:
-    """Depth image [m], shape (H, W), float32, of the centres of a grid's voxels; 0 where none falls."""
-    depth_m = np.zeros(intrinsics.shape, np.float32)
-    focal_px, centre_px = (intrinsics.fx_px, intrinsics.fy_px), (intrinsics.cx_px, intrinsics.cy_px)
-    _draw(grid.words, grid.config.cell_m, grid.config.shape, focal_px, centre_px, depth_m)
-    return depth_m
 
 
 @compiled(
