@@ -31,7 +31,7 @@ def result(sequence: str, method: str, mae: float, n: int = 1000, **given: Any) 
     figures = [
         *(Measurement("mae", "all", name, "completed", mae, "m", n) for name in RANGES),
         Measurement("mae", "holes", "0-20 m", "completed", 2 * mae, "m", n),
-        Measurement("psnr16_mm", "all", "all", "completed", 20 - mae, "dB", 2),
+        Measurement("psnr16_mm_settled", "all", "all", "completed", 20 - mae, "dB", 2),
         Measurement("latency_p50", "frames", "frames", "frames", 3.0, "ms", 2),
         Measurement("latency_p95", "frames", "frames", "frames", 4.0, "ms", 2),
     ]

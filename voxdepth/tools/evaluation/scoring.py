@@ -18,9 +18,7 @@ from ...metrics import (
     survival,
     z_accuracy,
 )
-from ...metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
 from ...types import CorrectedDepth, FloatImage, GrayImage, Intrinsics, MaskImage
-from ..output import to_millimetres
 from .frames import ALL, BINS, MEASURED, NEAR, NONE, OCCLUDED, RANGES, EvaluationFrame, Reference
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector
 
@@ -33,6 +31,8 @@ BELIEVED_RANGE = f"0-{FARTHEST_M:g} m"
 MIN_BELIEVED = 0.5
 SETTLED_FRAMES = 16
 """Number of frames of the warm-up, in which every method gets its first template; `settled` errors leave it out."""
+PSNR16, PEAK16_M = "psnr16_mm_settled", 65.535
+"""The paper's PSNR, and its peak: the largest pixel of 16 bits in millimetres [m]."""
 SURVIVAL = [Selector(metric, "moving", ALL, AS_GIVEN) for metric in ("survival", "survival_raw")]
 """Shares of the pixels of moving objects, of the corrected and of the raw depth."""
 GHOSTS = [Selector(metric, "departed", ALL, FILLED) for metric in ("ghosts", "ghosts_raw")]
@@ -51,13 +51,6 @@ METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
 }
 """Unit of each metric of errors, and how it follows from the sums. A new metric is one line here, and one in
 `quantities.py` for its table in the report. `too_far` and `too_near` are off by more than 10 %."""
-SERIES: Mapping[str, tuple[str, Callable[[list[float]], float]]] = {
-    "z_accuracy": ("share", np.median),
-    "plane_fit_rms": ("share", np.median),
-    "m_rmse_u16_wrap": ("1", np.mean),
-    "psnr_minmax8": ("dB", np.mean),
-}
-"""Unit of each metric that every frame has a value of, and what is told of these values."""
 
 
 class Score:
@@ -85,7 +78,7 @@ class Score:
         self._add_shares(frame, depth_m)
         self._add_quality(frame, depth_m)
         self._add_believed(frame, bins, corrected)
-        self._add_paper(frame, bins, masks, depth_m, completed_m)
+        self._add_settled(frame, bins, masks, completed_m)
 
     def measurements(self) -> list[Measurement]:
         """Return everything that is known after the last frame; measurements of no pixel are left out."""
@@ -147,30 +140,19 @@ class Score:
         believed = frame.hidden & in_range & (corrected.confidence >= np.float32(MIN_BELIEVED))
         self._believed += Sums.of(corrected.depth_m, frame.reference_m, believed)
 
-    def _add_paper(
-        self,
-        frame: EvaluationFrame,
-        bins: GrayImage,
-        masks: Mapping[str, MaskImage],
-        depth_m: FloatImage,
-        completed_m: FloatImage,
+    def _add_settled(
+        self, frame: EvaluationFrame, bins: GrayImage, masks: Mapping[str, MaskImage], completed_m: FloatImage
     ) -> None:
-        """Score by the paper's peak, and by the arithmetic of its authors; a pixel without a surface counts as 0 mm."""
+        """Score the surfaces within the paper's peak, and the occluded ones, after the warm-up."""
+        if len(self.frame_close) <= SETTLED_FRAMES:
+            return
         known, name = bins != NONE, self._reference.independent
         independent = known & masks[name] if name in masks else known
         occluded = OCCLUDED if OCCLUDED in masks else self._reference.hidden
-        # Surfaces that an image in 16 bits and millimetres can hold.
-        in_16_bits = Sums.of(completed_m, frame.reference_m, independent & (frame.reference_m <= np.float32(PEAK16_M)))
-        self._completed[Selector("psnr16_mm", name, ALL)] += in_16_bits
-        if len(self.frame_close) > SETTLED_FRAMES:
-            self._completed[Selector("psnr16_mm_settled", name, ALL)] += in_16_bits
-            near = masks[occluded] & np.isin(bins, RANGES[NEAR])
-            self._completed[Selector("rmse_settled", occluded)] += Sums.of(completed_m, frame.reference_m, near)
-        depth_mm = to_millimetres(depth_m)
-        reference_mm = to_millimetres(np.where(known, frame.reference_m, np.float32(0)))
-        wrapped = m_rmse_u16_wrap(depth_mm, reference_mm, masks[occluded] & known)
-        self._series[Selector("m_rmse_u16_wrap", occluded, ALL, AS_GIVEN)].append(wrapped)
-        self._series[Selector("psnr_minmax8", ALL, ALL, AS_GIVEN)].append(psnr_minmax8(depth_mm, reference_mm))
+        in_16_bits = independent & (frame.reference_m <= np.float32(PEAK16_M))
+        near = masks[occluded] & np.isin(bins, RANGES[NEAR])
+        for selector, mask in ((Selector(PSNR16, name, ALL), in_16_bits), (Selector("rmse_settled", occluded), near)):
+            self._completed[selector] += Sums.of(completed_m, frame.reference_m, mask)
 
     def _measured_errors(self, mask: str, range_name: str) -> Iterator[Measurement]:
         parts = (MEASURED, self._reference.hidden) if mask == ALL else (mask,)
@@ -186,15 +168,14 @@ class Score:
                 yield Measurement(metric, mask, range_name, on, value, unit, sums.filled)
 
     def _measured_flicker(self) -> Iterator[Measurement]:
-        if (changes := self._flicker.total).pixels:
-            yield Measurement("flicker", STATIC, NEAR, FILLED, changes.mean_change_m, "m", changes.changes)
+        if n := self._flicker.changes:
+            yield Measurement("flicker", STATIC, NEAR, FILLED, self._flicker.mean_change_m, "m", n)
 
     def _measured_series(self) -> Iterator[Measurement]:
-        """Yield the mean or the median over the frames of which a value is known."""
+        """Yield the medians over the frames of which a value is known."""
         for selector, values in self._series.items():
-            unit, average = SERIES[selector.metric]
             if known := [value for value in values if value is not None]:
-                yield Measurement(*selector, float(average(known)), unit, len(known))
+                yield Measurement(*selector, float(np.median(known)), "share", len(known))
 
     def _measured_believed(self) -> Iterator[Measurement]:
         """Yield the obstacle errors of believed fills."""
@@ -206,7 +187,7 @@ class Score:
     def _measured_completed(self) -> Iterator[Measurement]:
         """Yield the errors of completed pixels that are judged by the paper's peak or after the warm-up."""
         for selector, sums in self._completed.items():
-            is_psnr = selector.metric.startswith("psnr16_mm")
+            is_psnr = selector.metric == PSNR16
             value = sums.psnr_db(PEAK16_M) if is_psnr else sums.rmse_m
             unit = "dB" if is_psnr else "m"
             if sums.pixels:
