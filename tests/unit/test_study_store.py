@@ -56,12 +56,16 @@ def edited(name: str, **values: object) -> Damage:
     return edit
 
 
-def of_another_study(folder: Path) -> Path:
-    """Add a run that is none of the study."""
-    content = json.loads(next(folder.glob("runs/*")).read_text())
-    path = folder / "runs" / "another.json"
-    path.write_text(json.dumps(content | {"key": "another"}))
-    return path
+def added(**values: object) -> Damage:
+    """Copy the file of a run under another name, with other values."""
+
+    def add(folder: Path) -> Path:
+        content = json.loads(next(folder.glob("runs/*")).read_text())
+        path = folder / "runs" / "another.json"
+        path.write_text(json.dumps(content | values))
+        return path
+
+    return add
 
 
 @pytest.mark.parametrize(
@@ -75,7 +79,8 @@ def of_another_study(folder: Path) -> Path:
         edited("runs/*", metrics="none"),
         edited("runs/*", contacts=[{}]),
         edited("runs/*", key="another"),
-        of_another_study,
+        added(),
+        added(key="another"),
     ],
 )
 def test_a_damaged_file_is_named_in_one_line_and_a_run_can_be_flown_again(damage: Damage, tmp_path: Path) -> None:
