@@ -102,7 +102,7 @@ def report(
     findings = Findings(data)
     _print_status(findings)
     folder = to or _folder_of(out, data)
-    for path in (write_report(findings, out, folder), *(export(data, folder) if data.records else ())):
+    for path in (write_report(findings, out, folder), *export(data, folder)):
         typer.echo(f"written to {path}")
 
 

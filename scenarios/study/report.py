@@ -13,7 +13,6 @@ from voxdepth.tools.files import write
 from voxdepth.tools.page import render_page
 from voxdepth.tools.table import Table, write_frame
 
-from ..errors import ScenarioError
 from ..files import DATA
 from .analysis import REACHED, arms_of, compare_arms, gains, matched_arms, run_frame, thresholds
 from .design import ENDPOINTS, RunSpec
@@ -37,7 +36,7 @@ class Findings:
 
     def __init__(self, data: StudyData) -> None:
         self.data, study = data, data.study
-        runs = self._runs = run_frame(data)
+        self._runs = runs = run_frame(data)
         self.arms = arms_of(runs)
         """Every arm at every level in every scenario, and in all."""
         reached = [name for name in ENDPOINTS if (runs["outcome"] == REACHED[name]).any()]
@@ -45,7 +44,8 @@ class Findings:
         self.comparisons = {endpoint: compare_arms(data, runs, endpoint) for endpoint in endpoints}
         """The comparisons of arms by endpoint; the primary one comes first, and another that no run reached is left
         out."""
-        self._unit, self._gains = "" if study.axis is None else study.axis.unit, gains(data, runs)
+        self._unit = "" if study.axis is None else study.axis.unit
+        self._gains = gains(data, runs)
         declared = [gain_verdict(gain, self._unit) for gain in self._gains if gain.declared]
         self.verdict = " ".join(declared) or verdict(self.comparisons[study.endpoint], study.endpoint)
         """What the declared comparison found, in one sentence; of a study without one, what its first arms did."""
@@ -72,11 +72,8 @@ def write_report(findings: Findings, place: Path, out: Path) -> Path:
     Raises:
         ToolError: A file cannot be written.
     """
-    data, study, tables = (
-        findings.data,
-        findings.data.study,
-        [table for table in findings.tables.values() if len(table)],
-    )
+    data, study = findings.data, findings.data.study
+    tables = [table for table in findings.tables.values() if len(table)]
     head = f"Study {study.name}, {len(data.records)} of {len(data.runs)} runs\n\n{findings.verdict}\n"
     text = "\n".join([head, *(f"**{table.title}**\n\n{table.markdown()}" for table in tables)])
     write(out / "report.md", text.encode())
@@ -136,11 +133,10 @@ def _typed(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
 def export(data: StudyData, out: Path) -> list[Path]:
     """Write `run_table` as `runs.csv` and `runs.parquet`, and `drone_table` as `drones.*`; return their paths.
 
+    A table without rows has no file.
+
     Raises:
-        ScenarioError: There is no result yet.
         ToolError: A file cannot be written.
     """
-    if not data.records:
-        raise ScenarioError(f"the study {data.study.name!r} has no result yet: fly it first")
-    drones = drone_table(data)
-    return [*write_frame(out / "runs", run_table(data)), *(write_frame(out / "drones", drones) if len(drones) else ())]
+    tables = {"runs": run_table(data), "drones": drone_table(data)}
+    return [path for name, table in tables.items() if len(table) for path in write_frame(out / name, table)]
