@@ -1,6 +1,5 @@
 """Checks of the testbed on this machine, with a remedy for each problem."""
 
-from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
@@ -13,17 +12,27 @@ INSTALL = "pip install -c constraints.txt -e '.[all]' in the checkout"
 
 def examine() -> list[Finding]:
     """Check the testbed, in the order of the report. Without PyBullet, which an extra adds, nothing is drawn."""
-    return [*(_renderers() if find_spec("pybullet") else []), *own_packages("sim", "swarm", "scenarios")]
-
-
-def _renderers() -> list[Finding]:
+    own = own_packages("sim", "swarm", "scenarios")
+    if find_spec("pybullet") is None:
+        return own
     from sim.render import RENDERER_NAMES
 
-    needed = [name for name in RENDERER_NAMES if name != "egl"]
-    return [*(_attempt(f"renderer {name}", lambda name=name: _render(name)) for name in needed), _egl()]  # type: ignore[misc]
+    return [*map(_renderer, RENDERER_NAMES), *own]
 
 
-def _render(name: str) -> str:
+def _renderer(name: str) -> Finding:
+    """Check a renderer; egl needs a driver, which not every machine has."""
+    what, optional = f"renderer {name}", name == "egl"
+    try:
+        _require_wall_at_3_m(name)
+    except Exception as error:  # A check reports any error instead of ending with it.
+        remedy = "use the renderer raycast" if optional else INSTALL
+        state = f"{type(error).__name__}: {error}"
+        return Finding(what=what, state=state, ok=False, remedy=remedy, optional=optional)
+    return Finding(what=what, state="works", ok=True)
+
+
+def _require_wall_at_3_m(name: str) -> None:
     """Render a box 3 m ahead and check its depth."""
     from sim import frames
     from sim.bodies import Body, Box, Scene
@@ -38,23 +47,3 @@ def _render(name: str) -> str:
         depth_m = create_renderer(name, world).render([camera])[0].depth_m
     if not np.allclose(depth_m, 3.0, atol=0.01):
         raise RuntimeError(f"a wall at 3 m reads {depth_m.min():.3f} to {depth_m.max():.3f} m")
-    return "works"
-
-
-def _egl() -> Finding:
-    """Check the optional renderer with OpenGL."""
-    from sim.errors import RenderError
-    from sim.render.bullet import egl_plugin
-
-    try:
-        egl_plugin()
-    except RenderError as error:
-        return Finding(what="renderer egl", state="not on this machine", ok=False, remedy=str(error), optional=True)
-    return Finding(what="renderer egl", state="works", ok=True)
-
-
-def _attempt(what: str, action: Callable[[], str]) -> Finding:
-    try:
-        return Finding(what=what, state=action(), ok=True)
-    except Exception as error:  # A check reports any error instead of ending with it.
-        return Finding(what=what, state=f"{type(error).__name__}: {error}", ok=False, remedy=INSTALL)

@@ -16,10 +16,8 @@ from sim.errors import RecordingError, SimError
 from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.metrics import SeenBefore
-from voxdepth.tools.evaluation.groups import TRUE_GROUPS
+from voxdepth.tools.evaluation.frames import TRUTH, Code, EvaluationFrame
 from voxdepth.tools.evaluation.references import TRUE_DEPTHS
-from voxdepth.tools.evaluation.sources import Code, EvaluationFrame
 from voxdepth.tools.evaluation.suite import Requested, name_of
 from voxdepth.tools.files import to_toml
 from voxdepth.types import FloatImage, MaskImage
@@ -68,7 +66,7 @@ def _requested(name: str, recording: Callable[[Path, int, Tell], Recording], see
     def opened(out: Path, frames: int, tell: Tell) -> SimulatedSource:
         return SimulatedSource(name, recording(out, frames, tell), seed)
 
-    return Requested(name, has_poses=True, open=opened)
+    return Requested(name, opened)
 
 
 def recorded(planned: "SeededSequence", out: Path, frames: int, tell: Tell) -> Recording:
@@ -89,7 +87,7 @@ def recorded(planned: "SeededSequence", out: Path, frames: int, tell: Tell) -> R
 class SimulatedSource:
     """A recording with the truth, and the seed that it was rendered with, if that is known."""
 
-    groups = TRUE_GROUPS
+    reference = TRUTH
     code: Code = (("scenarios", "evaluation.py"), ("sim", "recording.py"), ("swarm", "perception.py"))
 
     def __init__(self, name: str, recording: Recording, seed: int | None) -> None:
@@ -105,20 +103,14 @@ class SimulatedSource:
         return self._recording.digest(frames)
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
-        """Read the first frames; a file that is missing or damaged is a `ScenarioError`.
-
-        Holes are split by what was measured before, and moving objects are marked.
-        """
-        seen_before, departures = SeenBefore(self.intrinsics), Departures()
+        """Read the first frames; a file that is missing or damaged is a `ScenarioError`. Moving objects are marked."""
+        departures = Departures()
         before: Capture | None = None
         for index in range(frames):
             with _as_our_errors():
                 capture = self._recording[index]
-            truth_m, occluded = capture.depth_true_m, capture.occluded
+            truth_m = capture.depth_true_m
             known = np.isfinite(truth_m)
-            hole = (capture.depth_raw_m == 0) & known
-            seen, never = seen_before.split(hole, truth_m, capture.T_world_cam, capture.depth_raw_m)
-            kind = occluded + np.uint8(2) * seen + np.uint8(4) * never
             before = capture if before is None else before
             with np.errstate(invalid="ignore"):
                 close = np.abs(truth_m - before.depth_true_m) <= np.float32(SAME_SURFACE) * truth_m
@@ -130,10 +122,10 @@ class SimulatedSource:
                 static, departed_m = static & ~moving, departures.add(moving, truth_m)
             yield EvaluationFrame(
                 frame=frame_of(capture),
-                T_world_cam=capture.T_world_cam,
                 reference_m=truth_m,
-                labels=TRUE_GROUPS.label(truth_m, kind.astype(np.uint8)),
+                hidden=capture.depth_raw_m == 0,
                 static=static,
+                occluded=capture.occluded,
                 moving=moving,
                 departed_m=departed_m,
             )

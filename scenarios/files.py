@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import pydantic
 
 from voxdepth.errors import no_such
-from voxdepth.model import explained, problem_keys, problems, shorten
+from voxdepth.model import explained, problems, shorten
 from voxdepth.tools.files import read_toml
 
 from .errors import ScenarioError
@@ -24,20 +24,12 @@ Name = Annotated[str, pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9,._ -]{0,79
 Loaded = TypeVar("Loaded", bound=pydantic.BaseModel)
 
 
-class Chosen(NamedTuple):
-    """A value in place of that of a file, and where it was chosen, for errors about it."""
-
-    value: Any
-    where: str
-    """As in `--drones 4`."""
-
-
 def shipped_names(kind: str) -> list[str]:
     """Return the names of the shipped files of one kind; a kind is the name of a folder of `data`."""
     return sorted(path.stem for path in (DATA / kind).glob("*.toml"))
 
 
-def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Loaded:
+def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, changes: Mapping[str, Any]) -> Loaded:
     """Load a configuration with its seed; a file that is missing or invalid is a `ToolError`.
 
     Args:
@@ -45,7 +37,7 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         kind: `scenarios` or `sequences`.
         name_or_path: Name of a shipped file, or path of a TOML file, which may be the `config.toml` of a result.
         seed: Master seed; None takes the seed of the result, or 0.
-        changes: Values to set, by dotted key, as in `{"mission.drones": 4}`; they may be `Chosen`.
+        changes: Values to set, by dotted key, as in `{"mission.drones": 4}`.
     """
     path, data = _read_table(kind, name_or_path)
     field = SINGULAR[kind]
@@ -53,29 +45,17 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         data = {field: data, "seed": 0}
     if not isinstance(data[field], dict):
         raise ScenarioError(f"{path}: {field} must be a table of keys, got {shorten(data[field])}")
-    chosen = {
-        key: value if isinstance(value, Chosen) else Chosen(value, f"{path} with {key} = {shorten(value)}")
-        for key, value in changes.items()
-    }
     changed = deepcopy(data)
-    for key, choice in chosen.items():
-        _set(changed[field], key, choice.value)
+    for key, value in changes.items():
+        _set(changed[field], key, value)
     if seed is not None:
-        chosen["seed"] = Chosen(seed, f"--seed {seed}")
         changed["seed"] = seed
     try:
-        return model.model_validate(changed, context={"folder": path.parent})
+        return model.model_validate(changed)
     except pydantic.ValidationError as error:
         _validated(model, path, data, field)  # An error of the file itself is told as such.
-        keys = problem_keys(error, model, field)
-        culprits = dict.fromkeys(choice.where for key in keys for choice in _concerned(chosen, key))
-        raise ScenarioError(f"{', '.join(culprits)}: {problems(error, model, field)}") from error
-
-
-def _concerned(chosen: Mapping[str, Chosen], key: str) -> list[Chosen]:
-    """The choices at, above or below the key of a problem; all of them where none is."""
-    near = [choice for own, choice in chosen.items() if f"{own}.".startswith(f"{key}.") or key.startswith(f"{own}.")]
-    return near or list(chosen.values())
+        chosen = ", ".join(f"{key} = {shorten(value)}" for key, value in {**changes, "seed": changed["seed"]}.items())
+        raise ScenarioError(f"{name_or_path} with {chosen}: {problems(error, model, field)}") from error
 
 
 def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path, Loaded]:
@@ -89,7 +69,7 @@ def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path,
 
 def _validated(model: type[Loaded], path: Path, data: dict[str, Any], field: str) -> Loaded:
     with explained(model, ScenarioError, f"{path}: ", field):
-        return model.model_validate(data, context={"folder": path.parent})
+        return model.model_validate(data)
 
 
 def _read_table(kind: str, name_or_path: str) -> tuple[Path, dict[str, Any]]:

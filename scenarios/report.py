@@ -1,17 +1,29 @@
-"""Texts and tables that the commands print at the end of a run or a recording."""
+"""What people read of a finished run, on the terminal and as a page."""
+
+from dataclasses import replace
+from pathlib import Path
 
 from rich.console import Console
 
-from sim.quality import DepthQuality
 from swarm.mission import contact_text
+from voxdepth.tools.figure import Picture
+from voxdepth.tools.files import write
+from voxdepth.tools.page import render_page
+from voxdepth.tools.provenance import source_commit
 from voxdepth.tools.table import Column, Table
 from voxdepth.tools.viewer import RECORDING
 
 from .config import Run
+from .files import DATA
 from .flight import Finished
+from .provenance import simulation_versions
 
 WITHOUT_TEMPLATE = "corrector_phase_passthrough_share"
 """The metric of the paper's method that says how many frames it did not correct."""
+
+
+UNITS = {"m_s": "m/s", "m": "m", "s": "s", "share": "share", "rad": "rad"}
+"""Units by the ends of the names of metrics, longer ends first."""
 
 
 def percent(share: float) -> str:
@@ -51,6 +63,37 @@ def summary_tables(finished: Finished, run: Run) -> list[Table]:
     ]
 
 
+def write_page(path: Path, run: Run, finished: Finished, *, picture: Path) -> None:
+    """Write the page of a run with a PNG of its flight; a failure is a `ToolError`.
+
+    The same run gives the same page.
+    """
+    overview, depth = summary_tables(finished, run)
+    metrics = [(*named(name), value) for name, value in finished.result.metrics.items()]
+    all_metrics = Table.of("All metrics", ("metric", "unit", Column("value", number=".4g")), metrics)
+    caption = "The flight from above, to scale: higher bodies are darker."
+    page = render_page(
+        DATA / "templates" / "run.html.j2",
+        run=run,
+        outcome=finished.result.outcome,
+        time_s=float(finished.result.metrics["sim_time_s"] or 0),
+        flight=Picture(title="The flight", caption=caption, png=picture.read_bytes()),
+        tables=[replace(overview, title="Overview"), depth, all_metrics],
+        recording=RECORDING if (path.parent / RECORDING).exists() else None,
+        versions=simulation_versions(),
+        commit=source_commit(),
+    )
+    write(path, page.encode())
+
+
+def named(metric: str) -> tuple[str, str]:
+    """Return the words and the unit of the name of a metric, as in `min_clearance_m`; no unit for a count."""
+    for end, unit in UNITS.items():
+        if metric.endswith(f"_{end}"):
+            return metric.removesuffix(f"_{end}").replace("_", " "), unit
+    return metric.replace("_", " "), ""
+
+
 def print_summary(console: Console, finished: Finished, run: Run) -> None:
     """Print outcome, safety and depth errors of one run, its speed, and where its files are."""
     for table in summary_tables(finished, run):
@@ -66,24 +109,3 @@ def print_summary(console: Console, finished: Finished, run: Run) -> None:
         console.print(f"written to {finished.folder}", soft_wrap=True, markup=False)
         if (finished.folder / RECORDING).exists():
             console.print(f"look at it with: voxdepth view {finished.folder}", soft_wrap=True, markup=False)
-
-
-def print_quality(console: Console, quality: DepthQuality, title: str) -> None:
-    """Print holes and errors per range, the depth where none can be measured, and the reasons of missing depth."""
-    ranges = [f"{low:g}-{high:g} m" for low, high in zip(quality.ranges_m, quality.ranges_m[1:], strict=False)]
-    counts = [f"{pixels:,}" for pixels in quality.pixels]
-    shares, errors_px = (quality.hole_shares, quality.within_1_px_shares), quality.median_errors_px
-    columns = ("true depth", "pixels", HOLES, Column("within 1 px", number=percent), Column("median error", "px"))
-    Table.of(title, columns, list(zip(ranges, counts, *shares, errors_px, strict=True))).print(console)
-    for which, what in (("occluded", "hidden from the right camera"), ("textureless", "on surfaces without texture")):
-        holes, wrong = quality.unmatchable_shares(which)  # type: ignore[arg-type]
-        if holes is not None:
-            console.print(
-                f"pixels {what}: {PERCENT.text(holes)} without depth, {PERCENT.text(wrong)} off by more than 5 %",
-                soft_wrap=True,
-            )
-    reasons = ", ".join(
-        f"{reason.name.lower().replace('_', ' ')} {PERCENT.text(share)}"
-        for reason, share in quality.invalid_shares.items()
-    )
-    console.print(f"without depth, of all pixels, the sky included: {reasons}", soft_wrap=True)

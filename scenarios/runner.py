@@ -1,14 +1,13 @@
 """The files of one mission."""
 
 import json
-import os
 import platform
 import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from io import BytesIO
-from itertools import chain, count
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +16,14 @@ import numpy as np
 from swarm.recorder import Recorder
 from voxdepth.interrupts import kept_back
 from voxdepth.registry import PAPER
-from voxdepth.tools.errors import ToolError
 from voxdepth.tools.files import as_tool_error, to_toml, write
 from voxdepth.tools.provenance import machine, versions
 from voxdepth.tools.viewer import PARTIAL_RECORDING, RECORDING
 
 from .config import Run
-from .errors import ScenarioError
 from .flight import Finished, Progress, flying, ticked
 from .mission_pictures import draw_flight
-from .run_page import write_page
+from .report import write_page
 
 LONGEST_CORRECTOR = 40
 """Number of characters of a corrector with its settings in the name of a folder."""
@@ -37,10 +34,9 @@ def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | Non
 
     Ctrl-C ends the mission after a tick with the outcome `interrupted`, and its files are written. A run that is killed
     leaves `config.toml` and its recording up to some seconds before as `run.part.rrd`. A folder or a file that cannot
-    be written is a `ToolError`, which names the files that are whole.
+    be written is a `ToolError`.
     """
-    _refuse_unwritable(out)
-    with ExitStack() as until_written, _new_folder(out, run) as folder, _naming_whole_files(folder):
+    with ExitStack() as until_written, _new_folder(out, run) as folder:
         recorder = _make_recorder(run, folder / PARTIAL_RECORDING) if record else Recorder()
         try:
             with flying(run, recorder, recorded=record) as mission:
@@ -103,49 +99,27 @@ def _make_recorder(run: Run, path: Path) -> Recorder:
     )
 
 
-def _refuse_unwritable(out: Path) -> None:
-    """Raise an error before anything is computed if no folder can be created below `out`."""
-    existing = next((path for path in [out, *out.absolute().parents] if path.exists()), Path("/"))
-    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
-        raise ScenarioError(f"cannot write to the output folder {out}: expected a folder that you may write to")
-
-
 @contextmanager
 def _new_folder(out: Path, run: Run) -> Iterator[Path]:
-    """Create a folder below `out`, named by the time and the run, and remove it at the end if it is empty."""
+    """Create a folder below `out`, named by the time and the run, and remove it at the end if it is empty.
+
+    Its name ends with a number if there is one already, since runs may begin in the same second.
+    """
     missing = [path for path in (out, *out.parents) if not path.exists()]
+    name = f"{datetime.now():%Y%m%d-%H%M%S}-{folder_name(run)}"
     with as_tool_error(f"cannot create a run folder in {out}"):
         out.mkdir(parents=True, exist_ok=True)
-        folder = _create_first(out / f"{datetime.now():%Y%m%d-%H%M%S}-{folder_name(run)}")
+        for k in count(1):
+            folder = out / (name if k == 1 else f"{name}-{k}")
+            with suppress(FileExistsError):
+                folder.mkdir()
+                break
     try:
         yield folder
     finally:
         for path in (folder, *missing):
             with suppress(OSError):
                 path.rmdir()
-
-
-def _create_first(path: Path) -> Path:
-    """Create a folder, with a number behind its name if there is one already: runs may begin in the same second."""
-    names = chain([path.name], (f"{path.name}-{k}" for k in count(2)))
-    while True:
-        folder = path.with_name(next(names))
-        with suppress(FileExistsError):
-            folder.mkdir()
-            return folder
-
-
-@contextmanager
-def _naming_whole_files(folder: Path) -> Iterator[None]:
-    """Add to an error about a file which files of the run are whole."""
-    try:
-        yield
-    except ToolError as error:
-        files = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
-        whole = sorted(str(path) for path in files if path.name != PARTIAL_RECORDING)
-        if not whole:
-            raise
-        raise ScenarioError(f"{error}; whole in {folder}: {', '.join(whole)}") from error
 
 
 def _write_results(finished: Finished, run: Run, folder: Path) -> None:

@@ -8,7 +8,6 @@ from matplotlib.patches import Patch
 
 from sim.bodies import Weather
 from sim.flights import Walk
-from sim.free_space import traversability
 from sim.recording import Recording
 from sim.render import create_renderer
 from sim.scenes import GROWN
@@ -18,8 +17,7 @@ from sim.world import World
 from voxdepth.colors import FAR_M, colored
 from voxdepth.tools.figure import Draw, image_shown, panel_figure
 from voxdepth.tools.output import is_correction
-from voxdepth.tools.table import Column, Table
-from voxdepth.types import FloatArray, GrayImage
+from voxdepth.types import GrayImage
 
 from .errors import ScenarioError
 from .images import INVALID_REASON_COLORS, color_invalid_reasons, hex_color, require_picture, save_picture
@@ -31,10 +29,6 @@ SCALE_M = np.linspace(0.01, FAR_M, 500, dtype=np.float32)[None]
 PATH_FRACTIONS = (0.15, 0.6)
 """Places along the path from which the pictures are taken."""
 CAMERA_HEIGHT_M = 1.7
-FLIGHT_HEIGHT_M, UP = 3.0, np.array([0.0, 0.0, 1.0])
-HALF_SIDE_M = 12.0
-"""The traversability is measured up to this distance on both sides of a path, which leads along x or along y."""
-DRONE_RADIUS_M = 0.25
 
 
 def make_sheet(folder: Path, out: Path) -> None:
@@ -81,22 +75,16 @@ def _draw_scale(axes: Axes) -> None:
     axes.set_yticks([])
 
 
-def make_gallery(seed: int, out: Path) -> Table:
-    """Write one picture with every kind of scene, in sunshine, and return the table of their traversability.
-
-    The traversability is the mean free path in drone diameters, at flight height. A failure is a `ScenarioError`.
-    """
+def make_gallery(seed: int, out: Path) -> None:
+    """Write one picture with every kind of scene, in sunshine. A failure is a `ScenarioError`."""
     require_picture(out)
-    rows, draws = [], []
+    draws = []
     for spec_type in GROWN:
         kind = str(spec_type.model_fields["kind"].default)
         scene = spec_type(weather=Weather(shadows=True)).build(seed)
         with World(scene, np.empty((0, 3))) as world:
-            bodies = sum(body.kind != "ground" for body in scene.bodies)
-            rows.append((kind, bodies, traversability_along(world, scene.path_m + FLIGHT_HEIGHT_M * UP)))
             draws += [image_shown(kind, image, cmap="gray", vmin=0, vmax=255) for image in _views(world, seed)]
     save_picture(out, panel_figure("", draws, columns=len(PATH_FRACTIONS), panel_in=(3.8, 2.4)))
-    return Table.of("scenes", ("scene", "bodies", Column("traversability", number=".1f")), rows)
 
 
 def _views(world: World, seed: int) -> list[GrayImage]:
@@ -105,20 +93,3 @@ def _views(world: World, seed: int) -> list[GrayImage]:
     poses = list(Walk(height_m=CAMERA_HEIGHT_M).poses(world.scene.path_m, seed, 1.0))
     chosen = [poses[int(fraction * len(poses))] for fraction in PATH_FRACTIONS]
     return [sensor.capture(pair).gray_left for pair in sensor.render(chosen, 0)]
-
-
-def traversability_along(world: World, path_m: FloatArray) -> float:
-    """Mean free path around a path, shape (n, 3), at its mean height, in diameters of a drone; a lower one is harder.
-
-    The world is without drones.
-    """
-    low_m, high_m = path_m[:, :2].min(axis=0), path_m[:, :2].max(axis=0)
-    across = np.eye(2)[(high_m - low_m).argmin()]
-    (low_x, low_y), (high_x, high_y) = low_m - HALF_SIDE_M * across, high_m + HALF_SIDE_M * across
-    return traversability(
-        world,
-        low_m=(low_x, low_y),
-        high_m=(high_x, high_y),
-        height_m=float(path_m[:, 2].mean()),
-        drone_radius_m=DRONE_RADIUS_M,
-    )

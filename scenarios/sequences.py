@@ -17,8 +17,6 @@ from pydantic import Field
 from sim.bodies import MovingSphere
 from sim.errors import SensorError
 from sim.flights import AnyFlight, Flight
-from sim.free_space import is_inside
-from sim.quality import DepthQuality
 from sim.recording import RecordingWriter
 from sim.render import RendererName, create_renderer
 from sim.scenes import AnyScene
@@ -81,14 +79,6 @@ class SeededSequence(Model):
     """Versions of the packages that made the recording, and of the source, as `code`."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecordingResult:
-    """Extent and quality of a finished recording."""
-
-    frames: int
-    quality: DepthQuality
-
-
 def names_of(names_and_groups: Iterable[str]) -> list[str]:
     """Return names of sequences, with the name of a group replaced by the names of its sequences."""
     return [name for given in names_and_groups for name in GROUPS.get(given, (given,))]
@@ -100,14 +90,7 @@ def load_sequence(name_or_path: str, seed: int | None, changes: dict[str, Any]) 
     return loaded.model_copy(update={"versions": versions(SIMULATION) | {"code": code_digest(SENSOR_SOURCES)}})
 
 
-def captures(seeded: SeededSequence, frames: int, *, start: int = 0) -> Iterator[Capture]:
-    """Yield the captures of a sequence from frame `start` up to `frames`, in order, without writing them."""
-    with simulation(seeded) as simulated:
-        for pair in simulated.render(start, frames):
-            yield simulated.sensor.capture(pair)
-
-
-def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> RecordingResult:
+def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> None:
     """Record the first frames of a sequence into a new or empty folder, where the recording is whole or absent.
 
     One thread renders ahead, and others measure depth and write images. The result does not depend on threads.
@@ -126,13 +109,10 @@ def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress
             )
         config_text = to_toml(seeded)
         with RecordingWriter(folder, intrinsics=simulated.sensor.intrinsics, config_text=config_text) as writer:
-            quality = DepthQuality(simulated.textureless_ids)
             progress(0)
             for capture in _write_images(simulated, writer, frames):
                 writer.append_row(capture)
-                quality.add(capture)
                 progress(writer.frames)
-        return RecordingResult(frames=frames, quality=quality)
 
 
 def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int) -> Iterator[Capture]:
@@ -145,7 +125,7 @@ def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int)
 
     with ThreadPoolExecutor(2) as pool:
         waiting: deque[Future[Capture]] = deque()
-        for pair in simulated.render(0, frames):
+        for pair in simulated.render(frames):
             waiting.append(pool.submit(measure, pair))
             if len(waiting) >= FRAMES_IN_PROGRESS:
                 yield waiting.popleft().result()
@@ -167,20 +147,20 @@ class Simulation:
         """The segmentation ids of the bodies without texture."""
         return [body_id for body_id, surface in self.world.surfaces.items() if surface.is_blank]
 
-    def render(self, start: int, stop: int) -> Iterator[RenderedPair]:
-        """Yield the rendered images of the frames from `start` up to `stop`; a camera in a body is a `SensorError`."""
-        for frame, poses in enumerate(islice(self.exposures(), stop)):
-            if frame >= start:
-                self.world.move_to(poses[0].stamp_s)
-                pair = self.sensor.expose(poses, frame)
-                self._require_outside(pair)
-                yield pair
+    def render(self, frames: int) -> Iterator[RenderedPair]:
+        """Yield the rendered images of the first frames; a camera in a body is a `SensorError`."""
+        for frame, poses in enumerate(islice(self.exposures(), frames)):
+            self.world.move_to(poses[0].stamp_s)
+            pair = self.sensor.expose(poses, frame)
+            self._require_outside(pair)
+            yield pair
 
     def _require_outside(self, pair: RenderedPair) -> None:
-        left_m, to_right = pair.T_world_cam[:3, 3], pair.T_world_cam[:3, 0]
+        T_world_cam = pair.left.T_world_cam
+        left_m, to_right = T_world_cam[:3, 3], T_world_cam[:3, 0]
         baseline_m = self.sensor.intrinsics.baseline_m or 0.0
         for name, position_m in (("left", left_m), ("right", left_m + baseline_m * to_right)):
-            if is_inside(self.world, position_m):
+            if self.world.is_inside(position_m):
                 x, y, z = position_m
                 raise SensorError(
                     f"in frame {pair.frame} the {name} camera is inside a body, at ({x:.2f}, {y:.2f}, {z:.2f}) m: "

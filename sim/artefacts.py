@@ -19,6 +19,10 @@ from .types import InvalidReason, Model
 
 STEP = 0.9
 """A depth of less than this share of another one belongs to a nearer surface."""
+PERSISTENCE = 0.85
+"""Probability of a speck in each frame."""
+GLOSS_CELL_M, GLOSS_PATCH_PX = 0.04, 4.0
+"""Side of a place that may be glossy, and size of the patches that such places form, as the sigma of a Gaussian."""
 TABLE = 1 << 16
 CELLS_PER_AXIS = 1 << 20
 NEIGHBOURS = np.array([[0, 1], [1, 0], [0, -1], [-1, 0]])
@@ -100,17 +104,14 @@ class Specks(NoiseTerm):
 
     share: float = Field(default=0.0, ge=0, le=1)
     """Share of the places that have a speck."""
-    where: Literal["shadows", "holes", "anywhere"] = "anywhere"
-    """Pixels whose places may have specks: occlusion shadows inside of the image, invalid pixels outside of
-    any shadow, or all."""
+    where: Literal["shadows", "holes"] = "holes"
+    """Pixels whose places may have specks: occlusion shadows inside of the image, or invalid pixels outside of any."""
     size_px: Annotated[tuple[Size, Size], Field(strict=False), AfterValidator(_require_order)] = (5, 40)
     """Least and largest number of pixels; the logarithm of the size is uniform. Shadows cut their specks off."""
     ratio: Ratios = (0.25, 0.6)
     """Least and largest depth relative to the true depth of the place; it may exceed the range of the sensor."""
     true_share: float = Field(default=0.0, ge=0, le=1)
     """Share of the specks that show the true depth instead."""
-    persistence: float = Field(default=0.85, ge=0, le=1)
-    """Probability of a speck in each frame."""
     cell_m: float = Field(default=0.1, gt=0)
     """Side of a place [m]; smaller places have more specks."""
 
@@ -121,25 +122,21 @@ class Specks(NoiseTerm):
 
     @property
     def uses_shadows(self) -> bool:
-        """Whether specks lie in shadows, or in holes outside of them."""
-        return self.where != "anywhere"
+        """It does: specks lie in shadows, or in holes outside of them."""
+        return True
 
     def apply(self, image: NoisyDepth) -> None:
         """Draw the specks of all places in view, in the order of the places."""
-        area = self._area(image)
+        area = inner(image.occluded) if self.where == "shadows" else ~image.occluded & (image.depth_m == 0)
+        area &= np.isfinite(image.depth_true_m)
         place = places(image, self.cell_m)
         chosen = area & (uniform_of(place, image.seed, 1) < self.share)
         keys, inverse = np.unique(place[chosen], return_inverse=True)
         pixels = np.argwhere(chosen)
         members = np.split(pixels[np.argsort(inverse, kind="stable")], np.cumsum(np.bincount(inverse))[:-1])
         for key, member in zip(keys.tolist(), members, strict=False):
-            if stream(image.seed, Purpose.SPECKS, key, *image.key).random() < self.persistence:
+            if stream(image.seed, Purpose.SPECKS, key, *image.key).random() < PERSISTENCE:
                 self._draw(image, area, member, stream(image.seed, Purpose.SPECKS, key))
-
-    def _area(self, image: NoisyDepth) -> MaskImage:
-        known: MaskImage = np.isfinite(image.depth_true_m)
-        masks = {"shadows": inner(image.occluded), "holes": ~image.occluded & (image.depth_m == 0)}
-        return known & masks[self.where] if self.where != "anywhere" else known
 
     def _draw(self, image: NoisyDepth, area: MaskImage, member: npt.NDArray[np.intp], rng: np.random.Generator) -> None:
         """Draw the speck of a place, around the pixel of the place that is nearest to the mean of its pixels."""
@@ -163,10 +160,6 @@ class NoReturn(NoiseTerm):
     """Surfaces that reflect a smaller share of the light have no depth."""
     gloss: float = Field(default=0.0, ge=0)
     """Factor of the share of each surface that is glossy: 0 ignores gloss, and 1 takes that share of its places."""
-    cell_m: float = Field(default=0.04, gt=0)
-    """Side of a place [m]."""
-    patch_px: float = Field(default=4.0, gt=0)
-    """Size of the patches that glossy places form, as the sigma of a Gaussian."""
 
     def apply(self, image: NoisyDepth) -> None:
         """Invalidate dark surfaces and glossy patches."""
@@ -174,7 +167,7 @@ class NoReturn(NoiseTerm):
         albedo, gloss = np.ones(n_bodies + 1), np.zeros(n_bodies + 1)  # The last entry is that of no body.
         for body, surface in image.surfaces.items():
             albedo[body], gloss[body] = surface.albedo, surface.gloss
-        smooth = cv2.GaussianBlur(uniform_of(places(image, self.cell_m), image.seed, 2), (0, 0), self.patch_px)
+        smooth = cv2.GaussianBlur(uniform_of(places(image, GLOSS_CELL_M), image.seed, 2), (0, 0), GLOSS_PATCH_PX)
         rank = np.argsort(np.argsort(smooth, axis=None)).reshape(smooth.shape) / smooth.size
         missed = (albedo[image.segment_id] < self.below_albedo) | (rank < self.gloss * gloss[image.segment_id])
         image.invalidate(missed, InvalidReason.TEXTURELESS)
@@ -187,7 +180,7 @@ class Artefacts(Model):
     rims: Rims = Rims()
     islands: Specks = Specks(where="shadows", size_px=(1, 40), ratio=(0.5, 1.3), true_share=0.5, cell_m=0.02)
     """Islands of wrong or background depth within occlusion shadows."""
-    specks: Specks = Specks(where="holes")
+    specks: Specks = Specks()
     """Specks that a camera sees again and again at the same places."""
 
     @property

@@ -16,9 +16,11 @@ from . import frames
 from .errors import SceneError
 from .types import BodyPose, Model
 
-BodyKind = Literal["building", "ground", "mover"]
+BodyKind = Literal["building", "ground", "mover", "drone"]
 """How a contact with a body is classified. Everything fixed on the ground is a building, trees included."""
 Pattern = Literal["plain", "facade", "ground", "grass", "foliage", "bark", "snow"]
+WELD_DECIMALS = 9
+"""Decimals of the coordinates [m] by which vertices of a mesh are at the same place."""
 
 
 class _Solid:
@@ -63,6 +65,22 @@ class Mesh:
         if len(self.triangles) == 0 or self.vertices_m.ndim != 2 or self.vertices_m.shape[1] != 3:
             got = f"vertices of shape {self.vertices_m.shape} and {len(self.triangles)} triangles"
             raise SceneError(f"a mesh needs vertices of shape (V, 3) and at least one triangle, got {got}")
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it is a closed surface whose triangles run counter-clockwise when seen from outside.
+
+        Then each edge has one triangle on either side, and the enclosed volume is positive. Vertices at the same place
+        count as one.
+        """
+        _, same = np.unique(self.vertices_m.round(WELD_DECIMALS), axis=0, return_inverse=True)
+        corners = same.reshape(-1)[self.triangles]
+        corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
+        ends = np.concatenate([corners[:, [i, (i + 1) % 3]] for i in range(3)])
+        edges, backwards = np.sort(ends @ [1, len(same)]), np.sort(ends @ [len(same), 1])
+        a, b, c = np.moveaxis(self.vertices_m[self.triangles] - self.vertices_m.mean(axis=0), 1, 0)
+        volume_m3 = (a * np.cross(b, c)).sum() / 6
+        return bool(volume_m3 > 0 and np.array_equal(edges, backwards) and (np.diff(edges) > 0).all())
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,9 @@
 """A simulated stereo camera: it renders both images, adds camera noise and measures depth."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from .alignment import aligned, hidden_from_pair
 from .artefacts import Artefacts
 from .bodies import Surface
 from .camera_noise import exposure_gain, low_light_noise, photon_noise
+from .cpu import Mapper
 from .decimation import decimated, decimated_intrinsics
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .fitted import FittedStereo
@@ -25,6 +26,8 @@ from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Rende
 
 if TYPE_CHECKING:
     from .world import World
+
+T = TypeVar("T")
 
 DOT_SHARE, DOT_SIGMA_PX, PROJECTOR_RANGE_M = 0.15, 0.7, 3.0
 """Share of pixels with a dot, size of a dot, and the depth at which the light of a projector is half as strong."""
@@ -163,14 +166,13 @@ class DepthSensor:
         """Add the noise of the cameras, measure depth and decimate it. Several threads may do so at once."""
         gray_left, gray_right = self._pair_images(pair)
         depth_m, reason, occluded = self._measure(pair, gray_left, gray_right)
-        view, T_world_cam = pair.left, pair.T_world_cam
+        view = pair.left
         if pair.color is not None and pair.right is not None and (offset_m := self._config.color_offset_m):
-            assert pair.T_world_color is not None, "a rendered colour image has a pose"
-            view, T_world_cam = pair.color, pair.T_world_color
+            view = pair.color
             gray_left = self._add_camera_noise(view, pair, 2)
             occluded = hidden_from_pair(view, pair.left, pair.right, offset_m, self.rendered)
             depth_m, reason = aligned(depth_m, offset_m, self.rendered, occluded)
-        self._apply(self._artefacts, pair, view, T_world_cam, occluded, depth_m, reason)
+        self._apply(self._artefacts, pair, view, occluded, depth_m, reason)
         full = Capture(
             stamp_s=pair.pose.stamp_s,
             drone=pair.pose.drone,
@@ -181,7 +183,7 @@ class DepthSensor:
             occluded=occluded,
             invalid_reason=reason,
             segment_id=view.segment_id,
-            T_world_cam=T_world_cam,
+            T_world_cam=view.T_world_cam,
             intrinsics=self.rendered,
         )
         return decimated(full, self._decimate)
@@ -212,7 +214,7 @@ class DepthSensor:
         if self._matcher is not None and gray_right is not None:
             return *self._matcher.measure(gray_left, gray_right, left.depth_m, occluded), occluded
         depth_m, reason = left.depth_m.copy(), np.zeros(occluded.shape, np.uint8)
-        self._apply(self._noise_terms, pair, left, pair.T_world_cam, occluded, depth_m, reason)
+        self._apply(self._noise_terms, pair, left, occluded, depth_m, reason)
         return np.minimum(depth_m, np.float32(self._config.max_depth_m)), reason, occluded
 
     def _add_camera_noise(self, images: Images, pair: RenderedPair, side: int) -> GrayImage:
@@ -224,13 +226,18 @@ class DepthSensor:
         return photon_noise(images.gray, self._photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
 
     def _apply(
-        self, terms: Iterable[NoiseTerm], pair: RenderedPair, view: Images, T_world_cam: FloatArray,
-        occluded: MaskImage, depth_m: FloatImage, reason: GrayImage,
-    ) -> None:  # fmt: skip
+        self,
+        terms: Iterable[NoiseTerm],
+        pair: RenderedPair,
+        view: Images,
+        occluded: MaskImage,
+        depth_m: FloatImage,
+        reason: GrayImage,
+    ) -> None:
         """Apply noise terms to the depth and the reasons of a view, in place."""
         image = NoisyDepth(
             depth_m=depth_m, invalid_reason=reason, segment_id=view.segment_id, occluded=occluded,
-            depth_true_m=view.depth_m, T_world_cam=T_world_cam, surfaces=self._surfaces, intrinsics=self.rendered,
+            depth_true_m=view.depth_m, T_world_cam=view.T_world_cam, surfaces=self._surfaces, intrinsics=self.rendered,
             seed=self._seed, key=(pair.pose.drone, pair.frame), stamp_s=pair.pose.stamp_s,
         )  # fmt: skip
         for term in terms:
@@ -238,9 +245,10 @@ class DepthSensor:
 
 
 class StereoSensor:
-    """Makes captures from any pose in a world, with a renderer of that world; see `DepthSensor`.
+    """Makes captures from any pose in a world, or from its drones, with a renderer of it; see `DepthSensor`.
 
-    With `right`, there are right images even if the sensor model does not need them.
+    With `right`, there are right images even if the sensor model does not need them. `pool_map` maps over drones; a map
+    with several threads gives the same captures sooner.
     """
 
     def __init__(
@@ -252,13 +260,31 @@ class StereoSensor:
         seed: int,
         gray: bool = True,
         right: bool = False,
+        pool_map: Mapper = map,
     ) -> None:
+        self._world = world
         self._renderer = renderer
         self._config = config
         self._sensor = DepthSensor(config, world.surfaces, seed=seed, gray=gray)
         self._right = right or self._sensor.needs_right
+        self._map = pool_map
         self.intrinsics = self._sensor.intrinsics
         """Camera model of the captures."""
+        self.mount_m = config.left_mount_m
+        """Position of the left camera in the body frame, shape (3,)."""
+
+    def captures(self, drones: Sequence[int], frame: int) -> Iterator[Capture]:
+        """One capture for each of the drones, all at the present time of the world.
+
+        The images are rendered at once. Noise and depth are computed when a capture is consumed, or ahead of that by
+        the threads of `pool_map`. Noise is keyed by drone and frame.
+        """
+        return self.captures_and(lambda capture: capture, drones, frame)
+
+    def captures_and(self, process: Callable[[Capture], T], drones: Sequence[int], frame: int) -> Iterator[T]:
+        """The results of a function of each of these captures; several threads may call it for different drones."""
+        pairs = self.render([self._world.pose(drone) for drone in drones], frame)
+        return self._map(lambda pair: process(self.capture(pair)), pairs)
 
     def render(self, poses: Sequence[BodyPose], frame: int) -> list[RenderedPair]:
         """Render the cameras of several carriers in one batch. Only one thread may render at a time."""
@@ -268,19 +294,9 @@ class StereoSensor:
             to_left_m["right"] = config.baseline_m if config.projector else -config.baseline_m
         if config.color_offset_m:
             to_left_m["color"] = config.color_offset_m
-        cameras = [{view: self._camera(pose, offset_m) for view, offset_m in to_left_m.items()} for pose in poses]
-        batch = [camera for views in cameras for camera in views.values()]
-        images = iter(self._renderer.render(batch, gray=self._sensor.needs_gray))
-        return [
-            RenderedPair(
-                pose=pose,
-                frame=frame,
-                T_world_cam=views["left"].T_world_cam,
-                T_world_color=views["color"].T_world_cam if "color" in views else None,
-                **{view: next(images) for view in views},
-            )
-            for pose, views in zip(poses, cameras, strict=True)
-        ]
+        cameras = [self._camera(pose, offset_m) for pose in poses for offset_m in to_left_m.values()]
+        images = iter(self._renderer.render(cameras, gray=self._sensor.needs_gray))
+        return [RenderedPair(pose=pose, frame=frame, **{view: next(images) for view in to_left_m}) for pose in poses]
 
     def expose(self, poses: Sequence[BodyPose], frame: int) -> RenderedPair:
         """Render one carrier's cameras at several moments; the gray images are means, and all else is of the middle."""

@@ -79,7 +79,7 @@ class Contact:
 
 
 class Pinhole(NamedTuple):
-    """Projection to an image, or to a part of one."""
+    """Projection to a part of an image, whose principal point may lie far outside of it."""
 
     fx_px: float
     fy_px: float
@@ -94,34 +94,16 @@ class Pinhole(NamedTuple):
         return self.height_px, self.width_px
 
 
-class Window(NamedTuple):
-    """A part of an image: its first row and column, and its size [px]."""
-
-    top: int
-    left: int
-    height: int
-    width: int
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
     """A camera to render."""
 
     T_world_cam: FloatArray
     """Camera pose, shape (4, 4); camera frame x right, y down, z forward. In a mirror, y is up."""
-    intrinsics: Intrinsics
-    window: Window | None = None
-    """The part of the image to render; None is all of it."""
+    intrinsics: Intrinsics | Pinhole
     clip_plane: FloatArray | None = None
     """A plane (a, b, c, d) between the camera and what it sees: only points with `a x + b y + c z + d > 0` are seen.
     Shape (4,), in the world frame; None sees all. Only the renderer `raster` regards it."""
-
-    @property
-    def pinhole(self) -> Pinhole:
-        """Projection to the part of the image to render."""
-        i = self.intrinsics
-        top, left, height, width = self.window or (0, 0, i.height_px, i.width_px)
-        return Pinhole(i.fx_px, i.fy_px, i.cx_px - left, i.cy_px - top, width, height)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,6 +116,8 @@ class Images:
     """Depth along the optical axis [m], shape (H, W), float32; +inf where there is no surface."""
     segment_id: IdImage
     """Body id of each pixel, shape (H, W), int32; -1 where there is no surface."""
+    T_world_cam: FloatArray
+    """Pose of the camera, shape (4, 4)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,15 +127,11 @@ class RenderedPair:
     pose: BodyPose
     """Pose of the carrier."""
     frame: int
-    T_world_cam: FloatArray
-    """Pose of the left camera, shape (4, 4)."""
     left: Images
     right: Images | None = None
     """The second camera, or the view of a projector."""
     color: Images | None = None
     """The colour camera that depth is aligned to."""
-    T_world_color: FloatArray | None = None
-    """Pose of the colour camera, shape (4, 4)."""
 
 
 class Renderer(Protocol):

@@ -10,7 +10,7 @@ import numpy as np
 from voxdepth.types import FloatArray, MaskImage
 
 from . import frames
-from .bodies import Body, Cylinder, Mover, Scene, Surface
+from .bodies import Body, Cylinder, Heightfield, Mesh, Mover, Scene, Surface
 from .drone import GRAVITY_M_S2, AirframeConfig, VelocityController, Wind
 from .engine import pybullet
 from .errors import SceneError
@@ -24,13 +24,12 @@ SMALLEST_PROBE_M = 1e-3
 """Radius of the sphere that stands for a point, because Bullet requires a positive radius."""
 IMPACT_STEPS = 10
 """Steps before a contact at which its speed is taken, because Bullet brakes bodies that are about to touch."""
+SKY_M = 200.0
+"""Height above a point up to which there may be bodies."""
+RAY_OFFSET_M = 1e-3
+"""Distance behind a surface at which the search for the next surface begins."""
 DRONE_SURFACE = Surface(albedo=0.15, texture=0.6)
 DRONE_BODY_HEIGHT_M = 0.16
-
-
-def drone_shape(radius_m: float) -> Cylinder:
-    """The visible shape of a drone."""
-    return Cylinder(radius_m, DRONE_BODY_HEIGHT_M)
 
 
 class World:
@@ -71,9 +70,6 @@ class World:
             pybullet.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=self.client)
             self.movers: dict[int, Mover] = {create_body(mover.body, self.client): mover for mover in scene.movers}
             """The movers of the scene by their body ids."""
-            self._mover_attitudes = {
-                body: frames.quaternion_from_yaw(mover.body.yaw_rad).tolist() for body, mover in self.movers.items()
-            }
             self._moved_s: dict[int, float] = {}
             """Time for which each mover has moved."""
             self._mover_m: dict[int, FloatArray] = {}
@@ -81,9 +77,17 @@ class World:
             self.move_to(0.0)
             self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
             yaws_rad = np.full(self.n_drones, start_yaw_rad, np.float64)
-            self.drone_ids = [self._add_drone(*start) for start in zip(starts_m, yaws_rad, strict=True)]
-            apply_texture(self.textured_ids, scene.seed, self.client)
+            shape = Cylinder(self.airframe.radius_m, DRONE_BODY_HEIGHT_M)
+            drones = [
+                Body(name=f"drone-{drone}", kind="drone", shape=shape, surface=DRONE_SURFACE)
+                for drone in range(self.n_drones)
+            ]
+            self.drone_ids = [self._add_drone(*start) for start in zip(drones, starts_m, yaws_rad, strict=True)]
             self._drone_of_body = {body: drone for drone, body in enumerate(self.drone_ids)}
+            moving = [mover.body for mover in scene.movers] + drones
+            self.described = self.bodies | dict(zip([*self.movers, *self.drone_ids], moving, strict=True))
+            """All bodies by id: the fixed ones of the scene, its movers, and the drones."""
+            apply_texture(self.textured_ids, scene.seed, self.client)
             self._controller = VelocityController(self.n_drones, self.airframe)
             self._wind = Wind(scene.weather.wind, self.airframe, self.dt_s, seed=scene.seed)
             self._desired_velocity = np.zeros((self.n_drones, 3))
@@ -170,7 +174,7 @@ class World:
         before_m, at_m = self._mover_m.get(body), self.movers[body].position_m(moved_s)
         self._moved_s[body], self._mover_m[body] = moved_s, at_m
         self._mover_velocity[body] = np.zeros(3) if before_m is None else (at_m - before_m) / self.dt_s
-        q_xyzw = self._mover_attitudes[body]
+        q_xyzw = frames.quaternion_from_yaw(self.movers[body].body.yaw_rad).tolist()
         pybullet.resetBasePositionAndOrientation(body, at_m.tolist(), q_xyzw, physicsClientId=self.client)
 
     def movers_now(self) -> list[Body]:
@@ -203,7 +207,8 @@ class World:
 
     def clearance_m(self, drone: int, horizon_m: float = 5.0) -> float:
         """Distance from the drone's collision sphere to the nearest body or drone, at most `horizon_m`."""
-        return self._nearest_m(self._position[drone], self.airframe.radius_m, horizon_m, self.drone_ids[drone])
+        own = [self.drone_ids[drone]]
+        return self._nearest_m(self._position[drone], self.airframe.radius_m, horizon_m, ignored=own)
 
     def nearest_point_m(self, drone: int, body: int, horizon_m: float = 5.0) -> FloatArray:
         """Point of a body that is nearest to a drone, world frame, shape (3,); both may touch."""
@@ -216,7 +221,26 @@ class World:
 
     def clearance_at_m(self, position_m: Sequence[float], horizon_m: float = 5.0) -> float:
         """Distance from a point to the nearest body except drones, at most `horizon_m`; negative inside a body."""
-        return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, None)
+        return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, ignored=self.drone_ids)
+
+    def is_inside(self, position_m: FloatArray) -> bool:
+        """Whether a point, shape (3,), lies inside a body or below a heightfield. Drones do not count.
+
+        PyBullet knows the inside of convex solids only, and treats meshes and heightfields as surfaces. A point is
+        inside of these if an odd number of their surfaces is overhead. A mesh that is not closed has no inside.
+        """
+        if self.clearance_at_m(position_m.tolist(), 1.0) < 0:
+            return True
+        start_m, up_m, odd = position_m, np.array([0.0, 0.0, SKY_M]), set[int]()
+        while True:
+            ends_m = [start_m.tolist()], [(start_m + up_m).tolist()]
+            ((body, _, fraction, *_),) = pybullet.rayTestBatch(*ends_m, physicsClientId=self.client)
+            if body < 0:
+                break
+            odd ^= {body}
+            start_m = start_m + fraction * up_m + (0, 0, RAY_OFFSET_M)
+        shapes = [self.bodies[body].shape for body in odd if body in self.bodies]
+        return any(isinstance(shape, Heightfield) or (isinstance(shape, Mesh) and shape.is_closed) for shape in shapes)
 
     def is_clear(self, way_m: FloatArray, radius_m: float) -> bool:
         """Whether a sphere that moves along a polyline of points, shape (n, 3), touches no fixed body on it.
@@ -243,30 +267,22 @@ class World:
         return [*self.drone_ids, *self.movers]
 
     @property
-    def described(self) -> dict[int, Body]:
-        """All bodies except drones, by id: the fixed bodies of the scene, then its movers."""
-        return {**self.bodies, **{body: mover.body for body, mover in self.movers.items()}}
-
-    @property
     def surfaces(self) -> dict[int, Surface]:
-        """Surfaces of all bodies by id, drones included."""
-        surfaces = {body_id: body.surface for body_id, body in self.described.items()}
-        return surfaces | dict.fromkeys(self.drone_ids, DRONE_SURFACE)
+        """Surfaces of all bodies by id."""
+        return {body_id: body.surface for body_id, body in self.described.items()}
 
     @property
     def textured_ids(self) -> list[int]:
         """Ids of all bodies that have a texture."""
         return [body_id for body_id, surface in self.surfaces.items() if surface.texture > 0]
 
-    def _add_drone(self, start_m: FloatArray, yaw_rad: float) -> int:
-        radius = self.airframe.radius_m
-        collision = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=radius, physicsClientId=self.client)
-        _, visual = create_shapes(drone_shape(radius), DRONE_SURFACE, self.client)
+    def _add_drone(self, drone: Body, start_m: FloatArray, yaw_rad: float) -> int:
+        radius_m, client = self.airframe.radius_m, self.client
+        collision = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=radius_m, physicsClientId=client)
+        _, visual = create_shapes(drone.shape, drone.surface, client)
         pose = start_m.tolist(), frames.quaternion_from_yaw(yaw_rad).tolist()
-        body = int(
-            pybullet.createMultiBody(self.airframe.mass_kg, collision, visual, *pose, physicsClientId=self.client)
-        )
-        pybullet.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=self.client)
+        body = int(pybullet.createMultiBody(self.airframe.mass_kg, collision, visual, *pose, physicsClientId=client))
+        pybullet.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
         return body
 
     def _read_motion(self) -> None:
@@ -286,37 +302,30 @@ class World:
             if distance_m > 0 or pair in self._touched:
                 continue
             self._touched.add(pair)
-            drones = sorted(self._drone_of_body[body] for body in pair if body in self._drone_of_body)
-            if drones:
-                new.append(self._contact(drones, pair, velocity_before))
+            if drones := sorted(self._drone_of_body.keys() & pair):
+                (other,) = {*pair} - {drones[0]}
+                new.append(self._contact(drones[0], other, velocity_before))
         self.contacts.extend(new)
         return new
 
-    def _contact(self, drones: list[int], pair: tuple[int, int], velocity_before: FloatArray) -> Contact:
-        relative = velocity_before[drones[0]].copy()
-        if len(drones) == 2:
-            other, kind = f"drone-{drones[1]}", "drone"
-            relative -= velocity_before[drones[1]]
-        else:
-            body = next(body for body in pair if body not in self.drone_ids)
-            hit = self.described[body]
-            other, kind = hit.name, hit.kind
-            if body in self.movers:
-                relative -= self._mover_velocity[body]
-        speed_m_s = float(np.linalg.norm(relative))
-        return Contact(time_s=self.time_s, drone=drones[0], other=other, kind=kind, speed_m_s=speed_m_s)
+    def _contact(self, own: int, other: int, velocity_before: FloatArray) -> Contact:
+        """The contact of the body of a drone with another body."""
+        relative, hit = velocity_before[self._drone_of_body[own]].copy(), self.described[other]
+        if other in self.drone_ids:
+            relative -= velocity_before[self._drone_of_body[other]]
+        if other in self.movers:
+            relative -= self._mover_velocity[other]
+        drone, speed_m_s = self._drone_of_body[own], float(np.linalg.norm(relative))
+        return Contact(time_s=self.time_s, drone=drone, other=hit.name, kind=hit.kind, speed_m_s=speed_m_s)
 
-    def _nearest_m(self, at_m: FloatArray, radius_m: float, horizon_m: float, own_body: int | None) -> float:
-        """Signed distance from a sphere to the nearest body. Drones count only if `own_body` is a drone."""
+    def _nearest_m(self, at_m: FloatArray, radius_m: float, horizon_m: float, *, ignored: Sequence[int]) -> float:
+        """Signed distance from a sphere to the nearest body that is not ignored."""
         probe_radius_m = max(radius_m, SMALLEST_PROBE_M)
         reach = horizon_m + radius_m
         low, high = (at_m - reach).tolist(), (at_m + reach).tolist()
-        nearest = horizon_m
-        for body, _ in pybullet.getOverlappingObjects(low, high, physicsClientId=self.client) or ():
-            if body == own_body or (own_body is None and body in self.drone_ids):
-                continue
-            nearest = min(nearest, self._apart_m(body, at_m, probe_radius_m, horizon_m))
-        return min(horizon_m, nearest + probe_radius_m - radius_m)
+        near = pybullet.getOverlappingObjects(low, high, physicsClientId=self.client) or ()
+        apart_m = (self._apart_m(body, at_m, probe_radius_m, horizon_m) for body, _ in near if body not in ignored)
+        return min(horizon_m, min(apart_m, default=horizon_m) + probe_radius_m - radius_m)
 
     def _apart_m(self, body: int, at_m: FloatArray, radius_m: float, horizon_m: float) -> float:
         """Signed distance from a sphere to a body; +inf beyond `horizon_m`."""

@@ -8,9 +8,8 @@ import pydantic
 from sim.cpu import mapper
 from sim.drone import AirframeConfig
 from sim.render import RendererName, create_renderer
-from sim.rig import StereoRig
 from sim.scenes import AnyScene, CitySpec
-from sim.sensor import RigConfig
+from sim.sensor import RigConfig, StereoSensor
 from sim.world import World
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
@@ -88,7 +87,7 @@ def composed_mission(
         ]
         gray = gray or any(corrector.uses_gray for corrector in correctors if corrector)
         renderer = create_renderer(setup.renderer, world, threads=threads)
-        rig = StereoRig(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads))
+        rig = StereoSensor(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads))
         create_agent = make_agent or load_controller(config.controller)
         if guided:
             create_agent = _with_guides(create_agent, guided, world, config.teams())

@@ -5,8 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from sim.frames import R_BODY_CAM
-from sim.free_space import is_inside
-from sim.rig import StereoRig
+from sim.sensor import StereoSensor
 from sim.types import Capture, Contact, DroneState, VelocityCommand
 from sim.world import PHYSICS_HZ, World
 from voxdepth.types import DepthCorrector, FloatArray
@@ -44,7 +43,7 @@ class Mission:
         self,
         config: MissionConfig,
         world: World,
-        rig: StereoRig,
+        rig: StereoSensor,
         correctors: Sequence[DepthCorrector | None],
         recorder: Recorder,
         *,
@@ -146,7 +145,7 @@ class Mission:
         """Capture and process an image of every drone that is not busy with an earlier one."""
         flying = ((i, self._perceptions[i]) for i in np.flatnonzero(self.world.flying).tolist())
         ready = [i for i, perception in flying if perception is not None and perception.ready(self.time_s)]
-        for capture, percept in self._rig.capture_and(self._see, ready, self._ticks // self._ticks_per_frame):
+        for capture, percept in self._rig.captures_and(self._see, ready, self._ticks // self._ticks_per_frame):
             self._recorder.capture(self.world.steps, capture, percept.corrected)
 
     def _see(self, capture: Capture) -> tuple[Capture, Percept]:
@@ -231,7 +230,7 @@ class Mission:
             *((f"start of drone {i}", state.position_m, 0.0) for i, state in enumerate(self.world.states)),
             *(("goal", team.goal_m, self.world.airframe.radius_m) for team in self._teams),
         ):
-            if self.world.clearance_at_m(at_m.tolist()) < radius_m or is_inside(self.world, at_m):
+            if self.world.clearance_at_m(at_m.tolist()) < radius_m or self.world.is_inside(at_m):
                 place_m = at_m.round(6).tolist()
                 raise MissionError(f"the {what} {place_m} m is inside a building or the ground; move it into the open")
 

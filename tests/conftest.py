@@ -29,6 +29,5 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The report of an evaluation has no figures, which take longer than the evaluation of a test."""
-    for figures in ("all_figures", "error_maps"):
-        monkeypatch.setattr(f"voxdepth.tools.evaluation.report.{figures}", lambda evaluation: [])
+    """The report of an evaluation has no error maps, which take longer than the evaluation of a test."""
+    monkeypatch.setattr("voxdepth.tools.evaluation.report.error_maps", lambda evaluation: [])

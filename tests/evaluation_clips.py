@@ -11,12 +11,12 @@ from sim import frames
 from sim.recording import RecordingWriter
 from sim.types import Capture
 from voxdepth.baselines.single_frame import Raw
-from voxdepth.tools.evaluation.groups import RANGES, TRUE_GROUPS, Groups
+from voxdepth.tools.evaluation.frames import TRUTH, EvaluationFrame, Reference
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.methods import Method
-from voxdepth.tools.evaluation.result_cache import Key, Result, SequenceInfo, encoded_thumbnail
+from voxdepth.tools.evaluation.references import held_out
+from voxdepth.tools.evaluation.results import Result, SequenceInfo, encoded_thumbnail
 from voxdepth.tools.evaluation.scoring import Score
-from voxdepth.tools.evaluation.sources import EvaluationFrame
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics, MaskImage
 
@@ -74,13 +74,13 @@ def write_recording(folder: Path, n_frames: int = N) -> Path:
 
 
 def evaluation_frames(n_frames: int = 4) -> list[EvaluationFrame]:
-    """Frames with the truth, whose pixels are all of one kind."""
+    """Frames with the truth, whose holes are all that is occluded."""
     return [
         EvaluationFrame(
             frame=Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m.copy()),
-            T_world_cam=capture.T_world_cam,
             reference_m=capture.depth_true_m,
-            labels=TRUE_GROUPS.label(capture.depth_true_m, 5 * (capture.depth_raw_m == 0).astype(np.uint8)),
+            occluded=capture.occluded,
+            hidden=capture.depth_raw_m == 0,
             static=np.full(CAMERA.shape, index > 0),
         )
         for index, capture in enumerate(map(capture_of, range(n_frames)))
@@ -97,42 +97,46 @@ class Gives(Raw):
         return replace(super().process(frame), depth_m=self._change(frame.depth_m))
 
 
-def method(name: str, change: Change | None = None, *, sees_true_pose: bool = False) -> Method:
+def method(name: str, change: Change | None = None) -> Method:
     """A method that applies a function to the depth; without one it gives the depth as it is."""
 
     def make(intrinsics: Intrinsics) -> DepthCorrector:
         return Raw() if change is None else Gives(change)
 
-    return Method(name=name, make=make, sees_true_pose=sees_true_pose)
+    return Method(name=name, make=make)
 
 
-def scores_of(groups: Groups, frames: Iterable[EvaluationFrame], change: Change) -> dict[tuple[str, ...], Measurement]:
+def scores_of(
+    reference: Reference, frames: Iterable[EvaluationFrame], change: Change
+) -> dict[tuple[str, ...], Measurement]:
     """What is measured where a function makes the corrected depth of a frame, by metric, mask, range and pixels."""
-    score = Score(groups, CAMERA)
+    score = Score(reference, CAMERA)
     for frame in frames:
         score.add(frame, CorrectedDepth.of(frame.frame, change(frame.frame.depth_m)))
     return {found[:4]: found for found in score.measurements()}
 
 
-def key_of(sequence: str, method: str) -> Key:
-    """The key of a made-up result."""
-    return Key(sequence=sequence, method=method, frames=2, seed=0, digest="d", config=None, versions={"numpy": "2"})
-
-
 def info_of(name: str, **changes: Any) -> SequenceInfo:
     """The description of a made-up sequence with the truth."""
     values: dict[str, Any] = {
-        "name": name, "digest": "d", "frames": 2, "seed": 0, "camera": CAMERA.scaled(12, 9),
-        "hidden": "holes", "independent": "all", "reference_name": "the truth",
-        "pixels": {mask: dict.fromkeys(RANGES, 1000) for mask in ("all", "holes")},
-        "reference": encoded_thumbnail(np.full((9, 12), 3, np.float32)),
-        "raw": encoded_thumbnail(np.zeros((9, 12), np.float32)),
-        "holes": 1000,
+        "name": name, "digest": "d", "frames": 2, "seed": 0, "camera": CAMERA.scaled(12, 9), "reference": TRUTH,
+        "pixels": 1000, "near_pixels": 1000, "hidden_pixels": 1000, "holes": 1000,
+        "reference_thumbnail": encoded_thumbnail(np.full((9, 12), 3, np.float32)),
+        "raw_thumbnail": encoded_thumbnail(np.zeros((9, 12), np.float32)),
     }  # fmt: skip
     return SequenceInfo(**values | changes)
 
 
-def evaluation_of(*results: Result, **infos: SequenceInfo) -> Evaluation:
-    """Made-up results, with descriptions of those sequences that need another one than `info_of` gives."""
-    names = dict.fromkeys(result.key.sequence for result in results)
-    return Evaluation(results=results, sequences={name: infos.get(name, info_of(name)) for name in names}, reused=0)
+def held_out_info(name: str, mask: str) -> SequenceInfo:
+    """The description of a made-up sequence with held-out pixels."""
+    return info_of(name, reference=held_out(mask), hidden_pixels=70)
+
+
+def result_of(sequence: str, method: str, *measurements: Measurement, **given: Any) -> Result:
+    """A made-up result of a method on a sequence with the truth, unless `info` says otherwise."""
+    return Result(sequence=sequence, method=method, measurements=measurements, **{"info": info_of(sequence)} | given)
+
+
+def evaluation_of(*results: Result) -> Evaluation:
+    """Made-up results."""
+    return Evaluation(results=results)

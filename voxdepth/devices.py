@@ -7,8 +7,7 @@ from typing import Literal
 from .errors import ConfigError
 
 DeviceName = Literal["auto", "cpu", "cuda", "warp-cpu"]
-"""`cpu` uses the fastest library of each step, `cuda` runs Warp's kernels on a GPU, and `warp-cpu` runs the same
-kernels on the CPU, for anybody who wants to see them work. `auto` is `cuda` where there is a GPU, and else `cpu`."""
+"""`cpu` uses loops of Numba, `cuda` runs Warp's kernels on a GPU, and `warp-cpu` runs the same kernels on the CPU, for anybody who wants to see them work. `auto` is `cuda` where there is a GPU, and else `cpu`."""
 
 CUDA_DRIVER = "libcuda.so.1"
 """Library of NVIDIA's driver. Without it there is no GPU, which Warp would print when it starts."""

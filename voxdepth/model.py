@@ -86,11 +86,6 @@ def problems(error: ValidationError, model: type[BaseModel], field: str = "") ->
     return texts[0] if len(texts) == 1 else f"{len(texts)} problems: {'; '.join(texts)}"
 
 
-def problem_keys(error: ValidationError, model: type[BaseModel], field: str) -> list[str]:
-    """The dotted keys of all problems as the file has them; an empty one is the whole file."""
-    return [_dotted(problem, model, field) for problem in error.errors()]
-
-
 def shorten(value: object) -> str:
     """Return how a value is written, cut where it is too long for a line."""
     text = repr(value)

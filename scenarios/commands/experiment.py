@@ -15,8 +15,8 @@ def experiment(
         list[str],
         typer.Argument(
             metavar="NAME",
-            help="quality, fps, collide, which flies missions, or all of these; artefacts, which is about the "
-            "simulator; confidence, which is about all correctors.",
+            help="quality, which is about the paper; artefacts, which is about the simulator; confidence, which is "
+            "about all correctors.",
         ),
     ],
     sequences: Annotated[
@@ -26,9 +26,7 @@ def experiment(
         list[Path] | None,
         typer.Option(metavar="DIR", help="A recorded sequence for `artefacts`; may be repeated."),
     ] = None,
-    frames: Annotated[
-        int | None, typer.Option(min=1, help="How many of the first frames of each; of collide, how many seeds.")
-    ] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="How many of the first frames of each.")] = None,
     width: Annotated[
         int | None, typer.Option(metavar="PX", help="Width of the images; the height follows. Default: by experiment.")
     ] = None,
@@ -37,12 +35,12 @@ def experiment(
         Path, typer.Option(metavar="DIR", help="Folder of the results; recordings are shared with `evaluate`.")
     ] = (Path("evaluation")),
 ) -> None:
-    """Repeat the paper's main experiments: quality and frame rate on rendered sequences, and collisions.
+    """Repeat the paper's main experiment on rendered sequences, the quality of its method, and two of our own.
 
-    Writes tables (NAME/table.csv, NAME/table.md), NAME/figure.png and NAME/result.json below DIR. Missing recordings
-    are made first, at 0.1 to 0.5 s a frame. On two slow cores `collide` takes ten minutes, and the others less than
-    five. `artefacts` measures the errors of raw depth. `confidence` fits the confidence of all correctors but the
-    default in some five minutes, and writes confidence/confidence.toml, which takes effect as voxdepth/confidence.toml.
+    Writes NAME/table.csv, NAME/figure.png and NAME/result.json below DIR. Missing recordings are made first, at 0.1 to
+    0.5 s a frame; each experiment takes less than five minutes on two slow cores. `artefacts` measures the errors of
+    raw depth. `confidence` fits the confidence of all correctors but the default, and writes
+    confidence/confidence.toml, which takes effect as voxdepth/confidence.toml.
     """
     use_one_thread()
 
@@ -51,11 +49,11 @@ def experiment(
     import cv2
     from rich.console import Console
 
-    from ..experiments.runner import INDEX, find_experiments, run, write_index
+    from ..experiments.runner import find_experiments, print_findings, run
 
     cv2.setNumThreads(1)
     given = {
-        "sequences": None if sequences is None else tuple(name.strip() for name in sequences.split(",")),
+        "sequences": None if sequences is None else tuple(dict.fromkeys(sequences.replace(" ", "").split(","))),
         "data": tuple(data or ()),
         "frames": frames,
         "width_px": width,
@@ -65,9 +63,5 @@ def experiment(
     with console.status("") as status:
         asked = [(one, one.context(out, status.update, **given)) for one in find_experiments(names)]
         for one, context in asked:
-            run(one, context, command).print(console)
-            typer.echo(f"table, figure and result.json are in {out / one.name}")
-    index = write_index(out)
-    if len(asked) > 1:
-        index.print(console)
-    typer.echo(f"the claims of all experiments with results are in {out / INDEX}")
+            print_findings(console, one, run(one, context, command))
+            typer.echo(f"table.csv, figure.png and result.json are in {out / one.name}")

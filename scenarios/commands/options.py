@@ -1,6 +1,7 @@
 """Options that several commands share, and what they change of a scenario."""
 
-from enum import Enum, StrEnum
+from collections.abc import Mapping
+from enum import StrEnum
 from typing import Annotated, Any
 
 import typer
@@ -19,25 +20,13 @@ Renderer = Annotated[
 ]
 
 
-def size_changes(text: str | None) -> dict[str, Any]:
-    """Return the values of a scenario that set an image size, by dotted key; none without a size."""
-    from ..config import images_of
-    from ..files import Chosen
+def given(options: Mapping[str, Any], size: str | None) -> dict[str, Any]:
+    """Return the values of the options that are not None, by the dotted keys of a file that they set.
 
-    size = parsed_size(text)
-    return {} if size is None else {key: Chosen(value, f"--size {text}") for key, value in images_of(*size).items()}
-
-
-def given(**options: tuple[str, Any]) -> dict[str, Any]:
-    """Return the values of options that are not None by the dotted keys that they set, without enumerations.
-
-    Each option, by its name, has a key and a value.
+    Enumerations become their words, and a size as in `160x120` the keys of the images.
     """
-    from ..files import Chosen
+    from ..config import images_of
 
-    changes = {}
-    for name, (key, value) in options.items():
-        if value is not None:
-            plain = value.value if isinstance(value, Enum) else value
-            changes[key] = Chosen(plain, f"--{name} {plain}")
-    return changes
+    changes = {key: getattr(value, "value", value) for key, value in options.items() if value is not None}
+    width_and_height = parsed_size(size)
+    return changes if width_and_height is None else changes | images_of(*width_and_height)

@@ -7,7 +7,7 @@ import typer
 
 from voxdepth.tools.options import CORRECTOR_HELP, DEFAULT_CORRECTOR, counter
 
-from .options import Renderer, Seed, Size, given, size_changes
+from .options import Renderer, Seed, Size, given
 
 
 def record(
@@ -25,17 +25,15 @@ def record(
 
     from rich.console import Console
 
-    from ..report import print_quality
     from ..sequences import load_sequence, record
 
-    seeded = load_sequence(sequence, seed, given(renderer=("renderer", renderer)) | size_changes(size))
+    seeded = load_sequence(sequence, seed, given({"renderer": renderer}, size))
     console, start = Console(), time.perf_counter()
     with counter(console, "recording", frames) as update:
-        done = record(seeded, out, frames, update)
+        record(seeded, out, frames, update)
     wall_s = time.perf_counter() - start
-    title = f"{seeded.sequence.name}, seed {seeded.seed}: {done.frames} frames, surfaces within 30 m"
-    print_quality(console, done.quality, title)
-    typer.echo(f"{done.frames} frames in {out}, {done.frames / wall_s:.1f} frames per second")
+    typer.echo(f"{frames} frames of {seeded.sequence.name}, seed {seeded.seed}, in {out}")
+    typer.echo(f"{frames / wall_s:.1f} frames per second")
     typer.echo(f"look at it with: voxdepth picture {out} --out sheet.jpg")
 
 
@@ -45,10 +43,7 @@ def regress(
     golden: Annotated[Path, typer.Option(help="Folder of the golden metrics.")] = Path("tests/golden"),
     out: Annotated[Path, typer.Option(help="Folder for the recording of the worst case.")] = Path("runs"),
 ) -> None:
-    """Run a corrector on every noise term alone and compare its errors with golden metrics; exit 1 on a difference.
-
-    The default corrector must also keep exact measurements exact, whatever the golden metrics are.
-    """
+    """Run a corrector on every noise term alone and compare its errors with golden metrics; exit 1 on a difference."""
     from rich.console import Console
 
     from voxdepth.corrector_spec import CorrectorSpec
@@ -64,11 +59,6 @@ def regress(
     with console.status("") as status:
         measured = regression.measure(make, lambda case: status.update(f"running {corrector} on {case}"))
     regression.metric_table(measured, corrector).print(console)
-    if corrector == DEFAULT_CORRECTOR and len(beyond := regression.beyond_limits(measured)):
-        for case, error_m in beyond.items():
-            expected = f"expected at most {regression.EXACT_LIMITS_M[case]} m"
-            typer.echo(f"{case}: without noise the mean error is {error_m} m, {expected}", err=True)
-        raise typer.Exit(1)
     if before is None:
         regression.write_golden(path, measured)
         typer.echo(f"golden metrics written to {path}")

@@ -11,7 +11,7 @@ import typer
 from voxdepth.tools.options import CORRECTOR_HELP, INTERRUPTED
 from voxdepth.tools.viewer import RECORDING, open_viewer, require_display
 
-from .options import Depth, Renderer, Scenario, Seed, Size, given, size_changes
+from .options import Depth, Renderer, Scenario, Seed, Size, given
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -53,17 +53,17 @@ def run(
         raise ScenarioError("--view opens the recording, which --no-record leaves out: give one of the two")
     if view:
         require_display("without --view, the command names the recording, and voxdepth view RECORDING --web")
-    changes = given(
-        drones=("mission.drones", drones),
-        duration=("mission.duration_s", duration),
-        depth=("rig.depth", depth),
-        theta=("rig.noise.scale.theta", theta),
-        corrector=("corrector", corrector),
-        controller=("mission.controller", controller),
-        prior=("mission.pose_prior.kind", prior),
-        renderer=("renderer", renderer),
-    )
-    planned = load_run(scenario, seed, changes | size_changes(size))
+    options = {
+        "mission.drones": drones,
+        "mission.duration_s": duration,
+        "rig.depth": depth,
+        "rig.noise.scale.theta": theta,
+        "corrector": corrector,
+        "mission.controller": controller,
+        "mission.pose_prior.kind": prior,
+        "renderer": renderer,
+    }
+    planned = load_run(scenario, seed, given(options, size))
     console = Console()
     with _progress(console, planned.scenario.mission.duration_s) as progress:
         finished = fly_and_write(planned, out, record=record, progress=progress)
@@ -122,8 +122,8 @@ def picture(
     """Make a picture of a scenario, of a recording, or of every kind of scene.
 
     Of a scenario: gray, true, raw and corrected depth of one drone side by side. Of the folder of a recording: a
-    contact sheet of gray image, true and raw depth, occlusion and reasons for holes. Of scenes: every kind of scene,
-    with a Markdown table of their traversability. --drone, --at and --size are those of a scenario.
+    contact sheet of gray image, true and raw depth, occlusion and reasons for holes. Of scenes: every kind of scene.
+    --drone, --at and --size are those of a scenario.
     """
     from ..config import load_run
     from ..files import shipped_names
@@ -131,11 +131,11 @@ def picture(
     from ..sensor_pictures import make_gallery, make_sheet
 
     if what == "scenes":
-        typer.echo(make_gallery(1 if seed is None else seed, out).markdown(), nl=False)
+        make_gallery(1 if seed is None else seed, out)
     elif Path(what).is_dir() and what not in shipped_names("scenarios"):
         make_sheet(Path(what), out)
     else:
-        take_picture(load_run(what, seed, size_changes(size)), out, drone=drone, at_s=at)
+        take_picture(load_run(what, seed, given({}, size)), out, drone=drone, at_s=at)
     typer.echo(f"written to {out}", err=True)
 
 

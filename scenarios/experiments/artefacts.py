@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Iterable
-from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -10,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from swarm.perception import frame_of
 from voxdepth.datasets import open_dataset
-from voxdepth.tools.evaluation.sources import SAME_GRAY
 from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import FloatArray, FloatImage, Frame, Intrinsics
 
@@ -27,18 +26,8 @@ ISLAND_PX = (1, 2, 4, 8, 16, 40)
 """Sizes of islands: the largest of each class."""
 RIM_REACH_PX = 8
 """Largest distance between the rims of a shadow in neighbouring rows."""
-STILL_GRAY = 1.5
-"""Largest median change of the gray value between frames of a camera that stands still."""
-RATIO, LEFT, FAR_RIM, NEAR_RIM = "shadow width [steps]", "shadows on the left [%]", "far rim [px]", "near rim [px]"
-HOLES, HOLE, ISLANDS, ISLAND = "holes [%]", "hole size [px]", "islands [per 10^4 px]", "island size [px]"
-FLICKER = "flicker [%]"
-PANELS = {
-    "width of occlusion shadows": [RATIO],
-    "roughness of the rims of shadows": [FAR_RIM, NEAR_RIM],
-    "islands": [ISLANDS],
-    "holes": [HOLE],
-    "flicker of a still camera": [FLICKER],
-}
+HOLES, RATIO, LEFT = "holes [%]", "shadow width [steps]", "shadows on the left [%]"
+RIM, ISLANDS = "roughness of the far rim [px]", "islands [per 10^4 px]"
 Places = npt.NDArray[np.intp]
 
 
@@ -48,9 +37,9 @@ Places = npt.NDArray[np.intp]
 )  # fmt: skip
 def artefacts(context: ExperimentContext) -> Findings:
     """Measure the artefacts of rendered sequences, and of recordings in folders if there are any."""
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, dict[str, float]] = {}
     for name in context.sequences:
-        rows[name] = measured(context.frames_of(name), context.recording(name).intrinsics)
+        rows[name] = measured(map(frame_of, context.captures(name)), context.recording(name).intrinsics)
     for folder in context.data:
         dataset, name = open_dataset(folder), folder.resolve().name
         if name in rows:
@@ -60,50 +49,37 @@ def artefacts(context: ExperimentContext) -> Findings:
         rows[name] = measured(frames, dataset.intrinsics)
     table = pd.DataFrame(rows.values(), pd.Index(rows, name="sequence"))
     return Findings(
-        tables={"table": table.reset_index()},
+        table=table.reset_index(),
         notes=(
             f"Shadows: at least {NARROWEST_PX} invalid pixels of a row between two disparities that differ by at least "
             f"{STEP_PX:g} px; their median width in steps is 1 for a pair. Rims: mean second difference of the column "
-            "over three rows, 0 for straight edges.",
-            f"Islands: parts of at most {ISLAND_PX[-1]} px whose neighbours differ by at most {SAME_SURFACE_PX:g} px "
-            "of disparity. The sizes of islands and of holes are those in which the median pixel lies. Flicker: pixels "
-            "with the same gray value that gain or lose their depth, where the camera stands still.",
+            f"over three rows, 0 for straight edges. Islands: parts of at most {ISLAND_PX[-1]} px whose neighbours "
+            f"differ by at most {SAME_SURFACE_PX:g} px of disparity.",
         ),
         figure=panels(
             f"Artefacts of raw depth, up to {context.frames} frames of each",
-            [
-                plotted(table[names], title, "", " and ".join(names), kind="bar", rot=60)
-                for title, names in PANELS.items()
-            ],
-            columns=3,
+            [plotted(table[[name]], name, "", "", kind="bar", rot=60) for name in (HOLES, RATIO, RIM, ISLANDS)],
+            columns=2,
         ),
     )
 
 
-def measured(frames: Iterable[Frame], intrinsics: Intrinsics) -> dict[str, Any]:
-    """A row with the artefacts of the frames of one camera."""
+def measured(frames: Iterable[Frame], intrinsics: Intrinsics) -> dict[str, float]:
+    """A row with the artefacts of the frames of one camera, one frame at least."""
     samples: dict[str, list[Any]] = defaultdict(list)
-    seen = list(frames)
-    for frame in seen:
+    for frame in frames:
         for name, values in found_in(frame.depth_m, intrinsics).items():
             samples[name].append(values)
-    samples[FLICKER] += [flicker(before, now) for before, now in pairwise(seen)] or [[]]
     of = {name: pd.Series(np.concatenate(values), dtype=float) for name, values in samples.items()}
-    n_px = len(seen) * intrinsics.width_px * intrinsics.height_px
-    island_px = np.sum(samples[ISLANDS], axis=0)
-    n_islands = (island_px / np.sqrt(np.multiply(ISLAND_PX, np.append(1, np.add(ISLAND_PX[:-1], 1))))).sum()
+    n_px = len(samples[ISLANDS]) * intrinsics.width_px * intrinsics.height_px
+    smallest_px = np.append(1, np.add(ISLAND_PX[:-1], 1))
+    n_islands = (np.sum(samples[ISLANDS], axis=0) / np.sqrt(np.multiply(ISLAND_PX, smallest_px))).sum()
     return {
-        "focal length [px]": intrinsics.fx_px,
-        HOLES: 100 * of[HOLE].sum() / n_px,
+        HOLES: 100 * of[HOLES].sum() / n_px,
         RATIO: of[RATIO].median(),
         LEFT: 100 * of[LEFT].mean(),
-        FAR_RIM: of[FAR_RIM].mean(),
-        NEAR_RIM: of[NEAR_RIM].mean(),
+        RIM: of[RIM].mean(),
         ISLANDS: 1e4 * n_islands / n_px,
-        ISLAND: of_median_pixel(np.array(ISLAND_PX), island_px),
-        HOLE: of_median_pixel(of[HOLE], of[HOLE]),
-        FLICKER: 100 * of[FLICKER].mean(),
-        "frames": len(seen),
     }
 
 
@@ -118,24 +94,14 @@ def found_in(depth_m: FloatImage, intrinsics: Intrinsics) -> dict[str, npt.NDArr
     left = step_px > 0
     is_left = 2 * left.sum() >= len(left)
     usual = left == is_left
-    row, start, stop = row[usual], start[usual], stop[usual]
-    far, near = (start, stop) if is_left else (stop, start)
-    _, _, stats, _ = cv2.connectedComponentsWithStats((depth_m == 0).astype(np.uint8), connectivity=4)
+    far_rim = (start if is_left else stop)[usual]
     return {
+        HOLES: np.array([np.count_nonzero(depth_m == 0)]),
+        RATIO: (stop - start)[usual] / np.abs(step_px[usual]),
         LEFT: left,
-        RATIO: (stop - start) / np.abs(step_px[usual]),
-        FAR_RIM: bends(depth_m.shape, row, far),
-        NEAR_RIM: bends(depth_m.shape, row, near),
+        RIM: bends(depth_m.shape, row[usual], far_rim),
         ISLANDS: islands(disparity_px),
-        HOLE: stats[1:, cv2.CC_STAT_AREA],
     }
-
-
-def flicker(before: Frame, now: Frame) -> npt.NDArray[np.bool_]:
-    """Whether each pixel with the same gray value gained or lost its depth, if the camera stands still; else none."""
-    change = np.asarray(cv2.absdiff(*(cv2.blur(frame.gray, (5, 5)).astype(np.uint8) for frame in (before, now))))
-    static = (change <= SAME_GRAY) & bool(np.median(change) <= STILL_GRAY)
-    return np.asarray(((before.depth_m > 0) != (now.depth_m > 0))[static])
 
 
 def shadows(disparity_px: FloatImage) -> tuple[Places, Places, Places, FloatArray]:
@@ -175,9 +141,3 @@ def islands(disparity_px: FloatImage) -> npt.NDArray[np.int64]:
         cv2.filterSpeckles(sixteenths, 0, size, 16 * SAME_SURFACE_PX)
         n_valid.append(np.count_nonzero(sixteenths))
     return -np.diff(n_valid)
-
-
-def of_median_pixel(sizes: Any, pixels: Any) -> float:
-    """The size of the part in which the median pixel lies; NaN without a pixel."""
-    of_pixels = pd.Series(np.repeat(np.asarray(sizes, np.float64), np.asarray(pixels, np.int64)))
-    return float(of_pixels.quantile(0.5, interpolation="lower"))

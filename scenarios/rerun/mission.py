@@ -1,7 +1,7 @@
 """Recordings of missions: world, drones, images, maps, states, metrics and events."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
 
-from sim.bodies import Body, Mover
+from sim.bodies import Body
 from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw, rotation_from_quaternion, rotation_from_yaw
 from sim.render.meshes import mesh_of_shape, moved, normals
 from sim.sensor import RigConfig
@@ -26,24 +26,24 @@ from swarm.team import Team
 from swarm.types import Outcome
 from swarm.voxel_map import STATES
 from voxdepth.colors import FAR_M
+from voxdepth.geometry import back_project, transform
 from voxdepth.tools.files import as_tool_error
-from voxdepth.tools.stages import log_warped, new_template, voxel_cloud
-from voxdepth.tools.stream import RecordingFile, finite, labels_of, layout, log_depth, log_frame, source_labels
+from voxdepth.tools.stream import (
+    RecordingFile,
+    finite,
+    labels_of,
+    layout,
+    log_depth,
+    log_frame,
+    log_warped,
+    new_template,
+    source_labels,
+    voxel_cloud,
+)
 from voxdepth.types import CorrectedDepth, FloatArray
 
 from ..images import drone_color
-from .columns import (
-    Columns,
-    ColumnWriter,
-    arrows,
-    labelled_points,
-    places,
-    plane_arrows,
-    points,
-    poses,
-    scalars,
-    words,
-)
+from .columns import ColumnWriter
 
 CHUNK_S = 2.0
 """Simulated time after which everything is written to the file: a run that is killed loses no more of its recording."""
@@ -67,8 +67,8 @@ STATE_COLORS = {
 """Colours of the states of a drone."""
 CURVES = {"clearance_m": "clearance [m]", "speed_m_s": "speed [m/s]"}
 """Curves of every drone, and their names."""
-SPEED_COLOR = (120, 120, 120)
-"""Colour of the speed where one drone's speed and clearance are in one view."""
+CHOICE_M, CHOICE_COLOR = 1.5, (240, 230, 80)
+"""Length and colour of the arrow of a chosen direction."""
 NO_LEGEND = rrb.PlotLegend(visible=False)
 EVENT_COLUMNS = rrb.archetypes.TextLogColumns(text_log_columns=[rrb.components.TextLogColumn("Body")])
 """Columns of the list of events beside the time: the rest would hide what happened."""
@@ -109,7 +109,7 @@ class MissionRecorder(Recorder):
         self._recording_id = recording_id
         self._title = title
         self._image_every = image_every
-        self._rows = stage_rows if has_stages else depth_rows
+        self._has_stages = has_stages
         self._captures: Counter[int] = Counter()
         self._views: dict[int, CostMap] = {}
         """Newest view of each drone that was recorded."""
@@ -118,75 +118,61 @@ class MissionRecorder(Recorder):
         """Newest state of each entity that has states."""
         self._camera_poses: dict[tuple[int, float], FloatArray] = {}
         """Pose of the camera of each capture, by drone and time: a template has the pose of an earlier one."""
-        self._world: World | None = None
         self._newest_m: Sequence[FloatArray] = ()
         """Position of each drone at the last decision."""
         self._contacts = 0
         self._written_s = 0.0
-        self._leaders: set[int] = set()
-        self._followed = range(0)
-        """The swarm that the view of the world follows: the first one, so that drones are seen from the start on."""
-        self._movers: tuple[Mover, ...] = ()
         self._file: RecordingFile | None = None
-        self._stream: rr.RecordingStream | None = None
-        self._columns: ColumnWriter | None = None
 
     def start(self, world: World, teams: Sequence[Team]) -> None:
         """Open the file and record everything that does not move."""
+        self._world, self._leaders = world, {team.leader for team in teams}
+        self._followed = teams[0].members
         # Chunks end by size and by simulated time: ending them by the clock would make two runs differ.
         batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
-        self._leaders, self._followed = {team.leader for team in teams}, teams[0].members
-        views = blueprint(world.n_drones, self._leaders, self._rows)
+        views = blueprint(world.n_drones, self._leaders, self._has_stages)
         with as_tool_error(f"cannot write {self._path}"):
             self._file = RecordingFile("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
         self._stream = self._file.stream
         self._stream.send_recording_name(self._title)
         self._columns = ColumnWriter(self._stream)
-        self._world = world
-        self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._log("world/map", cell_labels(), static=True)
-        self._log("world/cloud", source_labels(), static=True)
+        self._log_static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self._log_static("world/map", cell_labels())
+        self._log_static("world/cloud", source_labels())
         for body in world.scene.bodies:
             self._log_body(f"world/scene/{body.name}", body)
-        self._movers = world.scene.movers
-        for index, mover in enumerate(self._movers):
+        for index, mover in enumerate(world.scene.movers):
             self._log_body(f"world/mover/{index}", replace(mover.body, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
         goals_m = [team.goal_m for team in teams]
         goals = rr.Points3D(goals_m, radii=[0.6], colors=[(80, 220, 100)], labels=["goal"] * len(goals_m))
-        self._log("world/goal", goals, static=True)
-        if any(len(team.members) > 1 for team in teams):
-            self._log("world/slots", rr.Points3D.from_fields(radii=[0.12], colors=[(200, 200, 90)]), static=True)
-        size: dict[str, Any] = {"lengths": [DRONE_BODY_HEIGHT_M], "radii": [world.airframe.radius_m]}
+        self._log_static("world/goal", goals)
         for drone in range(world.n_drones):
-            shape = rr.Cylinders3D(**size, colors=[drone_color(drone)], labels=[self._name(drone)], fill_mode="solid")
-            self._log(f"world/drone/{drone}/body", shape, static=True)
             self._log_camera(drone)
             self._log_looks(drone)
 
     def tick(
         self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
     ) -> None:
-        """Record poses, velocities, clearances, slots and changes of state."""
+        """Record poses, velocities, clearances and changes of state."""
         self._at(step, time_s)
         self._newest_m = [state.position_m for state in states]
         for drone, (state, decision) in enumerate(zip(states, decisions, strict=True)):
-            self._add(f"world/drone/{drone}", poses, (state.position_m, state.q_world_body_xyzw))
-            self._add(f"world/velocity/{drone}", arrows, (state.position_m, state.velocity_m_s))
-            self._add(f"world/trail/{drone}", points, state.position_m[None])
-            if decision is not DROPPED and self._world is not None:
-                self._add(f"drone/{drone}/clearance_m", scalars, self._world.clearance_m(drone))
-                self._add(f"drone/{drone}/speed_m_s", scalars, float(np.linalg.norm(state.velocity_m_s)))
-            self._log_view(drone, state, decision.view)
-            self._log_choice(drone, state, decision)
+            self._add_pose(f"world/drone/{drone}", state.position_m, state.q_world_body_xyzw)
+            self._add_arrow(f"world/velocity/{drone}", state.position_m, state.velocity_m_s)
+            self._columns.add(f"world/trail/{drone}", rr.Points3D, positions=[state.position_m])
+            if decision is not DROPPED:
+                self._add_number(f"drone/{drone}/clearance_m", self._world.clearance_m(drone))
+                self._add_number(f"drone/{drone}/speed_m_s", np.linalg.norm(state.velocity_m_s))
+            if decision.direction is not None:
+                self._add_arrow(f"world/choice/{drone}", state.position_m, CHOICE_M * decision.direction)
+            if decision.view is not None and decision.view is not self._views.get(drone):
+                self._log_view(drone, state, decision.view)
             self._add_state(f"drone/{drone}/state", decision.state)
         flying_m = [states[drone].position_m for drone in self._followed if decisions[drone] is not DROPPED]
         if flying_m:
-            self._add("world/swarm", places, np.mean(flying_m, axis=0))
-        if len(slots_m):
-            self._add("world/slots", points, slots_m)
-        for index, body in enumerate(self._world.movers_now() if self._world is not None else ()):
-            pose = np.array(body.position_m), quaternion_from_yaw(body.yaw_rad)
-            self._add(f"world/mover/{index}", poses, pose)
+            self._columns.add("world/swarm", rr.Transform3D, translation=[np.mean(flying_m, axis=0)])
+        for index, body in enumerate(self._world.movers_now()):
+            self._add_pose(f"world/mover/{index}", body.position_m, quaternion_from_yaw(body.yaw_rad))
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Record what the corrector reports, and the images of some captures."""
@@ -200,72 +186,65 @@ class MissionRecorder(Recorder):
         """Record one curve per metric, the last of a tick's data; from time to time write everything to the file."""
         self._at(step, time_s)
         for name, value in values.items():
-            self._add(f"metrics/{name}", scalars, float(value))
-        if time_s >= self._written_s + CHUNK_S:
+            self._add_number(f"metrics/{name}", value)
+        if time_s >= self._written_s + CHUNK_S and self._file is not None:
             self._written_s = time_s
-            self._write()
+            self._columns.flush()
+            with as_tool_error(f"cannot write {self._path}"):
+                self._file.flush()
 
     def contact(self, step: int, contact: Contact) -> None:
         """Record an event, the new state of the drone, and where it was: a red point that stays."""
         self._at(step, contact.time_s)
-        mark = rr.Points3D(
-            [self._newest_m[contact.drone]],
-            radii=[0.4],
-            colors=[CONTACT_COLOR],
-            labels=[f"{self._name(contact.drone)} hit {contact.other}"],
-        )
-        self._log(f"world/contact/{self._contacts}", mark)
-        if self._contacts == 0 and self._stream is not None and self._world is not None:
-            views = blueprint(self._world.n_drones, self._leaders, self._rows, contact)
-            self._stream.send_blueprint(views)
+        hit = f"{drone_name(contact.drone, self._leaders)} hit {contact.other}"
+        mark = rr.Points3D([self._newest_m[contact.drone]], radii=[0.4], colors=[CONTACT_COLOR], labels=[hit])
+        self._stream.log(f"world/contact/{self._contacts}", mark)
+        if self._contacts == 0:
+            self._stream.send_blueprint(blueprint(self._world.n_drones, self._leaders, self._has_stages, contact))
         self._contacts += 1
-        self._log("events", rr.TextLog(contact_text(contact), level=rr.TextLogLevel.ERROR))
+        self._stream.log("events", rr.TextLog(contact_text(contact), level=rr.TextLogLevel.ERROR))
         self._add_state(f"drone/{contact.drone}/state", "collided")
 
     def outcome(self, step: int, time_s: float, outcome: Outcome) -> None:
         """Record the last event."""
         self._at(step, time_s)
         level = rr.TextLogLevel.INFO if outcome is Outcome.SUCCESS else rr.TextLogLevel.WARN
-        self._log("events", rr.TextLog(f"outcome: {outcome}", level=level))
+        self._stream.log("events", rr.TextLog(f"outcome: {outcome}", level=level))
 
     def close(self) -> None:
-        """Write buffered data and close the file; a second call does nothing."""
-        if self._file is not None and self._columns is not None:
-            file, columns = self._file, self._columns
-            self._file = self._stream = self._columns = None
-            columns.flush()
+        """Write buffered data and close the file; a second call does nothing, nor one before the start."""
+        if self._file is not None:
+            file, self._file = self._file, None
+            self._columns.flush()
             with as_tool_error(f"cannot write {self._path}"):
                 file.close()
 
-    def _write(self) -> None:
-        """Write everything that was recorded so far to the file."""
-        if self._file is not None and self._columns is not None:
-            self._columns.flush()
-            with as_tool_error(f"cannot write {self._path}"):
-                self._file.flush()
-
-    def _log(self, path: str, *what: Any, static: bool = False) -> None:
-        if self._stream is not None:
-            self._stream.log(path, *what, static=static)
-
-    def _log_in(self, parent: str, name: str, what: Any) -> None:
-        self._log(f"{parent}/{name}", what)
-
-    def _add(self, path: str, columns: Columns, value: Any) -> None:
-        if self._columns is not None:
-            self._columns.add(path, columns, value)
-
-    def _add_state(self, path: str, state: str) -> None:
-        """Record a state if it is a new one."""
-        if self._states.get(path) != state:
-            self._states[path] = state
-            self._add(path, words, state)
-
     def _at(self, step: int, time_s: float) -> None:
-        if self._stream is not None and self._columns is not None:
-            self._stream.set_time("step", sequence=step)
-            self._stream.set_time("sim_time", duration=time_s)
-            self._columns.set_time(step, time_s)
+        self._stream.set_time("step", sequence=step)
+        self._stream.set_time("sim_time", duration=time_s)
+        self._columns.set_time(step, time_s)
+
+    def _log_static(self, entity: str, *what: Any) -> None:
+        self._stream.log(entity, *what, static=True)
+
+    def _log_image(self, drone: int, name: str, what: Any) -> None:
+        """Record an image of the camera of a drone, or what belongs to it."""
+        self._stream.log(f"world/drone/{drone}/cam/{name}", what)
+
+    def _add_number(self, entity: str, value: Any) -> None:
+        self._columns.add(entity, rr.Scalars, scalars=[float(value)])
+
+    def _add_pose(self, entity: str, position_m: Any, q_xyzw: FloatArray) -> None:
+        self._columns.add(entity, rr.Transform3D, translation=[position_m], quaternion=[q_xyzw])
+
+    def _add_arrow(self, entity: str, origin_m: FloatArray, vector: FloatArray) -> None:
+        self._columns.add(entity, rr.Arrows3D, origins=[origin_m], vectors=[vector])
+
+    def _add_state(self, entity: str, state: str) -> None:
+        """Record a state if it is a new one."""
+        if self._states.get(entity) != state:
+            self._states[entity] = state
+            self._columns.add(entity, rr.StateChange, state=[state])
 
     def _log_body(self, path: str, body: Body) -> None:
         """Record a body as triangles with a normal each. What is behind it can be seen through it."""
@@ -277,14 +256,11 @@ class MissionRecorder(Recorder):
             vertex_normals=np.repeat(normals(mesh), 3, axis=0),
             albedo_factor=(gray, gray, gray, OPACITY),
         )
-        self._log(path, shown, static=True)
-
-    def _name(self, drone: int) -> str:
-        return f"leader {drone}" if drone in self._leaders else f"drone {drone}"
+        self._log_static(path, shown)
 
     def _log_camera(self, drone: int) -> None:
         """Record intrinsics and mount, once per drone: the camera is fixed to the airframe."""
-        i, path = self._rig.intrinsics, f"world/drone/{drone}/cam"
+        i = self._rig.intrinsics
         pinhole = rr.Pinhole(
             focal_length=[i.fx_px, i.fy_px],
             principal_point=[i.cx_px + 0.5, i.cy_px + 0.5],
@@ -294,60 +270,57 @@ class MissionRecorder(Recorder):
         )
         mount = rr.Transform3D(translation=self._rig.left_mount_m, mat3x3=R_BODY_CAM)
         # One row, since the order of several chunks of one entity in the file is random.
-        self._log(path, pinhole, mount, source_labels(), static=True)
+        self._log_static(f"world/drone/{drone}/cam", pinhole, mount, source_labels())
 
     def _log_looks(self, drone: int) -> None:
-        """Record the colours of what moves, once per drone."""
-        self._log(f"world/velocity/{drone}", rr.Arrows3D.from_fields(colors=[drone_color(drone)]), static=True)
-        self._log(f"world/choice/{drone}", rr.Arrows3D.from_fields(colors=[(240, 230, 80)]), static=True)
-        trail = rr.Points3D.from_fields(radii=[0.07], colors=[drone_color(drone)])
-        self._log(f"world/trail/{drone}", trail, static=True)
-        mark = rr.Arrows2D.from_fields(radii=[0.6], colors=[drone_color(drone)])
-        self._log(f"world/map/{drone}/drone", mark, static=True)
+        """Record the body of a drone and the colours of what belongs to it, once per drone."""
+        name, color = drone_name(drone, self._leaders), drone_color(drone)
+        size: dict[str, Any] = {"lengths": [DRONE_BODY_HEIGHT_M], "radii": [self._world.airframe.radius_m]}
+        body = rr.Cylinders3D(**size, colors=[color], labels=[name], fill_mode="solid")
+        self._log_static(f"world/drone/{drone}/body", body)
+        self._log_static(f"world/velocity/{drone}", rr.Arrows3D.from_fields(colors=[color]))
+        self._log_static(f"world/choice/{drone}", rr.Arrows3D.from_fields(colors=[CHOICE_COLOR]))
+        self._log_static(f"world/trail/{drone}", rr.Points3D.from_fields(radii=[0.07], colors=[color]))
+        self._log_static(f"world/map/{drone}/drone", rr.Arrows2D.from_fields(radii=[0.6], colors=[color]))
         colors = rr.StateConfiguration(values=list(STATE_COLORS), colors=list(STATE_COLORS.values()))
-        self._log(f"drone/{drone}/state", colors, static=True)
-        for (curve, name), width in zip(CURVES.items(), (2.0, 1.0), strict=True):
-            line = rr.SeriesLines(colors=[drone_color(drone)], names=[name], widths=[width])
-            self._log(f"drone/{drone}/{curve}", line, static=True)
+        self._log_static(f"drone/{drone}/state", colors)
+        for (curve, words), width in zip(CURVES.items(), (2.0, 1.0), strict=True):
+            self._log_static(f"drone/{drone}/{curve}", rr.SeriesLines(colors=[color], names=[words], widths=[width]))
 
     def _log_images(self, capture: Capture, corrected: CorrectedDepth) -> None:
-        log = partial(self._log_in, f"world/drone/{capture.drone}/cam")
+        log = partial(self._log_image, capture.drone)
         log_frame(log, capture.gray_left, capture.depth_raw_m, corrected)
         log_depth(log, "true", finite(capture.depth_true_m))
         log_warped(log, corrected)
-        self._add(f"world/cloud/{capture.drone}", labelled_points, cloud(capture, corrected))
+        positions, labels = cloud(capture, corrected)
+        self._columns.add(f"world/cloud/{capture.drone}", rr.Points3D, positions=positions, class_ids=labels)
 
     def _log_work(self, capture: Capture, corrected: CorrectedDepth) -> None:
         """Record the diagnostics of a corrector, and the template and its voxels when an epoch begins."""
         drone = capture.drone
         for name, fact in ({} if corrected.diagnostics is None else corrected.diagnostics.facts()).items():
-            path = f"drone/{drone}/corrector/{name}"
+            entity = f"drone/{drone}/corrector/{name}"
             if isinstance(fact, str):
-                self._add_state(path, fact.replace("_", " "))
+                self._add_state(entity, fact.replace("_", " "))
             else:
-                self._add(path, scalars, float(fact))
+                self._add_number(entity, fact)
         self._camera_poses[drone, capture.stamp_s] = capture.T_world_cam
         if (template := new_template(corrected)) is not None:
-            log_depth(partial(self._log_in, f"world/drone/{drone}/cam"), "template", template.depth_m)
+            log_depth(partial(self._log_image, drone), "template", template.depth_m)
             T_world_cam = self._camera_poses[drone, template.stamp_s]
-            self._log(f"world/voxels/{drone}", voxel_cloud(template, T_world_cam))
+            self._stream.log(f"world/voxels/{drone}", voxel_cloud(template, T_world_cam))
 
-    def _log_view(self, drone: int, state: DroneState, view: CostMap | None) -> None:
-        """Record the map that the pilot made of some of its images."""
-        if view is None or view is self._views.get(drone):
-            return
-        self._views[drone] = view
-        if self._maps[drone] % self._image_every == 0:
-            self._log_map(drone, state, view)
-        self._maps[drone] += 1
-
-    def _log_map(self, drone: int, state: DroneState, costs: CostMap) -> None:
-        """Record a map as the image of a camera that looks down on the world, with an arrow for the drone.
+    def _log_view(self, drone: int, state: DroneState, costs: CostMap) -> None:
+        """Record some maps of a pilot, as the image of a camera that looks down on the world, with an arrow for it.
 
         The image is one metre before the camera, where a pixel is as large as a cell of the map.
         """
+        self._views[drone] = costs
+        self._maps[drone] += 1
+        if (self._maps[drone] - 1) % self._image_every != 0:
+            return
         rows, cols = costs.state.shape
-        side_m, path, T = costs.voxel_m, f"world/map/{drone}", costs.T_odom_world
+        side_m, entity, T = costs.voxel_m, f"world/map/{drone}", costs.T_odom_world
         middle_m = costs.origin_m + side_m / 2 * np.array([cols, rows])
         down = np.linalg.inv(T) @ pose(np.diag([1.0, -1.0, -1.0]), np.array([*middle_m, 0.0]))
         camera = rr.Pinhole(
@@ -355,44 +328,39 @@ class MissionRecorder(Recorder):
         )
         height_m = state.position_m[2] - BELOW_M + 1.0
         above = rr.Transform3D(translation=[*down[:2, 3], height_m], mat3x3=down[:3, :3])
-        self._log(path, rr.SegmentationImage(np.flipud(costs.state)), camera, above)
+        self._stream.log(entity, rr.SegmentationImage(np.flipud(costs.state)), camera, above)
         top_left_m, px_per_m = costs.origin_m + np.array([0, side_m * rows]), np.array([1, -1]) / side_m
         at_m = T[:2, :3] @ state.position_m + T[:2, 3]
         ahead = T[:2, :3] @ rotation_from_quaternion(state.q_world_body_xyzw)[:, 0]
-        self._add(f"{path}/drone", plane_arrows, ((at_m - top_left_m) * px_per_m, HEADING_M * ahead * px_per_m))
-
-    def _log_choice(self, drone: int, state: DroneState, decision: Decision) -> None:
-        if decision.direction is not None:
-            self._add(f"world/choice/{drone}", arrows, (state.position_m, 1.5 * decision.direction))
+        at_px, ahead_px = (at_m - top_left_m) * px_per_m, HEADING_M * ahead * px_per_m
+        self._columns.add(f"{entity}/drone", rr.Arrows2D, origins=[at_px], vectors=[ahead_px])
 
 
-def blueprint(
-    n_drones: int, leaders: set[int], rows: Callable[[int], list[rrb.Horizontal]], first: Contact | None = None
-) -> rrb.Blueprint:
-    """Return the layout that is saved with the recording; `rows` returns those of the tab of a drone.
+def drone_name(drone: int, leaders: set[int]) -> str:
+    """A drone as its label and its tab call it."""
+    return f"leader {drone}" if drone in leaders else f"drone {drone}"
+
+
+def blueprint(n_drones: int, leaders: set[int], has_stages: bool, first: Contact | None = None) -> rrb.Blueprint:
+    """Return the layout that is saved with the recording; `has_stages` adds the stages of the paper's method.
 
     With a first contact it opens at the drone that had it, and repeats the seconds before and after it.
     """
+    drones = range(n_drones)
     curves = [
-        rrb.TimeSeriesView(
-            name=name,
-            contents=[f"drone/{i}/{curve}" for i in range(n_drones)],
-            plot_legend=NO_LEGEND,  # The labels of the world have the same colours.
-        )
-        for curve, name in CURVES.items()
+        # The labels of the world have the same colours as the curves.
+        rrb.TimeSeriesView(name=words, contents=[f"drone/{i}/{curve}" for i in drones], plot_legend=NO_LEGEND)
+        for curve, words in CURVES.items()
     ]
     formation = rrb.TimeSeriesView(
         name="formation error [m]", contents=["metrics/formation_error_m"], plot_legend=NO_LEGEND
     )
-    states = rrb.StateTimelineView(name="states", contents=[f"drone/{i}/state" for i in range(n_drones)])
+    states = rrb.StateTimelineView(name="states", contents=[f"drone/{i}/state" for i in drones])
     events = rrb.TextLogView(name="events", origin="events", columns=EVENT_COLUMNS)
     last = rrb.Vertical(formation, events) if n_drones > len(leaders) else events
     below = rrb.Horizontal(states, rrb.Vertical(*curves), last, column_shares=[3, 3, 2])
     left = rrb.Vertical(_world_view(n_drones, leaders), below, row_shares=[5, 4])
-    tabs = [
-        rrb.Vertical(*rows(drone), name=f"leader {drone}" if drone in leaders else f"drone {drone}")
-        for drone in range(n_drones)
-    ]
+    tabs = [rrb.Vertical(*_rows(drone, has_stages), name=drone_name(drone, leaders)) for drone in drones]
     time: dict[str, Any] = {}
     if first is not None:
         tabs[first.drone].name = f"{tabs[first.drone].name} hits {first.other}"
@@ -423,18 +391,18 @@ def _world_view(n_drones: int, leaders: set[int]) -> rrb.Spatial3DView:
     )
 
 
-def depth_rows(drone: int) -> list[rrb.Horizontal]:
-    """Return the views of a drone, two in a row."""
-    clearance = rrb.TimeSeriesView(
-        name="clearance [m], speed [m/s]",
-        contents=[f"drone/{drone}/{curve}" for curve in CURVES],
-        overrides={f"drone/{drone}/speed_m_s": rr.SeriesLines.from_fields(colors=[SPEED_COLOR])},
-    )
-    return [*_camera_rows(drone), rrb.Horizontal(_image(drone, "confidence", "confidence"), clearance)]
-
-
-def stage_rows(drone: int) -> list[rrb.Horizontal]:
-    """Return the views of a drone that flies the paper's method: its confidence gives way to the stages."""
+def _rows(drone: int, has_stages: bool) -> list[rrb.Horizontal]:
+    """Return the views of a drone, two in a row; the stages of the paper's method are in place of the confidence."""
+    known = rrb.Spatial2DView(name="map", origin=f"world/map/{drone}")
+    true, raw, corrected = (_image(drone, f"depth, {name}", f"colors/{name}") for name in ("true", "raw", "corrected"))
+    rows = [
+        rrb.Horizontal(_image(drone, "gray", "gray"), known),
+        rrb.Horizontal(true, raw),
+        rrb.Horizontal(corrected, _image(drone, "source", "source")),
+    ]
+    if not has_stages:
+        curves = rrb.TimeSeriesView(name=", ".join(CURVES.values()), contents=[f"drone/{drone}/{c}" for c in CURVES])
+        return [*rows, rrb.Horizontal(_image(drone, "confidence", "confidence"), curves)]
     at = f"drone/{drone}/corrector/"
     states = [f"{at}{name}" for name in ("phase", "registration", "epoch_end")]
     facts = rrb.Horizontal(
@@ -444,17 +412,7 @@ def stage_rows(drone: int) -> list[rrb.Horizontal]:
         column_shares=[2, 1, 1],
     )
     template, warped = _image(drone, "template", "colors/template"), _image(drone, "template, warped", "colors/warped")
-    return [*_camera_rows(drone), rrb.Horizontal(template, warped), facts]
-
-
-def _camera_rows(drone: int) -> list[rrb.Horizontal]:
-    known = rrb.Spatial2DView(name="map", origin=f"world/map/{drone}")
-    true, raw, corrected = (_image(drone, f"depth, {name}", f"colors/{name}") for name in ("true", "raw", "corrected"))
-    return [
-        rrb.Horizontal(_image(drone, "gray", "gray"), known),
-        rrb.Horizontal(true, raw),
-        rrb.Horizontal(corrected, _image(drone, "source", "source")),
-    ]
+    return [*rows, rrb.Horizontal(template, warped), facts]
 
 
 def _image(drone: int, name: str, path: str) -> rrb.Spatial2DView:
@@ -464,14 +422,11 @@ def _image(drone: int, name: str, path: str) -> rrb.Spatial2DView:
 
 def cloud(capture: Capture, corrected: CorrectedDepth) -> tuple[FloatArray, npt.NDArray[np.uint8]]:
     """Return points of the corrected depth, world frame, shape (n, 3), and their labels, shape (n,)."""
-    i, at = capture.intrinsics, np.s_[::CLOUD_STEP_PX, ::CLOUD_STEP_PX]
-    depth_m, labels = corrected.depth_m[at], labels_of(capture.depth_raw_m, corrected.source)[at]
-    rows, cols = np.nonzero((depth_m > 0) & (depth_m < FAR_M))
-    z_m = depth_m[rows, cols]
-    x, y = (CLOUD_STEP_PX * cols - i.cx_px) / i.fx_px, (CLOUD_STEP_PX * rows - i.cy_px) / i.fy_px
-    points_cam_m = z_m[:, None] * np.column_stack([x, y, np.ones_like(x)])
-    T = capture.T_world_cam
-    return points_cam_m @ T[:3, :3].T + T[:3, 3], labels[rows, cols]
+    depth_m, at = np.zeros_like(corrected.depth_m), np.s_[::CLOUD_STEP_PX, ::CLOUD_STEP_PX]
+    depth_m[at] = np.where(corrected.depth_m[at] < FAR_M, corrected.depth_m[at], 0)
+    points_cam_m = back_project(depth_m, capture.intrinsics).astype(np.float64)
+    labels = labels_of(capture.depth_raw_m, corrected.source)[depth_m > 0]
+    return transform(capture.T_world_cam, points_cam_m), labels
 
 
 def cell_labels() -> rr.AnnotationContext:

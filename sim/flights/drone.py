@@ -5,13 +5,12 @@ from itertools import count
 from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from voxdepth.types import FloatArray
 
 from ..bodies import Scene
 from ..drone import AirframeConfig
-from ..errors import SceneError
 from ..seeds import Purpose, stream
 from ..types import BodyPose, DroneState, VelocityCommand
 from .trajectory import Flight, SmoothNoise, Track, require_rate
@@ -22,12 +21,10 @@ TURNING_S = 1.0
 LOOKAHEAD_S = 0.35
 SHORTEST_LOOKAHEAD_M = 0.4
 TARGET_STEP_M = 0.02
+AIRFRAME = AirframeConfig()
 ACCEL_SHARE = 0.6
 """Share of the airframe's acceleration that is used to brake before bends and to fly them."""
 GUST_HZ = (0.1, 0.6)
-STUCK_S = 10.0
-STUCK_SPEED_SHARE = 0.05
-"""A drone is stuck if it makes less than this share of the desired speed during `STUCK_S`."""
 
 
 class Drone(Flight):
@@ -41,23 +38,13 @@ class Drone(Flight):
     kind: Literal["drone"] = "drone"
     height_m: float = Field(default=2.0, gt=0)
     """Height of the camera above the path [m]."""
-    speed_m_s: float = Field(default=3.0, gt=0)
-    """Speed on straight parts of the path, at most that of the airframe."""
+    speed_m_s: float = Field(default=3.0, gt=0, le=AIRFRAME.max_speed_m_s)
+    """Speed on straight parts of the path."""
     gust_m_s: float = Field(default=0.1, ge=0)
     """Standard deviation of a slow disturbance of the desired velocity, along each axis."""
-    airframe: AirframeConfig = AirframeConfig()
-
-    @model_validator(mode="after")
-    def _check(self) -> "Drone":
-        if self.speed_m_s > self.airframe.max_speed_m_s:
-            raise ValueError(
-                f"speed_m_s must be at most the {self.airframe.max_speed_m_s:g} m/s of the airframe, "
-                f"got {self.speed_m_s:g} m/s; reduce it"
-            )
-        return self
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
-        """One pose per frame, at most 240 per second; see `Flight.poses`. A stuck drone raises a `SceneError`."""
+        """One pose per frame, at most 240 per second; see `Flight.poses`."""
         from ..world import PHYSICS_HZ
 
         require_rate(rate_hz, PHYSICS_HZ)
@@ -67,7 +54,7 @@ class Drone(Flight):
         from ..world import World
 
         start_m, yaw_rad = pursuit.track.position_m(0.0) + pursuit.height_m, pursuit.track.heading_rad(0.0)
-        with World(Scene(seed=0, bodies=()), start_m, self.airframe, start_yaw_rad=yaw_rad) as world:
+        with World(Scene(seed=0, bodies=()), start_m, AIRFRAME, start_yaw_rad=yaw_rad) as world:
             for k in count():
                 time_s = k / rate_hz
                 while world.steps < round(time_s / world.dt_s):
@@ -88,14 +75,12 @@ class _PurePursuit:
         self._speed_m_s = config.speed_m_s
         self.height_m = np.array([0.0, 0.0, config.height_m])
         self._lookahead_m = SHORTEST_LOOKAHEAD_M + LOOKAHEAD_S * config.speed_m_s
-        self._accel_m_s2 = ACCEL_SHARE * config.airframe.max_accel_m_s2
+        self._accel_m_s2 = ACCEL_SHARE * AIRFRAME.max_accel_m_s2
         braking_m = config.speed_m_s**2 / (2 * self._accel_m_s2)
         self._ahead_m = np.linspace(-self._lookahead_m, braking_m, 24)
         """Distances from the target, along the track, at which the curvature limits the speed."""
         self._target_m = 0.0
         """Arc length of the target."""
-        self._progress = (0.0, 0.0)
-        """Time and target of the last check that the drone is not stuck."""
 
     @property
     def done(self) -> bool:
@@ -103,9 +88,8 @@ class _PurePursuit:
         return self._target_m >= self.track.length_m + self._lookahead_m
 
     def command(self, state: DroneState, time_s: float) -> VelocityCommand:
-        """The command that takes the drone towards the target. A drone that is stuck raises a `SceneError`."""
+        """The command that takes the drone towards the target."""
         to_target_m = self._advance_target(state.position_m)
-        self._require_progress(time_s)
         direction = to_target_m / np.linalg.norm(to_target_m)
         velocity_m_s = self._safe_speed_m_s() * direction + self._gusts_m_s(time_s)
         yaw_rad = self.track.heading_rad(self._target_m - self._lookahead_m)
@@ -125,14 +109,3 @@ class _PurePursuit:
         braking_m = np.maximum(self._ahead_m, 0)
         squared = self._accel_m_s2 * (1 / curvature_per_m + 2 * braking_m)
         return min(self._speed_m_s, float(np.sqrt(squared.min())))
-
-    def _require_progress(self, time_s: float) -> None:
-        since_s, since_m = self._progress
-        if self._target_m > since_m + STUCK_SPEED_SHARE * self._speed_m_s * STUCK_S:
-            self._progress = (time_s, self._target_m)
-        elif time_s - since_s > STUCK_S:
-            flown_m = max(0.0, self._target_m - self._lookahead_m)
-            raise SceneError(
-                f"expected the drone to fly {self.track.length_m:.1f} m at {self._speed_m_s:g} m/s, "
-                f"but it is stuck at {flown_m:.1f} m; check the limits and gains of its airframe"
-            )

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,12 +25,14 @@ NEAREST_JUMP = 0.25
 CUT_STREAM = 1
 REACH_M, REACH_DEG = 0.25, 24.0
 """Distance and angle along each axis from the first pose of a robot, beyond half of which it moves back."""
-LARGE = 2.5
-"""Size of a large jump between stations relative to others."""
+HOLD_FRAMES = 3
+"""Frames at each station."""
+JUMP_DEG, JUMP_M = (6.0, 16.0), (0.03, 0.09)
+"""Least and largest rotation, mostly of the heading, and distance between stations."""
+LARGE, LARGE_EVERY = 2.5, 6
+"""Every jump of this number is larger than the others by this factor."""
 PITCH_SHARE = 0.4
 """Pitch relative to the heading in the direction of a jump."""
-
-Jump = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class Walk(Flight):
@@ -176,7 +178,7 @@ class Stationary(Flight):
 
 
 class Stations(Flight):
-    """A camera that a robot moves from station to station: it jumps, and then stands still for some frames.
+    """A camera that a robot moves from station to station: it jumps, and then stands still for three frames.
 
     It turns back where it is far from its first pose, and has no end.
     """
@@ -188,14 +190,6 @@ class Stations(Flight):
     """Arc length along the path of the first pose [m]."""
     pitch_deg: float = Field(default=0.0, ge=-80, le=80)
     """Pitch of the first pose; a positive pitch looks up."""
-    hold: int = Field(default=3, ge=1, le=1_000_000)
-    """Frames at each station."""
-    jump_deg: Jump = (6.0, 16.0)
-    """Least and largest rotation between stations, mostly of the heading."""
-    jump_m: Jump = (0.03, 0.09)
-    """Least and largest distance between stations [m]."""
-    large_every: int = Field(default=6, ge=2, le=1_000_000)
-    """Every jump of this number is larger than the others, by `LARGE`."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Poses without an end; see `Flight.poses`."""
@@ -209,11 +203,11 @@ class Stations(Flight):
     ) -> Iterator[BodyPose]:
         off_m, off_deg = np.zeros(3), np.array([0.0, self.pitch_deg])
         for k, time_s in enumerate(frame_times_s(rate_hz, np.inf)):
-            if k > 0 and k % self.hold == 0:
-                factor = LARGE if k // self.hold % self.large_every == 0 else 1.0
-                off_m = off_m + _jump(rng, off_m, 3, REACH_M) * factor * rng.uniform(*self.jump_m)
+            if k > 0 and k % HOLD_FRAMES == 0:
+                factor = LARGE if k // HOLD_FRAMES % LARGE_EVERY == 0 else 1.0
+                off_m = off_m + _jump(rng, off_m, 3, REACH_M) * factor * rng.uniform(*JUMP_M)
                 turn = _jump(rng, off_deg - (0, self.pitch_deg), 2, REACH_DEG) * (1.0, PITCH_SHARE)
-                off_deg = off_deg + turn / np.linalg.norm(turn) * factor * rng.uniform(*self.jump_deg)
+                off_deg = off_deg + turn / np.linalg.norm(turn) * factor * rng.uniform(*JUMP_DEG)
             yaw_rad, pitch_rad = np.radians(off_deg)
             q_world_body_xyzw = frames.quaternion_from_angles(heading_rad + yaw_rad, pitch_rad, 0.0)
             yield BodyPose(stamp_s=time_s, position_m=place_m + off_m, q_world_body_xyzw=q_world_body_xyzw)

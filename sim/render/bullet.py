@@ -9,7 +9,7 @@ import sys
 import tempfile
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,8 @@ from ..bodies import Body, Mesh
 from ..engine import pybullet
 from ..errors import RenderError
 from ..solids import apply_texture, create_body
-from ..types import Camera, Images
-from ..world import DRONE_SURFACE, World, drone_shape
+from ..types import Camera, Images, Pinhole
+from ..world import World
 
 FAR_M = 2000.0
 SKY_GRAY = 200
@@ -74,13 +74,10 @@ class EglRenderer:
         self._end = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
         if pybullet.loadPlugin(plugin, PLUGIN_POSTFIX, physicsClientId=self._client) < 0:
             raise RenderError(f"PyBullet does not load its plugin {plugin} a second time: use raycast")
-        static = {self._copy(body): real for real, body in world.bodies.items()}
-        drone = Body(name="drone", shape=drone_shape(world.airframe.radius_m), surface=DRONE_SURFACE)
-        drones = {create_body(drone, self._client): real for real in world.drone_ids}
-        self._moving = {self._copy(mover.body): real for real, mover in world.movers.items()} | drones
-        copies = {**static, **self._moving}
-        textured = set(world.textured_ids)
-        apply_texture([copy for copy, real in copies.items() if real in textured], world.scene.seed, self._client)
+        copies = {self._copy(body): real for real, body in world.described.items()}
+        self._moving = {copy: real for copy, real in copies.items() if real not in world.bodies}
+        textured = [copy for copy, real in copies.items() if real in world.textured_ids]
+        apply_texture(textured, world.scene.seed, self._client)
         self._real = np.full(max(copies, default=-1) + 2, -1, np.int32)
         self._real[[copy + 1 for copy in copies]] = list(copies.values())
 
@@ -93,7 +90,7 @@ class EglRenderer:
 
     def _render(self, camera: Camera) -> Images:
         seen = _camera_image(camera, EGL, self._client, self._world.scene.weather.to_sun)
-        return Images(gray=seen.gray, depth_m=seen.depth_m, segment_id=self._real[seen.segment_id + 1])
+        return replace(seen, segment_id=self._real[seen.segment_id + 1])
 
     def _copy(self, body: Body) -> int:
         """Copy a body. A mesh goes through a file, because the plugin confuses meshes that come from memory."""
@@ -156,7 +153,7 @@ def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[flo
     z_buffer = np.reshape(buffer, shape).astype(np.float64)
     depth_m = (FAR_M * engine.near_m / (FAR_M - (FAR_M - engine.near_m) * z_buffer)).astype(np.float32)
     depth_m[empty] = np.inf
-    return Images(gray=gray, depth_m=depth_m, segment_id=segment_id)
+    return Images(gray=gray, depth_m=depth_m, segment_id=segment_id, T_world_cam=camera.T_world_cam)
 
 
 def view_matrix(T_world_cam: FloatArray) -> list[float]:
@@ -165,7 +162,7 @@ def view_matrix(T_world_cam: FloatArray) -> list[float]:
     return list((to_opengl @ np.linalg.inv(T_world_cam)).T.ravel().tolist())
 
 
-def projection_matrix(intrinsics: Intrinsics, engine: Engine) -> list[float]:
+def projection_matrix(intrinsics: Intrinsics | Pinhole, engine: Engine) -> list[float]:
     """OpenGL projection matrix, column-major, that places the samples of an engine at integer pixel coordinates.
 
     OpenGL samples the centre of each pixel, and TinyRenderer its lower left corner.

@@ -1,25 +1,19 @@
 """Triangle meshes of the visible bodies of a world."""
 
-import ctypes
 from collections.abc import Sequence
-from functools import cache
-from typing import Any
 
 import numpy as np
 
 from voxdepth.types import FloatArray
 
 from .. import frames
-from ..bodies import Box, Cylinder, Heightfield, Mesh, Shape, Sphere
+from ..bodies import Body, Box, Cylinder, Heightfield, Mesh, Shape, Sphere
 from ..engine import pybullet
-from ..errors import RenderError
 from ..solids import origin_height_m
 from ..types import IdImage
-from ..world import World, drone_shape
+from ..world import World
 
 ROUND_SEGMENTS = 24
-WELD_DECIMALS = 9
-"""Decimals of the coordinates [m] by which vertices are at the same place."""
 
 
 class SceneMeshes:
@@ -30,7 +24,7 @@ class SceneMeshes:
         fixed, moving = list(world.bodies), list(world.moving_ids)
         self.body_ids = [*fixed, *moving]
         self.n_fixed = len(fixed)
-        self.meshes = [mesh_of_body(world, body) for body in self.body_ids]
+        self.meshes = [mesh_of_body(world.described[body]) for body in self.body_ids]
         """Each in the frame of its body."""
         self.body_of_triangle: IdImage = np.repeat(
             np.arange(len(self.meshes), dtype=np.int32), [len(mesh.triangles) for mesh in self.meshes]
@@ -64,12 +58,9 @@ class SceneMeshes:
             self.position_m[i] = position_m
 
 
-def mesh_of_body(world: World, body: int) -> Mesh:
+def mesh_of_body(body: Body) -> Mesh:
     """The visible shape of a body in PyBullet's frame of it."""
-    if body in world.drone_ids:
-        return mesh_of_shape(drone_shape(world.airframe.radius_m))
-    shape = world.described[body].shape
-    return moved(mesh_of_shape(shape), np.eye(3), np.array([0, 0, -origin_height_m(shape)]))
+    return moved(mesh_of_shape(body.shape), np.eye(3), np.array([0, 0, -origin_height_m(body.shape)]))
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:
@@ -97,22 +88,6 @@ def bounding_sphere(mesh: Mesh) -> FloatArray:
     """Centre and radius [m], shape (4,)."""
     center_m = (mesh.vertices_m.min(axis=0) + mesh.vertices_m.max(axis=0)) / 2
     return np.append(center_m, np.sqrt(((mesh.vertices_m - center_m) ** 2).sum(axis=1).max()))
-
-
-def is_closed(mesh: Mesh) -> bool:
-    """Whether a mesh is a closed surface whose triangles run counter-clockwise when seen from outside.
-
-    Then each edge has one triangle on either side, and the enclosed volume is positive. Vertices at the same place
-    count as one.
-    """
-    _, same = np.unique(mesh.vertices_m.round(WELD_DECIMALS), axis=0, return_inverse=True)
-    corners = same.reshape(-1)[mesh.triangles]
-    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
-    ends = np.concatenate([corners[:, [i, (i + 1) % 3]] for i in range(3)])
-    edges, backwards = (np.sort(ends @ [1, len(same)]), np.sort(ends @ [len(same), 1]))
-    a, b, c = np.moveaxis(mesh.vertices_m[mesh.triangles] - mesh.vertices_m.mean(axis=0), 1, 0)
-    volume_m3 = (a * np.cross(b, c)).sum() / 6
-    return bool(volume_m3 > 0 and np.array_equal(edges, backwards) and (np.diff(edges) > 0).all())
 
 
 def mesh_of_shape(shape: Shape) -> Mesh:
@@ -176,22 +151,3 @@ def heightfield(field: Heightfield) -> Mesh:
     right, up, across = corner + 1, corner + columns, corner + columns + 1
     triangles = np.concatenate([np.stack([corner, right, up], 1), np.stack([across, up, right], 1)])
     return Mesh(vertices, triangles.astype(np.uint32))
-
-
-@cache
-def open3d() -> Any:
-    """The module `open3d`, imported after libusb, which it needs and which the wheel `libusb-package` provides.
-
-    A machine on which Open3D cannot be imported raises a `RenderError`.
-    """
-    try:
-        import libusb_package
-
-        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-        import open3d as module
-    except (ImportError, OSError) as error:
-        raise RenderError(
-            f"the raycast renderer needs Open3D, which does not load here ({error}); install the extra 'sim', "
-            "or use the renderer 'tiny'"
-        ) from error
-    return module

@@ -12,7 +12,7 @@ import numpy as np
 from voxdepth.types import FloatArray, GrayImage, MaskImage
 
 from ..bodies import Mesh
-from ..types import Camera, Window
+from ..types import Camera, Pinhole
 from ..world import World
 from .meshes import SceneMeshes, normals
 from .raycast import Hits
@@ -32,15 +32,15 @@ class Pane(NamedTuple):
 
     camera: Camera
     """The mirror image of the camera, which sees what the pane reflects in the window of the pane."""
+    window: tuple[slice, slice]
+    """Rows and columns of the image."""
     mask: MaskImage
     """Pixels of the window that show the pane."""
     reflectivity: float
 
     def show(self, reflection: GrayImage, gray: GrayImage) -> None:
         """Add the reflection, an image of the window, to the gray image of the whole camera, in place."""
-        window = self.camera.window
-        assert window is not None
-        part = gray[window.top : window.top + window.height, window.left : window.left + window.width]
+        part = gray[self.window]
         mixed = (1 - self.reflectivity) * part[self.mask] + self.reflectivity * reflection[self.mask]
         part[self.mask] = np.rint(mixed).astype(np.uint8)
 
@@ -79,18 +79,18 @@ class Mirrors:
                 continue
             rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
             top, left, bottom, right = int(rows[0]), int(cols[0]), int(rows[-1]) + 1, int(cols[-1]) + 1
+            i, window = camera.intrinsics, (slice(top, bottom), slice(left, right))
             virtual = Camera(
                 T_world_cam=mirrored(normal, offset_m) @ camera.T_world_cam,
-                intrinsics=camera.intrinsics,
-                window=Window(top, left, bottom - top, right - left),
+                intrinsics=Pinhole(i.fx_px, i.fy_px, i.cx_px - left, i.cy_px - top, right - left, bottom - top),
                 clip_plane=np.append(normal, offset_m - BIAS_M),
             )
-            yield Pane(virtual, mask[top:bottom, left:right], reflectivity)
+            yield Pane(virtual, window, mask[window], reflectivity)
 
     def _leave_frames(self, mask: MaskImage, body: int, normal: FloatArray, camera: Camera, hits: Hits) -> None:
         """Take the pixels out of a mask, in place, that show the frames around the panes of an upright plane."""
         rows, cols = np.nonzero(mask)
-        eye, depth_m = camera.pinhole, hits.depth_m[rows, cols]
+        eye, depth_m = camera.intrinsics, hits.depth_m[rows, cols]
         rays = np.column_stack([(cols - eye.cx_px) / eye.fx_px, (rows - eye.cy_px) / eye.fy_px, np.ones(len(rows))])
         in_world = depth_m[:, None] * rays @ camera.T_world_cam[:3, :3].T + camera.T_world_cam[:3, 3]
         in_body = (in_world - self._meshes.position_m[body]) @ self._meshes.R_world_body[body]

@@ -17,12 +17,12 @@ import numpy.typing as npt
 from numba import float64, int32, int64, types, uint32, void
 
 from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
-from voxdepth.types import FloatArray, MaskImage
+from voxdepth.types import FloatArray, Intrinsics, MaskImage
 
 from ..cpu import mapper, slices
 from ..errors import RenderError
 from ..types import Camera, IdImage, Pinhole
-from .meshes import SceneMeshes, bounding_sphere, is_closed, merged, normals
+from .meshes import SceneMeshes, bounding_sphere, merged, normals
 from .raycast import Hits
 
 EDGE_TOLERANCE_PX = 1e-6
@@ -295,7 +295,7 @@ class Rasteriser:
         self._threads = threads
         self._map = mapper(threads)
         self._normals = [normals(mesh) for mesh in meshes.meshes]
-        self._is_closed = np.array([is_closed(mesh) for mesh in meshes.meshes], np.bool_)
+        self._is_closed = np.array([mesh.is_closed for mesh in meshes.meshes], np.bool_)
         self._own_spheres_m = [bounding_sphere(mesh) for mesh in meshes.meshes]
         self._spheres_m = np.array(self._own_spheres_m)
         """Centre and radius of a sphere around each body in the world frame, shape (B, 4)."""
@@ -337,12 +337,13 @@ class Rasteriser:
         """The bodies whose spheres may be in the image, from the nearest on."""
         view = view_of(camera)
         center_m, radius_m = (self._spheres_m[:, :3] - view.origin_m) @ view.R_cam_world.T, self._spheres_m[:, 3]
-        may_see = (center_m[:, 2] > -radius_m) & (center_m @ _inward(camera.pinhole).T > -radius_m[:, None]).all(axis=1)
+        is_inward = (center_m @ _inward(camera.intrinsics).T > -radius_m[:, None]).all(axis=1)
+        may_see = (center_m[:, 2] > -radius_m) & is_inward
         order = np.argsort(center_m[:, 2] - radius_m, kind="stable").astype(np.int32)
         is_outside = (center_m**2).sum(axis=1) > radius_m**2
         order, is_one_sided = order[may_see[order]], self._is_closed & is_outside
-        inverse_depth, depth_m = np.zeros(view.height * view.width), np.empty(camera.pinhole.shape, np.float32)
-        nearest = np.full(camera.pinhole.shape, len(self._bodies.triangles), np.int32)
+        inverse_depth, depth_m = np.zeros(view.height * view.width), np.empty(camera.intrinsics.shape, np.float32)
+        nearest = np.full(camera.intrinsics.shape, len(self._bodies.triangles), np.int32)
         rasterise(view, self._bodies, order, is_one_sided, buffers, inverse_depth, nearest.reshape(-1))
         with np.errstate(divide="ignore"):
             np.divide(1, inverse_depth.reshape(depth_m.shape), out=depth_m, casting="same_kind")
@@ -361,7 +362,7 @@ def buffers_for(vertices: int, triangles: int) -> Buffers:
 
 def view_of(camera: Camera) -> View:
     """A camera as the loops of rasterisation read it."""
-    i, T = camera.pinhole, camera.T_world_cam
+    i, T = camera.intrinsics, camera.T_world_cam
     return View(
         R_cam_world=np.linalg.inv(T[:3, :3]).astype(np.float64),
         origin_m=T[:3, 3].astype(np.float64),
@@ -379,7 +380,7 @@ def _near_clip(camera: Camera) -> Vector:
     """The inverse depth at which the ray of a pixel passes the plane of a camera; see `View.near_clip`."""
     if camera.clip_plane is None:
         return np.inf, 0.0, 0.0
-    i, T, normal = camera.pinhole, camera.T_world_cam, camera.clip_plane[:3]
+    i, T, normal = camera.intrinsics, camera.T_world_cam, camera.clip_plane[:3]
     distance_m = -float(normal @ T[:3, 3] + camera.clip_plane[3])
     if distance_m <= 0:
         raise RenderError(f"the plane must be between the camera and what it sees, got one {-distance_m:g} m behind it")
@@ -387,7 +388,7 @@ def _near_clip(camera: Camera) -> Vector:
     return z - x * i.cx_px / i.fx_px - y * i.cy_px / i.fy_px, x / i.fx_px, y / i.fy_px
 
 
-def _inward(i: Pinhole) -> FloatArray:
+def _inward(i: Intrinsics | Pinhole) -> FloatArray:
     """Normals in the camera frame of the four planes that bound an image, shape (4, 3); they point inwards."""
     left, top = -i.cx_px / i.fx_px, -i.cy_px / i.fy_px
     right, bottom = (i.width_px - 1 - i.cx_px) / i.fx_px, (i.height_px - 1 - i.cy_px) / i.fy_px

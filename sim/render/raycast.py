@@ -1,17 +1,19 @@
 """Ray casting with Embree, through Open3D. A visibility backend finds the first surface behind each pixel."""
 
+import ctypes
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.types import FloatImage
+from voxdepth.types import FloatImage, Intrinsics
 
 from ..bodies import Mesh
+from ..errors import RenderError
 from ..types import Camera, IdImage, Pinhole
-from .meshes import SceneMeshes, merged, open3d
+from .meshes import SceneMeshes, merged
 
 Rays = npt.NDArray[np.float32]
 """Origin and direction in the world frame, shape (..., 6). Directions have z = 1 in their camera's frame, so that the
@@ -79,17 +81,36 @@ class RaycastScene:
 
 def rays_of(camera: Camera) -> Rays:
     """The rays of a camera's pixels in raster order, shape (H * W, 6)."""
-    rays = np.empty((camera.pinhole.height_px * camera.pinhole.width_px, 6), np.float32)
+    rays = np.empty((camera.intrinsics.height_px * camera.intrinsics.width_px, 6), np.float32)
     rays[:, :3] = camera.T_world_cam[:3, 3]
     rotation = camera.T_world_cam[:3, :3].astype(np.float32)
-    np.matmul(unit_depth_directions(camera.pinhole), rotation.T, out=rays[:, 3:])
+    np.matmul(unit_depth_directions(camera.intrinsics), rotation.T, out=rays[:, 3:])
     return rays
 
 
 @lru_cache(maxsize=8)
-def unit_depth_directions(intrinsics: Pinhole) -> Rays:
+def unit_depth_directions(intrinsics: Intrinsics | Pinhole) -> Rays:
     """Ray directions in the camera frame with z = 1, shape (H * W, 3), in raster order."""
     col, row = np.meshgrid(np.arange(intrinsics.width_px), np.arange(intrinsics.height_px))
     x = (col - intrinsics.cx_px) / intrinsics.fx_px
     y = (row - intrinsics.cy_px) / intrinsics.fy_px
     return np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+@cache
+def open3d() -> Any:
+    """The module `open3d`, imported after libusb, which it needs and which the wheel `libusb-package` provides.
+
+    A machine on which Open3D cannot be imported raises a `RenderError`.
+    """
+    try:
+        import libusb_package
+
+        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+        import open3d as module
+    except (ImportError, OSError) as error:
+        raise RenderError(
+            f"the raycast renderer needs Open3D, which does not load here ({error}); install the extra 'sim', "
+            "or use the renderer 'tiny'"
+        ) from error
+    return module

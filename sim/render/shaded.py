@@ -50,7 +50,7 @@ class ShadedRenderer:
         self._meshes.update()
         hits = self._backend.first_hits(cameras)
         if not gray:
-            return list(self._map(self._shader.black, hits))
+            return list(self._map(self._shader.black, cameras, hits))
         self._shader.update()
         images = self._shaded(cameras, hits)
         if self._mirrors is not None:

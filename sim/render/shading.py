@@ -201,10 +201,11 @@ class Shader:
         """Follow the moving bodies to their poses of the last update of the meshes."""
         self._illuminate(self._meshes.n_fixed)
 
-    def black(self, hits: Hits) -> Images:
+    def black(self, camera: Camera, hits: Hits) -> Images:
         """An image without brightness."""
         segment_id = self._id_of_triangle.take(hits.triangle)
-        return Images(gray=np.zeros(hits.depth_m.shape, np.uint8), depth_m=hits.depth_m, segment_id=segment_id)
+        gray = np.zeros(hits.depth_m.shape, np.uint8)
+        return Images(gray=gray, depth_m=hits.depth_m, segment_id=segment_id, T_world_cam=camera.T_world_cam)
 
     def faces_sun(self, triangle: IdImage) -> MaskImage:
         """Whether the sun would shine on triangles, given by their indices, if nothing cast a shadow."""
@@ -222,8 +223,13 @@ class Shader:
         add_textures(points, place_of_body, materials, detail)
         shade(spans, depth_m, detail, lit, projection, materials, self._atmosphere, gray)
         segment_id = np.repeat(self._id_of_triangle[spans[:, 2]], spans[:, 1])
-        shape = hits.depth_m.shape
-        return Images(gray=gray.reshape(shape), depth_m=hits.depth_m, segment_id=segment_id.reshape(shape))
+        shape, T_world_cam = hits.depth_m.shape, camera.T_world_cam
+        return Images(
+            gray=gray.reshape(shape),
+            depth_m=hits.depth_m,
+            segment_id=segment_id.reshape(shape),
+            T_world_cam=T_world_cam,
+        )
 
     def _buffers(self, size: int) -> tuple[FloatImage, FloatImage]:
         """Points and their details, which are 0, for images of a size; new pages of memory cost more than their use."""
@@ -275,6 +281,6 @@ def spans_of(triangle: IdImage, body_of_triangle: npt.NDArray[np.integer]) -> tu
 
 def projection_of(camera: Camera) -> Projection:
     """A camera as the loops of shading read it."""
-    i = camera.pinhole
+    i = camera.intrinsics
     fx, fy, cx, cy = (np.float32(x) for x in (i.fx_px, i.fy_px, i.cx_px, i.cy_px))
     return Projection(i.width_px, fx, fy, cx, cy, camera.T_world_cam[:3, :3].astype(np.float32))

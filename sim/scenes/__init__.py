@@ -7,7 +7,7 @@ of `SceneSpec` with that `kind`. Its code is loaded when a scenario names it, an
 from importlib.metadata import entry_points
 from typing import Annotated, Any
 
-from pydantic import PlainValidator, SerializeAsAny, TypeAdapter, ValidationInfo
+from pydantic import PlainValidator, SerializeAsAny, TypeAdapter
 from pydantic_core import PydanticKnownError
 
 from ..bodies import SceneSpec
@@ -28,14 +28,14 @@ OTHERS: tuple[type[SceneSpec], ...] = (RoomSpec, ListedSpec)
 KINDS: dict[Any, type[SceneSpec]] = {spec.model_fields["kind"].default: spec for spec in GROWN + OTHERS}
 
 
-def _spec_of(scene: Any, info: ValidationInfo) -> SceneSpec:
+def _spec_of(scene: Any) -> SceneSpec:
     """A specification, or that of a table with its `kind`."""
     if isinstance(scene, SceneSpec):
         return scene
     kind = scene.get("kind") if isinstance(scene, dict) else None
     spec = KINDS.get(kind) or _loaded(kind)
     scenes: TypeAdapter[dict[Any, SceneSpec]] = TypeAdapter(dict[Any, spec])  # type: ignore[valid-type]
-    return scenes.validate_python({kind: scene}, context=info.context)[kind]  # Errors lie below the kind, as in unions.
+    return scenes.validate_python({kind: scene})[kind]  # Errors lie below the kind, as in unions.
 
 
 def _loaded(kind: Any) -> type[SceneSpec]:

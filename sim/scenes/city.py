@@ -8,23 +8,31 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Cylinder, Mover, Scene, Surface, shuttle, standing_body
+from ..bodies import Body, Box, Cylinder, Mover, Scene, SceneSpec, Surface, shuttle, standing_body
 from ..seeds import Purpose, stream
-from .layout import PAVED, Range, WeakWallsSpec, flat_ground, of_glass, without_texture
+from .layout import PAVED, Range, flat_ground, random_share, with_changed_share, with_surface
 
-TEXTURELESS, WEAK, GLASS, WIRES, MOVERS = range(1, 6)
+TEXTURELESS, WEAK, GLASSY, WIRES, MOVERS = range(1, 6)
 """Keys of the random streams of what was added to towers and poles, so that none of them moves a tower or a pole."""
 POLE_SHIFT_M = 0.5
 """Largest distance of a pole from the middle of its street."""
+GLASS = {"albedo": 0.2, "texture": 0.0, "pane_m": 1.5}
+"""Towers of glass are dark, without a texture of their own, in dark frames: the module of usual curtain walls is 1.2 to
+1.5 m."""
 PATH_CLEARANCE_M = 0.5
 """Free width that a path needs on both sides."""
 MOVER_LANE_M, MOVER_SIDE_M, MOVER_TALL_M = 1.2, 0.8, 2.4
 """Distance of the movers' ways from the middle of their street, and the movers' width and height."""
 
 
-class CitySpec(WeakWallsSpec):
+class CitySpec(SceneSpec):
     """A city of towers on a brick-like grid of lots, with poles in the streets. Flights lead along x."""
 
+    weak_share: float = Field(default=0.0, ge=0, le=1)
+    """Share of the towers with a weak texture, as of plaster, which a stereo camera matches in parts; those without
+    texture stay so."""
+    weak_texture: Range = (0.05, 0.2)
+    """Range of the strengths of a weak texture; 1 is that of the other towers."""
     kind: Literal["city"] = "city"
     columns: int = Field(default=6, ge=1, le=100)
     """Number of rows of towers that a flight along x passes."""
@@ -82,9 +90,10 @@ class CitySpec(WeakWallsSpec):
         ground = flat_ground(self.columns * self.pitch_m / 2, PAVED)
         towers = [_tower(self, rng, column, row) for column in range(self.columns) for row in range(self.rows)]
         poles = [_pole(self, rng, i) for i in range(self.poles)]
-        towers = without_texture(towers, self.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
-        towers = self.weakened(towers, stream(seed, Purpose.SCENE, WEAK))
-        towers = of_glass(towers, self.glass_share, self.glass_reflectivity, stream(seed, Purpose.SCENE, GLASS))
+        textureless, weak, glassy = (stream(seed, Purpose.SCENE, key) for key in (TEXTURELESS, WEAK, GLASSY))
+        towers = with_changed_share(towers, self.blank_share, textureless, texture=0.0)
+        towers = _weakened(self, weak, towers)
+        towers = with_changed_share(towers, self.glass_share, glassy, **GLASS, reflectivity=self.glass_reflectivity)
         wired = [_wire(self, stream(seed, Purpose.SCENE, WIRES, i), i, towers) for i in range(self.wires)]
         movers = tuple(_mover(self, stream(seed, Purpose.SCENE, MOVERS, i), i) for i in range(self.movers))
         bodies = (ground, *towers, *poles, *chain.from_iterable(wired))
@@ -109,6 +118,16 @@ def _tower(spec: CitySpec, rng: np.random.Generator, column: int, row: int) -> B
     y = (row + brick - (spec.rows - 0.5) / 2) * spec.pitch_m + shift_y
     surface = Surface(albedo=rng.uniform(0.3, 0.75), pattern="facade")
     return standing_body(f"tower-{column}-{row}", Box((side_x, side_y, height)), x, y, surface)
+
+
+def _weakened(spec: CitySpec, rng: np.random.Generator, towers: list[Body]) -> list[Body]:
+    """The towers, of which a random share of those with a texture has a weak one."""
+    strengths = rng.uniform(*spec.weak_texture, len(towers))
+    chosen = random_share(spec.weak_share, len(towers), rng)
+    return [
+        with_surface(tower, texture=float(strength)) if is_chosen and tower.surface.texture else tower
+        for tower, strength, is_chosen in zip(towers, strengths, chosen, strict=True)
+    ]
 
 
 def _pole(spec: CitySpec, rng: np.random.Generator, index: int) -> Body:

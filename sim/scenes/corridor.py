@@ -7,23 +7,25 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Cylinder, Pattern, Scene, Surface, standing_body
+from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Surface, standing_body
 from ..seeds import Purpose, stream
-from .layout import PAVED, WAY_POINT_STEP_M, Range, WeakWallsSpec, flat_ground, without_texture
+from .layout import PAVED, WAY_POINT_STEP_M, flat_ground, with_changed_share
 
-PATH, LEFT, RIGHT, TEXTURELESS, PASSAGE, PILLARS, WEAK = range(7)
+PATH, LEFT, RIGHT, TEXTURELESS, PASSAGE, PILLARS = range(6)
 """Keys of random streams."""
 CLEARANCE_M = 1.25
 """Free width on both sides of the path."""
 MAX_SWING_M = 0.8
 WALL_DEPTH_M = 3.0
+WALL_LENGTH_M, WALL_HEIGHT_M = (5.0, 14.0), (4.0, 10.0)
+"""Ranges of the walls' lengths and heights."""
 SETBACK_M = 1.0
 """Largest distance of a wall from the edge of the street."""
 PASSAGE_HEIGHT_M = 3.0
 CEILING_M = 2.5
 
 
-class CorridorSpec(WeakWallsSpec):
+class CorridorSpec(SceneSpec):
     """Two rows of walls of varying length, setback and height, with obstacles between them. The path leads along x."""
 
     kind: Literal["corridor"] = "corridor"
@@ -38,10 +40,6 @@ class CorridorSpec(WeakWallsSpec):
     passage_width_m: float = Field(default=3.2, ge=2.6)
     pillars: int = Field(default=14, ge=0, le=5_000)
     """Pillars, poles and boxes beside the path."""
-    wall_length_m: Range = (5.0, 14.0)
-    """Range of the walls' lengths [m]."""
-    wall_height_m: Range = (4.0, 10.0)
-    """Range of the walls' heights [m]."""
 
     @model_validator(mode="after")
     def _check(self) -> "CorridorSpec":
@@ -56,10 +54,9 @@ class CorridorSpec(WeakWallsSpec):
         """The corridor of a seed: it begins at x = 0 and is centred on y = 0. The path leads through it along x."""
         path_m = _path(self, stream(seed, Purpose.SCENE, PATH))
         pillars = [_pillar(self, seed, i, path_m) for i in range(self.pillars)]
-        # The choices of textureless and weakly textured walls have their own random streams, and move no wall.
+        # The choice of textureless walls has its own random stream, and moves no wall.
         walls = [*_row(self, seed, "left", LEFT, 1), *_row(self, seed, "right", RIGHT, -1)]
-        walls = without_texture(walls, self.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
-        walls = self.weakened(walls, stream(seed, Purpose.SCENE, WEAK))
+        walls = with_changed_share(walls, self.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS), texture=0.0)
         bodies = (flat_ground(self.length_m / 2, PAVED), *walls, *_passage(self, seed), *pillars)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=path_m)
 
@@ -80,8 +77,8 @@ def _row(spec: CorridorSpec, seed: int, name: str, key: int, side: int) -> list[
     walls: list[Body] = []
     end_m = 0.0
     while end_m < spec.length_m:
-        start_m, end_m = end_m, end_m + rng.uniform(*spec.wall_length_m)
-        height_m, setback_m = rng.uniform(*spec.wall_height_m), rng.uniform(0, SETBACK_M)
+        start_m, end_m = end_m, end_m + rng.uniform(*WALL_LENGTH_M)
+        height_m, setback_m = rng.uniform(*WALL_HEIGHT_M), rng.uniform(0, SETBACK_M)
         pattern: Pattern = "facade" if rng.uniform() < 0.5 else "plain"
         shape = Box((end_m - start_m, WALL_DEPTH_M, height_m))
         y = side * (spec.width_m / 2 + setback_m + WALL_DEPTH_M / 2)

@@ -7,16 +7,19 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Cylinder, Pattern, Scene, Surface, standing_body
+from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Surface, standing_body
 from ..seeds import Purpose, stream
-from .layout import PAVED, WAY_POINT_STEP_M, WeakWallsSpec, flat_ground
+from .layout import PAVED, WAY_POINT_STEP_M, flat_ground
 
-WALLS, POSTS, WEAK = range(3)
+WALLS, POSTS = range(2)
 """Keys of random streams."""
-POST_HEIGHT_M = 9.0
+WALL_DEPTH_M = 0.8
+SIDE_M = 40.0
+"""Extent of the walls to both sides."""
+POST_RADIUS_M, POST_HEIGHT_M = 0.12, 9.0
 
 
-class GapSpec(WeakWallsSpec):
+class GapSpec(SceneSpec):
     """High walls across the path, one after the other. The path leads along x, from gap to gap."""
 
     kind: Literal["gap"] = "gap"
@@ -28,20 +31,16 @@ class GapSpec(WeakWallsSpec):
     shift_m: float = Field(default=5.0, ge=0)
     """Largest distance of a gap from y = 0 [m]."""
     height_m: float = Field(default=14.0, gt=0)
-    thickness_m: float = Field(default=0.8, gt=0)
-    side_m: float = Field(default=40.0, gt=0)
-    """Extent of the walls to both sides [m]."""
     blank_share: float = Field(default=0.0, ge=0, le=1)
     """Probability that each half of a wall is textureless, which a stereo camera cannot match."""
     posts: int = Field(default=8, ge=0, le=5_000)
     """Number of thin posts between the walls."""
-    post_radius_m: float = Field(default=0.12, gt=0)
 
     @model_validator(mode="after")
     def _check(self) -> "GapSpec":
-        if self.shift_m + self.gap_m / 2 >= self.side_m:
+        if self.shift_m + self.gap_m / 2 >= SIDE_M:
             raise ValueError(
-                f"gaps must lie within the walls, which reach {self.side_m} m to each side, got gaps of {self.gap_m} m "
+                f"gaps must lie within the walls, which reach {SIDE_M} m to each side, got gaps of {self.gap_m} m "
                 f"shifted by up to {self.shift_m} m"
             )
         return self
@@ -50,7 +49,6 @@ class GapSpec(WeakWallsSpec):
         """The gaps of a seed: the first wall is at x = `spacing_m`, and the path starts at x = 0."""
         gaps_m = [stream(seed, Purpose.SCENE, WALLS, i).uniform(-self.shift_m, self.shift_m) for i in range(self.walls)]
         halves = [body for i, y in enumerate(gaps_m) for body in _wall(self, seed, i, y)]
-        halves = self.weakened(halves, stream(seed, Purpose.SCENE, WEAK))
         posts = [_post(self, seed, i) for i in range(self.posts)]
         bodies = (flat_ground(self.spacing_m * (self.walls + 1) / 2, PAVED), *halves, *posts)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=_path_m(self, gaps_m))
@@ -72,10 +70,10 @@ def _wall(spec: GapSpec, seed: int, index: int, gap_m: float) -> list[Body]:
     albedo = rng.uniform(0.35, 0.75)
     textureless = rng.uniform(size=2) < spec.blank_share
     x = (index + 1) * spec.spacing_m
-    ends_m = ((gap_m + spec.gap_m / 2, spec.side_m), (-spec.side_m, gap_m - spec.gap_m / 2))
+    ends_m = ((gap_m + spec.gap_m / 2, SIDE_M), (-SIDE_M, gap_m - spec.gap_m / 2))
     walls = []
     for name, (low, high), is_textureless in zip(("left", "right"), ends_m, textureless, strict=True):
-        shape = Box((spec.thickness_m, high - low, spec.height_m))
+        shape = Box((WALL_DEPTH_M, high - low, spec.height_m))
         surface = Surface(albedo=albedo, pattern=pattern, texture=0.0 if is_textureless else 1.0)
         walls.append(standing_body(f"wall-{index}-{name}", shape, x, (low + high) / 2, surface))
     return walls
@@ -87,5 +85,5 @@ def _post(spec: GapSpec, seed: int, index: int) -> Body:
     wall = int(rng.integers(spec.walls + 1))
     x = (wall + rng.uniform(0.35, 0.65)) * spec.spacing_m
     y = int(rng.choice((-1, 1))) * (spec.shift_m + spec.gap_m / 2 + rng.uniform(0.5, 4.0))
-    shape = Cylinder(spec.post_radius_m, POST_HEIGHT_M)
+    shape = Cylinder(POST_RADIUS_M, POST_HEIGHT_M)
     return standing_body(f"post-{index}", shape, x, y, Surface(albedo=rng.uniform(0.2, 0.7)))

@@ -4,13 +4,13 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Scene, SceneSpec, Surface, standing_body
 from ..seeds import Purpose, stream
-from .layout import Layout, Range, flat_ground, places_beside, winding_path
+from .layout import Layout, flat_ground, places_beside, winding_path
 from .vegetation import GRASS, Candidates, Garden, TreeRanges
 
 PATH, HEDGE, WALL, TREES, BENCHES, BUSHES = range(6)
@@ -18,7 +18,11 @@ PATH, HEDGE, WALL, TREES, BENCHES, BUSHES = range(6)
 SWING_M = 2.5
 PIECE_M = 2.0
 """Length of the pieces of a hedge or wall, which follow the curves of the path."""
+TREE = TreeRanges(height_m=(5.0, 10.0), crown_start_m=(1.7, 2.8), crown_radius_m=(1.2, 2.4))
 TRUNK_APART_M = 0.8
+BUSH_RADIUS_M = (0.4, 1.2)
+HEDGE_M, WALL_M = 24.0, 18.0
+"""Lengths of a hedge on the left of the first half of the path, and of a low wall on the right of the second one."""
 BENCH_REACH_M = 1.1
 
 
@@ -34,21 +38,6 @@ class LawnSpec(SceneSpec):
     trees: int = Field(default=30, ge=0, le=5_000)
     benches: int = Field(default=10, ge=0, le=5_000)
     """Benches and boxes."""
-    hedge_m: float = Field(default=24.0, ge=0)
-    """Length of a hedge on the left of the first half of the path [m]."""
-    wall_m: float = Field(default=18.0, ge=0)
-    """Length of a low wall on the right of the second half of the path [m]."""
-    bush_radius_m: Range = (0.4, 1.2)
-    tree: TreeRanges = TreeRanges(height_m=(5.0, 10.0), crown_start_m=(1.7, 2.8), crown_radius_m=(1.2, 2.4))
-
-    @model_validator(mode="after")
-    def _check(self) -> "LawnSpec":
-        if max(self.hedge_m, self.wall_m) > self.length_m / 2:
-            raise ValueError(
-                f"hedge and wall must each be at most half as long as the path, {self.length_m / 2} m, "
-                f"got {self.hedge_m} m and {self.wall_m} m"
-            )
-        return self
 
     def build(self, seed: int) -> Scene:
         """The lawn of a seed: its path begins at x = 0 near y = 0."""
@@ -63,26 +52,26 @@ class LawnSpec(SceneSpec):
             flat_ground(self.length_m / 2, GRASS),
             *_hedge(self, seed, layout, path_m),
             *_wall(self, seed, layout, path_m),
-            *garden.trees(self.trees, TREES, self.tree, apart_m=TRUNK_APART_M),
+            *garden.trees(self.trees, TREES, TREE, apart_m=TRUNK_APART_M),
             *(_bench(seed, i, layout, candidates) for i in range(self.benches)),
-            *garden.bushes(self.bushes, BUSHES, self.bush_radius_m, apart_m=lambda radius: 0.7 * radius),
+            *garden.bushes(self.bushes, BUSHES, BUSH_RADIUS_M, apart_m=lambda radius: 0.7 * radius),
         )
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=path_m)
 
 
 def _hedge(spec: LawnSpec, seed: int, layout: Layout, path_m: FloatArray) -> list[Body]:
     rng = stream(seed, Purpose.SCENE, HEDGE)
-    start_m = rng.uniform(0, spec.length_m / 2 - spec.hedge_m)
+    start_m = rng.uniform(0, spec.length_m / 2 - HEDGE_M)
     surface = Surface(albedo=rng.uniform(0.25, 0.4), pattern="foliage")
-    line_m = _line(path_m, start_m, spec.hedge_m, rng.uniform(3.5, 5.0))
+    line_m = _line(path_m, start_m, HEDGE_M, rng.uniform(3.5, 5.0))
     return _row("hedge", line_m, 0.8, rng.uniform(1.0, 1.6), surface, layout)
 
 
 def _wall(spec: LawnSpec, seed: int, layout: Layout, path_m: FloatArray) -> list[Body]:
     rng = stream(seed, Purpose.SCENE, WALL)
-    start_m = rng.uniform(spec.length_m / 2, spec.length_m - spec.wall_m)
+    start_m = rng.uniform(spec.length_m / 2, spec.length_m - WALL_M)
     surface = Surface(albedo=rng.uniform(0.4, 0.7))
-    line_m = _line(path_m, start_m, spec.wall_m, -rng.uniform(3.0, 5.0))
+    line_m = _line(path_m, start_m, WALL_M, -rng.uniform(3.0, 5.0))
     return _row("wall", line_m, 0.35, rng.uniform(0.7, 1.2), surface, layout)
 
 

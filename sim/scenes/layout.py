@@ -1,6 +1,5 @@
-"""Parts that scenes share: flat ground, a path that stays free, places for obstacles, and walls without texture."""
+"""Parts that scenes share: flat ground, a path that stays free, places for obstacles, and shares of other surfaces."""
 
-from abc import ABC
 from dataclasses import replace
 from typing import Annotated
 
@@ -9,7 +8,7 @@ from pydantic import AfterValidator, Field
 
 from voxdepth.types import FloatArray, MaskImage
 
-from ..bodies import Body, Box, SceneSpec, Surface
+from ..bodies import Body, Box, Surface
 from ..errors import SceneError
 
 PATH_CLEARANCE_M = 1.5
@@ -21,9 +20,6 @@ WAY_POINT_STEP_M = 2.0
 TRIES = 64
 """Number of places that are tried for each obstacle."""
 GROUND_SIDE_M = 400.0
-GLASS_ALBEDO = 0.2
-PANE_M = 1.5
-"""Side of a pane of a facade of glass: the module of usual curtain walls is 1.2 to 1.5 m."""
 PAVED = Surface(albedo=0.38, pattern="ground")
 
 
@@ -35,27 +31,7 @@ def _require_increasing(bounds: tuple[float, float]) -> tuple[float, float]:
 
 
 Range = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_require_increasing)]
-"""Smallest and largest length [m], both positive."""
-Strengths = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_require_increasing)]
-"""Smallest and largest strength of a texture, both positive."""
-
-
-class WeakWallsSpec(SceneSpec, ABC):
-    """A scene of which some walls have a weak texture, as plaster outdoors."""
-
-    weak_share: float = Field(default=0.0, ge=0, le=1)
-    """Share of the walls with a weak texture, which a stereo camera matches in parts; those without texture stay so."""
-    weak_texture: Strengths = (0.05, 0.2)
-    """Range of the strengths of a weak texture; 1 is that of the other walls."""
-
-    def weakened(self, walls: list[Body], rng: np.random.Generator) -> list[Body]:
-        """The walls, of which a random share has a weak texture."""
-        strengths = rng.uniform(*self.weak_texture, len(walls))
-        chosen = random_share(self.weak_share, len(walls), rng)
-        return [
-            with_surface(wall, texture=float(strength)) if is_chosen and wall.surface.texture else wall
-            for wall, strength, is_chosen in zip(walls, strengths, chosen, strict=True)
-        ]
+"""Smallest and largest value, both positive."""
 
 
 class Layout:
@@ -117,19 +93,11 @@ def flat_ground(x_m: float, surface: Surface) -> Body:
     return Body(name="ground", kind="ground", shape=shape, position_m=(x_m, 0.0, -0.5), surface=surface)
 
 
-def without_texture(bodies: list[Body], share: float, rng: np.random.Generator) -> list[Body]:
-    """The bodies, of which a random share has lost its texture."""
+def with_changed_share(bodies: list[Body], share: float, rng: np.random.Generator, **surface: float) -> list[Body]:
+    """The bodies, of which a random share has other values of its surface."""
     chosen = random_share(share, len(bodies), rng)
-    return [
-        with_surface(body, texture=0.0) if is_chosen else body for body, is_chosen in zip(bodies, chosen, strict=True)
-    ]
-
-
-def of_glass(bodies: list[Body], share: float, reflectivity: float, rng: np.random.Generator) -> list[Body]:
-    """The bodies, of which a random share is of dark glass without a texture of its own, in dark frames."""
-    chosen = random_share(share, len(bodies), rng)
-    glass = {"albedo": GLASS_ALBEDO, "texture": 0.0, "reflectivity": reflectivity, "pane_m": PANE_M}
-    return [with_surface(body, **glass) if is_chosen else body for body, is_chosen in zip(bodies, chosen, strict=True)]
+    pairs = zip(bodies, chosen, strict=True)
+    return [with_surface(body, **surface) if is_chosen else body for body, is_chosen in pairs]
 
 
 def random_share(share: float, n: int, rng: np.random.Generator) -> MaskImage:

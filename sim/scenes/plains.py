@@ -10,7 +10,7 @@ from voxdepth.types import FloatArray
 from ..bodies import Body, Box, Heightfield, Scene, SceneSpec, Surface
 from ..errors import SceneError
 from ..seeds import Purpose, stream
-from .layout import Layout, Range, places_beside, winding_path
+from .layout import Layout, places_beside, winding_path
 from .vegetation import Garden, TreeRanges
 
 PATH, GROUND, TREES, BUSHES = range(4)
@@ -21,11 +21,19 @@ RUN_OUT_M = 40.0
 RIM_M = 25.0
 """Width of the rim in which the hills level out into the flat land around them."""
 FAR_M = 3000.0
+SPACING_M = 2.5
+"""Grid spacing of the ground."""
+WAVELENGTH_M = 60.0
+"""Wavelength of the hills."""
 OCTAVES = 3
 GAIN = 0.35
 """Ratio of the heights of successive octaves, whose wavelengths halve."""
 WAVES = 6
 """Plane waves per octave."""
+TREE_SHARE = 0.4
+"""Share of the plants that are trees."""
+TREE = TreeRanges(height_m=(5.0, 10.0), crown_start_m=(1.2, 2.8), crown_radius_m=(0.9, 2.2))
+BUSH_RADIUS_M = (0.4, 1.3)
 APART_M = 0.7
 
 
@@ -37,18 +45,10 @@ class PlainsSpec(SceneSpec):
     """Extent along x [m]."""
     width_m: float = Field(default=200.0, ge=60)
     """Extent along y [m]."""
-    spacing_m: float = Field(default=2.5, ge=0.5, le=5)
-    """Grid spacing of the ground [m]; a smaller one is finer and needs more triangles."""
     amplitude_m: float = Field(default=3.0, ge=0)
     """Half the height of the highest hill above the lowest valley [m]."""
-    wavelength_m: float = Field(default=60.0, ge=20)
-    """Wavelength of the hills [m]."""
     vegetation: float = Field(default=0.8, ge=0)
     """Mean number of trees and bushes per 100 m2; more are harder. Near the path there are about four times as many."""
-    tree_share: float = Field(default=0.4, ge=0, le=1)
-    """Share of the plants that are trees."""
-    tree: TreeRanges = TreeRanges(height_m=(5.0, 10.0), crown_start_m=(1.2, 2.8), crown_radius_m=(0.9, 2.2))
-    bush_radius_m: Range = (0.4, 1.3)
     pattern: Literal["grass", "snow"] = "grass"
     """Pattern of the ground."""
     texture: float = Field(default=1.0, ge=0)
@@ -68,9 +68,9 @@ class PlainsSpec(SceneSpec):
             height_m=lambda x, y: float(ground_height_m(ground, x, y)),
         )
         n_plants = round(self.vegetation * self.length_m * self.width_m / 100)
-        n_trees = round(n_plants * self.tree_share)
-        trees = garden.trees(n_trees, TREES, self.tree, apart_m=APART_M)
-        bushes = garden.bushes(n_plants - n_trees, BUSHES, self.bush_radius_m, apart_m=lambda radius: APART_M)
+        n_trees = round(n_plants * TREE_SHARE)
+        trees = garden.trees(n_trees, TREES, TREE, apart_m=APART_M)
+        bushes = garden.bushes(n_plants - n_trees, BUSHES, BUSH_RADIUS_M, apart_m=lambda radius: APART_M)
         on_ground_m = np.column_stack([path_m[:, :2], ground_height_m(ground, path_m[:, 0], path_m[:, 1])])
         # Flat land reaches up to the horizon, slightly below the rim of the hills.
         (x, y, _), flat = ground.position_m, Box((FAR_M, FAR_M, 1.0))
@@ -103,22 +103,22 @@ def ground_height_m(ground: Body, x_m: FloatArray | float, y_m: FloatArray | flo
 
 def _ground(spec: PlainsSpec, seed: int) -> Body:
     rng = stream(seed, Purpose.SCENE, GROUND)
-    columns, rows = round(spec.length_m / spec.spacing_m) + 1, round(spec.width_m / spec.spacing_m) + 1
-    x, y = np.meshgrid(np.arange(columns) * spec.spacing_m, np.arange(rows) * spec.spacing_m)
-    hills = _hills(rng, x, y, spec.wavelength_m)
+    columns, rows = round(spec.length_m / SPACING_M) + 1, round(spec.width_m / SPACING_M) + 1
+    x, y = np.meshgrid(np.arange(columns) * SPACING_M, np.arange(rows) * SPACING_M)
+    hills = _hills(rng, x, y)
     to_rim_m = np.minimum(np.minimum(x, x.max() - x), np.minimum(y, y.max() - y))
     fade = np.sin(np.pi / 2 * np.clip(to_rim_m / RIM_M, 0, 1)) ** 2
     height_m = 2 * spec.amplitude_m * fade * (hills - hills.min()) / np.ptp(hills)
     surface = Surface(albedo=spec.albedo, texture=spec.texture, pattern=spec.pattern)
-    shape, middle_m = Heightfield(height_m, spec.spacing_m), (spec.length_m / 2 - RUN_OUT_M, 0.0, 0.0)
+    shape, middle_m = Heightfield(height_m, SPACING_M), (spec.length_m / 2 - RUN_OUT_M, 0.0, 0.0)
     return Body(name="ground", kind="ground", shape=shape, position_m=middle_m, surface=surface)
 
 
-def _hills(rng: np.random.Generator, x_m: FloatArray, y_m: FloatArray, wavelength_m: float) -> FloatArray:
+def _hills(rng: np.random.Generator, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
     """Smooth noise: octaves of plane waves in random directions."""
     total = np.zeros_like(x_m)
     for octave in range(OCTAVES):
         for heading, phase in rng.uniform(0, 2 * np.pi, (WAVES, 2)):
             along_m = x_m * np.cos(heading) + y_m * np.sin(heading)
-            total += GAIN**octave * np.sin(2 * np.pi * along_m * 2**octave / wavelength_m + phase)
+            total += GAIN**octave * np.sin(2 * np.pi * along_m * 2**octave / WAVELENGTH_M + phase)
     return total

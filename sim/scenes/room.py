@@ -14,6 +14,8 @@ from .layout import flat_ground
 
 WALLS, BOXES, CHAIRS, SCREENS = range(4)
 """Keys of random streams."""
+LENGTH_M, WIDTH_M, HEIGHT_M = 5.0, 4.5, 2.6
+"""Extent of the room along x, y and z."""
 WALL_DEPTH_M = 0.2
 PATH_START_M, PATH_M = 0.6, 1.2
 """The path leads along x from its start, at y = 0."""
@@ -21,20 +23,17 @@ TABLE_AT_M, TABLE_M, TABLE_HEIGHT_M, BOARD_M, LEG_M = 2.6, (0.7, 1.5), 0.72, 0.0
 SHELF_AT_M, SHELF_M, SHELF_BOARDS_M = 3.2, (1.6, 0.35), (0.5, 0.95, 1.4, 1.85)
 SEAT_M, SEAT_HEIGHT_M, BACK_M = 0.42, 0.45, 0.5
 CHAIR_AT_M, SCREEN_AT_M = (1.95, 2.15), (3.2, 3.8)
-SLAT_DEPTH_M = 0.015
+SLAT_M, SLAT_DEPTH_M, SLAT_GAP_M = 0.02, 0.015, 0.013
+"""Width and depth of a slat, and the gap to the next one; the background in narrow gaps is hard to measure."""
 
 Part = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Sides of a box, and its centre relative to the place on the floor where the furniture stands [m]."""
 
 
 class RoomSpec(SceneSpec):
-    """A room of a few metres; the path leads from its front towards the table. A camera needs at most 2 m height."""
+    """A room of 5 by 4.5 metres; the path leads from its front towards the table. A camera needs at most 2 m height."""
 
     kind: Literal["room"] = "room"
-    length_m: float = Field(default=5.0, ge=4)
-    """Extent along x [m]."""
-    width_m: float = Field(default=4.5, ge=3)
-    height_m: float = Field(default=2.6, ge=2.2)
     wall_texture: float = Field(default=0.15, ge=0)
     """Strength of the texture of walls, ceiling and floor; a stereo camera cannot match them at 0."""
     wall_gloss: float = Field(default=0.0, ge=0, le=1)
@@ -49,10 +48,6 @@ class RoomSpec(SceneSpec):
     """Chairs before the table, with backs of slats."""
     screens: int = Field(default=0, ge=0, le=3)
     """Screens of slats before the far wall."""
-    slat_m: float = Field(default=0.02, gt=0)
-    """Width of a slat [m]."""
-    gap_m: float = Field(default=0.013, gt=0)
-    """Width of the gap between two slats [m]; the background in narrow gaps is hard to measure."""
 
     @model_validator(mode="after")
     def _check(self) -> "RoomSpec":
@@ -64,13 +59,13 @@ class RoomSpec(SceneSpec):
         """The room of a seed: it begins at x = 0 and is centred on y = 0."""
         rng = stream(seed, Purpose.SCENE, WALLS)
         plain = Surface(albedo=0.4, texture=self.wall_texture, pattern="ground", gloss=self.wall_gloss)
-        floor = flat_ground(self.length_m / 2, plain)
+        floor = flat_ground(LENGTH_M / 2, plain)
         wood = Surface(albedo=rng.uniform(0.3, 0.6), texture=0.5, pattern="bark")
         bodies = (
             floor,
             *_walls(self, rng),
             *assembled("table", _table(), (TABLE_AT_M, 0.0), 0.0, wood),
-            *assembled("shelf", _shelf(), (SHELF_AT_M, self.width_m / 2 - SHELF_M[1] / 2), 0.0, wood),
+            *assembled("shelf", _shelf(), (SHELF_AT_M, WIDTH_M / 2 - SHELF_M[1] / 2), 0.0, wood),
             *(part for i in range(self.chairs) for part in _chair(self, seed, i)),
             *(part for i in range(self.screens) for part in _screen(self, seed, i)),
             *(_box(self, seed, i) for i in range(self.boxes)),
@@ -90,18 +85,18 @@ def assembled(name: str, parts: list[Part], at_m: tuple[float, float], yaw_rad: 
     return bodies
 
 
-def slats(spec: RoomSpec, width_m: float, low_m: float, high_m: float, *, upright: bool) -> list[Part]:
+def slats(width_m: float, low_m: float, high_m: float, *, upright: bool) -> list[Part]:
     """A frame of slats around x = 0, across y from -width/2 to width/2, and from a low to a high edge."""
-    pitch_m = spec.slat_m + spec.gap_m
+    pitch_m = SLAT_M + SLAT_GAP_M
     across_m, height_m = width_m - 2 * LEG_M, high_m - low_m - 2 * LEG_M
-    n = int(((across_m if upright else height_m) - spec.gap_m) / pitch_m)
+    n = int(((across_m if upright else height_m) - SLAT_GAP_M) / pitch_m)
     places_m = pitch_m * (np.arange(n) - (n - 1) / 2)
     middle_m = (low_m + high_m) / 2
     parts: list[Part] = [((LEG_M, LEG_M, high_m - low_m), (0.0, y, middle_m)) for y in _ends(width_m)]
     parts += [((LEG_M, across_m, LEG_M), (0.0, 0.0, z)) for z in (low_m + LEG_M / 2, high_m - LEG_M / 2)]
     if upright:
-        return parts + [((SLAT_DEPTH_M, spec.slat_m, height_m), (0.0, y, middle_m)) for y in places_m.tolist()]
-    return parts + [((SLAT_DEPTH_M, across_m, spec.slat_m), (0.0, 0.0, middle_m + z)) for z in places_m.tolist()]
+        return parts + [((SLAT_DEPTH_M, SLAT_M, height_m), (0.0, y, middle_m)) for y in places_m.tolist()]
+    return parts + [((SLAT_DEPTH_M, across_m, SLAT_M), (0.0, 0.0, middle_m + z)) for z in places_m.tolist()]
 
 
 def _ends(length_m: float) -> tuple[float, float]:
@@ -110,7 +105,7 @@ def _ends(length_m: float) -> tuple[float, float]:
 
 def _walls(spec: RoomSpec, rng: np.random.Generator) -> list[Body]:
     """Walls around the room, and a ceiling on top of them."""
-    depth_m, length_m, width_m, height_m = WALL_DEPTH_M, spec.length_m, spec.width_m, spec.height_m
+    depth_m, length_m, width_m, height_m = WALL_DEPTH_M, LENGTH_M, WIDTH_M, HEIGHT_M
     parts: list[Part] = [((depth_m, width_m, height_m), (x, 0, height_m / 2)) for x in (-depth_m / 2, length_m + 0.1)]
     beside_m = (width_m + depth_m) / 2
     parts += [((length_m, depth_m, height_m), (length_m / 2, y, height_m / 2)) for y in (-beside_m, beside_m)]
@@ -142,7 +137,7 @@ def _chair(spec: RoomSpec, seed: int, index: int) -> list[Body]:
     ]  # fmt: skip
     seat: Part = ((SEAT_M, SEAT_M, BOARD_M), (SEAT_M / 2, 0.0, SEAT_HEIGHT_M + BOARD_M / 2))
     low_m = SEAT_HEIGHT_M + BOARD_M
-    back = slats(spec, SEAT_M, low_m, low_m + BACK_M, upright=index % 2 == 0)
+    back = slats(SEAT_M, low_m, low_m + BACK_M, upright=index % 2 == 0)
     y = 0.72 * (index - (spec.chairs - 1) / 2) + rng.uniform(-0.1, 0.1)
     surface = Surface(albedo=rng.uniform(0.2, 0.6), texture=0.6, pattern="bark")
     at_m = (rng.uniform(*CHAIR_AT_M), y)
@@ -153,7 +148,7 @@ def _screen(spec: RoomSpec, seed: int, index: int) -> list[Body]:
     rng = stream(seed, Purpose.SCENE, SCREENS, index)
     y = 1.1 * (index - (spec.screens - 1) / 2) + rng.uniform(-0.05, 0.05)
     surface = Surface(albedo=rng.uniform(0.2, 0.6), texture=0.6, pattern="bark")
-    parts = slats(spec, 1.0, 0.0, rng.uniform(1.5, 1.9), upright=index % 2 == 0)
+    parts = slats(1.0, 0.0, rng.uniform(1.5, 1.9), upright=index % 2 == 0)
     at_m = (rng.uniform(*SCREEN_AT_M), y)
     return assembled(f"screen-{index}", parts, at_m, np.radians(rng.uniform(-10, 10)), surface)
 
@@ -164,8 +159,8 @@ def _box(spec: RoomSpec, seed: int, index: int) -> Body:
     depth_m, width_m, height_m = rng.uniform(0.08, 0.3, 3).tolist()
     half_m = np.array(TABLE_M) / 2 - 0.15
     on_table = rng.uniform(-half_m, half_m) + np.array([TABLE_AT_M, 0.0])
-    on_shelf = np.array([SHELF_AT_M + rng.uniform(-0.6, 0.6), spec.width_m / 2 - 0.2])
-    on_floor = np.array([rng.uniform(2.2, spec.length_m - 0.4), -rng.uniform(0.9, spec.width_m / 2 - 0.3)])
+    on_shelf = np.array([SHELF_AT_M + rng.uniform(-0.6, 0.6), WIDTH_M / 2 - 0.2])
+    on_floor = np.array([rng.uniform(2.2, LENGTH_M - 0.4), -rng.uniform(0.9, WIDTH_M / 2 - 0.3)])
     board_m = float(rng.choice(SHELF_BOARDS_M))
     place: tuple[FloatArray, float] = ((on_table, TABLE_HEIGHT_M), (on_shelf, board_m), (on_floor, 0.0))[index % 3]
     (x, y), low_m = place[0].tolist(), place[1]

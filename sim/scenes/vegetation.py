@@ -4,17 +4,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import model_validator
 
 from voxdepth.types import FloatArray
 
 from ..bodies import Body, Cylinder, Mesh, Surface
 from ..seeds import Purpose, stream
-from ..types import Model
-from .layout import PATH_HEADROOM_M, Layout, Range
+from .layout import PATH_HEADROOM_M, Layout
 
 GRASS = Surface(albedo=0.42, pattern="grass")
 """Surface of the ground."""
@@ -43,28 +42,18 @@ class TreeSize:
         return self.trunk_radius_m if self.crown_start_m > PATH_HEADROOM_M else self.crown_radius_m
 
 
-class TreeRanges(Model):
-    """Ranges from which the dimensions of trees are drawn."""
+class TreeRanges(NamedTuple):
+    """Ranges from which the dimensions of trees are drawn [m]."""
 
-    trunk_radius_m: Range = (0.12, 0.35)
-    height_m: Range = (8.0, 13.0)
-    crown_start_m: Range = (1.8, 5.0)
-    """Height at which the crown begins [m]; low crowns obstruct flights at 2-6 m."""
-    crown_radius_m: Range = (1.1, 2.4)
-
-    @model_validator(mode="after")
-    def _check(self) -> "TreeRanges":
-        if self.crown_start_m[1] >= self.height_m[0]:
-            raise ValueError(
-                f"crowns must start below the top of every tree, got starts up to {self.crown_start_m[1]} m "
-                f"and trees from {self.height_m[0]} m on"
-            )
-        return self
+    trunk_radius_m: tuple[float, float] = (0.12, 0.35)
+    height_m: tuple[float, float] = (8.0, 13.0)
+    crown_start_m: tuple[float, float] = (1.8, 5.0)
+    """Height at which the crown begins; low crowns obstruct flights at 2-6 m."""
+    crown_radius_m: tuple[float, float] = (1.1, 2.4)
 
     def draw(self, rng: np.random.Generator) -> TreeSize:
         """Dimensions of one tree."""
-        ranges = (self.trunk_radius_m, self.height_m, self.crown_start_m, self.crown_radius_m)
-        return TreeSize(*(rng.uniform(*bounds) for bounds in ranges))
+        return TreeSize(*(rng.uniform(*bounds) for bounds in self))
 
 
 Candidates = Callable[[np.random.Generator], FloatArray]
@@ -94,7 +83,9 @@ class Garden:
             bodies += tree(rng, name, (x, y, self.height_m(x, y)), size)
         return bodies
 
-    def bushes(self, count: int, key: int, radius_m: Range, *, apart_m: Callable[[float], float]) -> list[Body]:
+    def bushes(
+        self, count: int, key: int, radius_m: tuple[float, float], *, apart_m: Callable[[float], float]
+    ) -> list[Body]:
         """Bushes with radii from a range; `apart_m` gives the radius of the circle of a bush from its own radius."""
         bodies = []
         for index in range(count):

@@ -4,31 +4,34 @@
 """
 
 import time
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, lru_cache
-from itertools import pairwise, permutations
+from itertools import islice, pairwise, permutations
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 import pytest
 
-from scenarios.sequences import captures, load_sequence
-from sim.render.meshes import open3d
+from scenarios.sequences import SeededSequence, load_sequence, simulation
+from sim.render.raycast import open3d
+from sim.types import Capture
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
 from voxdepth.geometry import exp_se3
+from voxdepth.paper import odometry as paper
 from voxdepth.paper.odometry import (
+    MAX_DEPTH_DIFFERENCE_M,
+    MAX_DEPTH_M,
+    MAX_WIDTH_PX,
     OPENCV_DEPTH_UNITS_PER_M,
     Comparison,
-    Motion,
-    OdometryConfig,
     PhotometricOdometry,
     _opencv_images,
     _opencv_solver,
-    motion_from_priors,
+    motion_of_priors,
     view_of,
 )
 from voxdepth.temporal.method import TemporalCorrector
@@ -47,8 +50,7 @@ STEPS = (1, 2, 4, 6)
 """Frames from the first to the second of a pair."""
 GAINS = (1.0, 1.1)
 """Exposure of the first and of the second frame of a pair."""
-REDUCED = CAMERA.reduced(OdometryConfig().max_width_px)
-NO_LIMITS = OdometryConfig(max_residual_px=1e9, min_overlap=0)
+REDUCED = CAMERA.reduced(MAX_WIDTH_PX)
 
 
 class Pair(NamedTuple):
@@ -57,11 +59,20 @@ class Pair(NamedTuple):
     kinds: tuple[str, ...] = ()
 
     def truth(self) -> FloatArray:
-        motion = motion_from_priors(self.source, self.target)
-        return motion.T_target_source
+        return motion_of_priors(self.source, self.target)
 
-    def error_mm(self, motion: Motion) -> float:
-        return 1e3 * float(np.linalg.norm(motion.T_target_source[:3, 3] - self.truth()[:3, 3]))
+    def error_mm(self, T: FloatArray) -> float:
+        return 1e3 * float(np.linalg.norm(T[:3, 3] - self.truth()[:3, 3]))
+
+    def comparison(self) -> Comparison:
+        return Comparison(view_of(self.source, REDUCED), view_of(self.target, REDUCED), REDUCED)
+
+
+def captures(seeded: SeededSequence, frames: int, *, start: int) -> list[Capture]:
+    """The captures of a sequence from frame `start` up to `frames`, without files."""
+    with simulation(seeded) as simulated:
+        pairs = islice(simulated.render(frames), start, None)
+        return [simulated.sensor.capture(pair) for pair in pairs]
 
 
 @cache
@@ -103,8 +114,8 @@ def bad_pairs() -> list[Pair]:
     return [Pair(a[i], b[i]) for (a, _), (_, b) in permutations(both, 2) for i in (0, 3, 6)]
 
 
-def estimates(pairs: list[Pair], config: OdometryConfig | None = None) -> list[tuple[Pair, Motion]]:
-    odometry = PhotometricOdometry(CAMERA, config)
+def estimates(pairs: list[Pair]) -> list[tuple[Pair, FloatArray | None]]:
+    odometry = PhotometricOdometry(CAMERA)
     return [(pair, odometry.estimate(pair.source, pair.target)) for pair in pairs]
 
 
@@ -117,20 +128,22 @@ def test_error_by_step_and_sequence() -> None:
     print()
     done = estimates(good_pairs())
     for kind in ("all pairs", *(f"{step} frames" for step in STEPS), *SEQUENCES):
-        chosen = [(pair, motion) for pair, motion in done if kind in pair.kinds]
-        errors_mm = [pair.error_mm(motion) for pair, motion in chosen if motion.ok]
+        chosen = [(pair, T) for pair, T in done if kind in pair.kinds]
+        errors_mm = [pair.error_mm(T) for pair, T in chosen if T is not None]
         longest_m = max(float(np.linalg.norm(pair.truth()[:3, 3])) for pair, _ in chosen)
         figure = f"error p50 {np.median(errors_mm):5.1f} mm, largest {max(errors_mm):5.1f} mm"
         show(f"{kind}, up to {longest_m:.2f} m", f"{len(errors_mm):3} of {len(chosen):3} solved, {figure}")
 
 
 @pytest.mark.parametrize(("holes", "noise_gray"), [(0.15, 0), (0.5, 0), (0.15, 5)])
-def test_what_the_images_say_of_estimates(holes: float, noise_gray: float) -> None:
-    done = estimates(good_pairs(holes, noise_gray), NO_LIMITS)
+def test_what_the_images_say_of_estimates(holes: float, noise_gray: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper, "MAX_RESIDUAL_PX", 1e9)
+    monkeypatch.setattr(paper, "MIN_OVERLAP", 0)
+    done = estimates(good_pairs(holes, noise_gray))
     for kind, far in (("within", False), ("beyond", True)):
-        motions = [m for pair, m in done if m.ok and (pair.error_mm(m) > 50) == far]
-        residuals_px, overlaps = ([getattr(m, name) for m in motions] for name in ("residual_px", "overlap"))
-        figure = f"{len(motions):3} of {len(done)}, residual_px {span(residuals_px)}, overlap {span(overlaps)}"
+        found = [(pair.comparison(), T) for pair, T in done if T is not None and (pair.error_mm(T) > 50) == far]
+        residuals_px, overlaps = ([getattr(c, name)(T) for c, T in found] for name in ("residual_px", "overlap"))
+        figure = f"{len(found):3} of {len(done)}, residual_px {span(residuals_px)}, overlap {span(overlaps)}"
         show(f"estimates {kind} 50 mm, {holes:.0%} more holes, {noise_gray} gray levels of noise", figure)
 
 
@@ -138,11 +151,7 @@ def test_what_the_images_say_of_estimates(holes: float, noise_gray: float) -> No
 def test_what_the_images_say_of_falsified_motions(offset_mm: float, turn_mrad: float) -> None:
     T = np.eye(4)
     T[:3, :3], T[0, 3] = cv2.Rodrigues(np.array([0, turn_mrad / 1e3, 0]))[0], offset_mm / 1e3
-    camera, max_depth_m = CAMERA.reduced(OdometryConfig().max_width_px), OdometryConfig().max_depth_m
-    found = []
-    for pair in good_pairs():
-        comparison = Comparison(view_of(pair.source, camera), view_of(pair.target, camera), camera, max_depth_m)
-        found.append(comparison.residual_px(T @ pair.truth()))
+    found = [pair.comparison().residual_px(T @ pair.truth()) for pair in good_pairs()]
     figure = f"{len(found):3}, residual_px {span([residual_px for residual_px in found if residual_px is not None])}"
     show(f"true motions falsified by {offset_mm} mm, {turn_mrad} mrad", figure)
 
@@ -203,11 +212,11 @@ def test_dots_of_a_projector(strength: float | None) -> None:
     show(f"dots of a projector, strength {strength}", figure)
 
 
-def test_pairs_of_different_places() -> None:
-    motions = [motion for _, motion in estimates(bad_pairs())]
-    outcomes = Counter(motion.status.value for motion in motions)
-    residuals_px = [motion.residual_px for motion in motions if motion.residual_px is not None]
-    figure = f"{outcomes['ok']:3} of {len(motions)} accepted, {dict(outcomes)}, residual_px {span(residuals_px)}"
+def test_pairs_of_different_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    accepted = sum(T is not None for _, T in estimates(bad_pairs()))
+    monkeypatch.setattr(paper, "MAX_RESIDUAL_PX", 1e9)
+    found = [(pair.comparison(), T) for pair, T in estimates(bad_pairs()) if T is not None]
+    figure = f"{accepted:3} of {len(bad_pairs())} accepted, residual_px {span([c.residual_px(T) for c, T in found])}"
     show("pairs of different places", figure)
 
 
@@ -216,8 +225,7 @@ Found = FloatArray | None
 
 
 def by_ours(pair: Pair) -> Found:
-    motion = PhotometricOdometry(CAMERA).estimate(pair.source, pair.target)
-    return motion.T_target_source if motion.ok else None
+    return PhotometricOdometry(CAMERA).estimate(pair.source, pair.target)
 
 
 def by_the_default_method(pair: Pair) -> Found:
@@ -226,13 +234,13 @@ def by_the_default_method(pair: Pair) -> Found:
 
 def by_opencv(pair: Pair) -> Found:
     before, after = (_opencv_images(view_of(frame, REDUCED), REDUCED) for frame in pair[:2])
-    solved, T = _opencv_solver(REDUCED, OdometryConfig()).compute(before[1], before[0], after[1], after[0])
+    solved, T = _opencv_solver(REDUCED).compute(before[1], before[0], after[1], after[0])
     return np.asarray(T, np.float64) if solved else None
 
 
 def by_open3d(pair: Pair) -> Found:
     """By gray values, with three scales."""
-    o3d, config, tensor = open3d(), OdometryConfig(), open3d().core.Tensor
+    o3d, tensor = open3d(), open3d().core.Tensor
     odometry, camera = o3d.t.pipelines.odometry, REDUCED
     matrix = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]])
     images = []
@@ -242,9 +250,9 @@ def by_open3d(pair: Pair) -> Found:
         images.append(o3d.t.geometry.RGBDImage(*(o3d.t.geometry.Image(tensor(array)) for array in both)))
     try:
         found = odometry.rgbd_odometry_multi_scale(
-            *images, tensor(matrix), tensor(np.eye(4)), OPENCV_DEPTH_UNITS_PER_M, config.max_depth_m,
+            *images, tensor(matrix), tensor(np.eye(4)), OPENCV_DEPTH_UNITS_PER_M, MAX_DEPTH_M,
             [odometry.OdometryConvergenceCriteria(n) for n in (20, 10, 5)], odometry.Method.Intensity,
-            odometry.OdometryLossParams(config.max_depth_difference_m),
+            odometry.OdometryLossParams(MAX_DEPTH_DIFFERENCE_M),
         )  # fmt: skip
     except RuntimeError as error:
         assert "tracking failed" in str(error)

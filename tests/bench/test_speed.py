@@ -27,8 +27,7 @@ from swarm.task import MissionConfig
 from tests.helpers import camera_at
 from tests.realsense_files import SoftwareCamera
 from voxdepth import TemporalCorrector
-from voxdepth.tools.benchmark.frames import load_frames
-from voxdepth.tools.benchmark.timings import FRAME, measure, tables
+from voxdepth.tools.benchmark import FRAME, load_frames, measure, tables
 from voxdepth.tools.table import Column, Table
 from voxdepth.types import Frame, Intrinsics
 

@@ -1,6 +1,5 @@
 """`voxdepth bench`: what it measures, and what a user reads."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +10,8 @@ from sim.testing import noisy_sequence
 from swarm.perception import frame_of
 from tests.helpers import CAMERA
 from tests.integration.test_cli import voxdepth
-from voxdepth.tools import commands
-from voxdepth.tools.benchmark import frames as frames_module
-from voxdepth.tools.benchmark.frames import FrameLoop
-from voxdepth.tools.benchmark.timings import FRAME, measure
+from voxdepth.tools import benchmark
+from voxdepth.tools.benchmark import FRAME, FrameLoop, measure
 from voxdepth.tools.cli import create_app
 from voxdepth.tools.errors import ToolError
 
@@ -70,27 +67,17 @@ def test_every_step_of_the_default_corrector_is_timed_in_every_frame(loop: Frame
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("options", "sizes"), [(["--quick"], ["160x120"]), ([], ["160x120", "200x150"])])
-def test_a_run_prints_the_machine_and_tables_and_writes_their_figures(
-    options: list[str], sizes: list[str], loop: FrameLoop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(frames_module, "load_frames", lambda _: loop)
-    monkeypatch.setattr(commands, "N_FRAMES", 20)
-    monkeypatch.setattr(commands, "N_FRAMES_LARGE", 5)
-    monkeypatch.setattr(commands, "LARGE_PX", (200, 150))
-    done = bench("--size", "160x120", "--json", tmp_path / "figures.json", *options)
+def test_a_run_prints_the_machine_and_tables(loop: FrameLoop, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benchmark, "load_frames", lambda _: loop)
+    monkeypatch.setattr(benchmark, "N_FRAMES", 20)
+    done = bench("--size", "160x120")
     assert done.exit_code == 0, done.exception
     assert [words for words in (*MACHINE, *STEPS, "voxdepth", "p50", "p95", "ratio") if words not in done.output] == []
-    figures = json.loads((tmp_path / "figures.json").read_text())["timings"]
-    assert [one["size"] for one in figures] == sizes
-    assert all(
-        latency["p50_ms"] > 0 for one in figures for steps in one["methods"].values() for latency in steps.values()
-    )
 
 
 @pytest.mark.slow
 def test_the_command_draws_its_frames_and_is_silent_besides() -> None:
-    done = voxdepth("bench", "--quick", "--size", "160x120")
+    done = voxdepth("bench", "--size", "160x120")
     assert done.returncode == 0, done.stderr
     lines = [line for line in done.stderr.splitlines() if not line.startswith("Warp CUDA warning")]
     assert lines == [], "Warp alone says where it finds no GPU"
@@ -98,18 +85,16 @@ def test_the_command_draws_its_frames_and_is_silent_besides() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("size", "message"),
     [
-        (["--size", "8x600"], "--size must have 32 to 4096 pixels on each side, got 8x600"),
-        (["--size", "large"], "--size must look like 160x120, got 'large'"),
-        (["--json", "nowhere/figures.json"], "must name a file in an existing folder, got nowhere/figures.json"),
+        ("8x600", "--size must have 32 to 4096 pixels on each side, got 8x600"),
+        ("large", "--size must look like 160x120, got 'large'"),
     ],
 )
-def test_bad_options_are_refused_before_anything_is_measured(
-    options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_bad_size_is_refused_before_anything_is_measured(
+    size: str, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(frames_module, "load_frames", lambda _: pytest.fail("it went on"))
-    done = bench(*options)
+    monkeypatch.setattr(benchmark, "load_frames", lambda _: pytest.fail("it went on"))
+    done = bench("--size", size)
     assert isinstance(done.exception, ToolError)
     assert message in str(done.exception)

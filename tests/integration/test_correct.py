@@ -115,7 +115,7 @@ def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path
     assert config["intrinsics"]["width_px"] == 160
     assert "numpy" in config["versions"]
     assert config["config"]["max_epoch_frames"] == 5
-    assert config["config"]["registration"]["size_px"] == 200
+    assert config["config"]["voxels"]["depth_m"] == 41
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["facts"]["epoch_end"]["max_frames"] >= 1
     assert sum(report["facts"]["phase"].values()) == report["frames"] == 12
@@ -185,8 +185,8 @@ def test_a_frame_that_cannot_be_read_leaves_neither_a_result_nor_a_recording(seq
 @pytest.mark.parametrize(
     ("package", "options", "extra"),
     [
-        ("rerun", ["--record", "made/out.rrd"], "rerun-sdk: pip install 'voxdepth[rerun]'"),
-        ("rosbags", ["--rosbag2"], "rosbags: pip install 'voxdepth[ros]'"),
+        ("rerun", ["--out", "made/out", "--record", "made/out.rrd"], "rerun-sdk: pip install 'voxdepth[rerun]'"),
+        ("rosbags", ["--out", "made/out.mcap"], "rosbags: pip install 'voxdepth[ros]'"),
     ],
 )
 def test_a_missing_extra_is_named_before_anything_else_is_done(
@@ -194,7 +194,7 @@ def test_a_missing_extra_is_named_before_anything_else_is_done(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, package, None)  # type: ignore[arg-type]  # Python's own mark of a missing package.
-    done = correct("nowhere", "--out", "made/out", *options)
+    done = correct("nowhere", *options)
     assert explained(done.exception) == f"this needs the package {extra}"
     assert not list(tmp_path.iterdir())
 
@@ -211,14 +211,13 @@ MINE = ["--corrector", "voxdepth", "--config", "mine.toml"]
         (["--corrector", "temporal[fill]"], "", "with a setting as in temporal[fill=all], got 'temporal[fill]'"),
         (["--corrector", "voxdepth[window_frames=9]", "--config", "mine.toml"], "", "write it to mine.toml"),
         (["--record", "out.mp4"], "", "--record must name an .rrd file, got out.mp4"),
-        (["--format", "recording"], "", "holds no dataset that can be read"),
         (["--config", "mine.toml"], SHORT_EPOCHS, "3 problems: unknown key 'window_frames'; "),
         (
             ["--config", "mine.toml"],
             "corrector = 'voxdepth'\n[config]\n",
             "configures the corrector 'voxdepth': ask for that",
         ),
-        (MINE, "[registration]\nsize_mm = 3", "registration.size_mm"),
+        (MINE, "[voxels]\nsize_mm = 3", "voxels.size_mm"),
         (MINE, "window_frames = 'ten'", "window_frames: "),
         (MINE, "median_size_px = 4", "1, 3 or 5 pixels"),
         (MINE, "= 3", "mine.toml is not valid TOML"),

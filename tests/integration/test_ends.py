@@ -8,7 +8,7 @@ import pytest
 PROGRAM = """
 import threading
 from voxdepth import CorrectionPipeline, Frame, Intrinsics, create_corrector
-from voxdepth.tools.benchmark.frames import walk
+from voxdepth.tools.benchmark import walk
 
 camera = Intrinsics.from_hfov(width_px=128, height_px=96, hfov_deg=86, baseline_m=0.095)
 images = list(walk(8, camera))

@@ -28,13 +28,12 @@ def limited(limit_bytes: int, *arguments: object, **environment: str) -> subproc
     )
 
 
-def refused(done: subprocess.CompletedProcess[str], path: str) -> str:
-    """The one line of a command that could not write the file or folder that ends in `path`."""
+def refused(done: subprocess.CompletedProcess[str], path: str) -> None:
+    """Check the one line of a command that could not write the file or folder that ends in `path`."""
     assert done.returncode == 2, done.stderr
     (line,) = (line for line in done.stderr.splitlines() if not line.startswith("compiling"))
     assert line.startswith("voxdepth: cannot write ")
     assert path in line
-    return line
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +44,10 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_run_says_what_is_whole_if_its_recording_cannot_be_written(tmp_path: Path) -> None:
+def test_a_run_keeps_what_is_whole_if_its_recording_cannot_be_written(tmp_path: Path) -> None:
     done = limited(200_000, "run", "city", "--depth", "truth", "--duration", "4", "--out", tmp_path)
     (folder,) = tmp_path.iterdir()
-    assert refused(done, "run.part.rrd").endswith(f"whole in {folder}: config.toml")
+    refused(done, "run.part.rrd")
     assert {path.name for path in folder.iterdir()} == {"config.toml", "run.part.rrd"}
 
 

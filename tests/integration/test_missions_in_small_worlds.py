@@ -11,8 +11,7 @@ from examples.straight_controller import Straight
 from sim.bodies import Body, Box, Scene
 from sim.errors import RenderError
 from sim.render import create_renderer
-from sim.rig import StereoRig
-from sim.sensor import RigConfig
+from sim.sensor import RigConfig, StereoSensor
 from sim.types import VelocityCommand
 from sim.world import World
 from swarm.controllers import load_controller
@@ -45,7 +44,7 @@ def mission_among(*bodies: Body, config: MissionConfig, seed: int = 0, renderer:
     """A mission of drones that see the true depth of a few bodies, and of each other."""
     scene = Scene(seed=5, bodies=bodies)
     with World(scene, config.starts_m(), start_yaw_rad=config.start_yaws_rad()) as world:
-        rig = StereoRig(world, create_renderer(renderer, world, threads=1), RIG, seed=seed, gray=False)
+        rig = StereoSensor(world, create_renderer(renderer, world, threads=1), RIG, seed=seed, gray=False)
         correctors = [Raw() for _ in range(world.n_drones)]
         settings = {"camera_hz": RIG.rate_hz, "latency_s": config.latency_s, "seed": seed}
         create_agent = load_controller(config.controller)

@@ -81,7 +81,6 @@ def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
     expected = {
         "/world/drone/0": 20,
         "/world/swarm": 20,
-        "/world/slots": 20,
         "/world/trail/1": 20,
         f"{cam}/gray": 5,
         f"{cam}/depth/true": 5,

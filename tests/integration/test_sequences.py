@@ -14,7 +14,6 @@ from scenarios.images import INVALID_REASON_COLORS
 from scenarios.sequences import (
     GROUPS,
     SeededSequence,
-    captures,
     load_sequence,
     names_of,
     record,
@@ -44,6 +43,12 @@ def small(name: str = "sim-LN", seed: int = 0, **changes: object) -> SeededSeque
     return load_sequence(name, seed, {**SMALL, **changes})
 
 
+def captures(planned: SeededSequence, frames: int) -> list[Capture]:
+    """The first captures of a sequence, without files."""
+    with simulation(planned) as simulated:
+        return [simulated.sensor.capture(pair) for pair in simulated.render(frames)]
+
+
 def assert_same(a: Capture, b: Capture) -> None:
     for field in IMAGES:
         one, other = getattr(a, field), getattr(b, field)
@@ -59,10 +64,10 @@ def assert_same(a: Capture, b: Capture) -> None:
 )
 def test_every_sequence_is_recorded_and_read_back_bit_for_bit(name: str, tmp_path: Path) -> None:
     planned = small(name)
-    done = record(planned, tmp_path / "r", 3, lambda frames: None)
+    record(planned, tmp_path / "r", 3, lambda frames: None)
     recording = Recording.open(tmp_path / "r")
-    assert len(recording) == done.frames == 3
-    expected = list(captures(planned, 3))
+    assert len(recording) == 3
+    expected = captures(planned, 3)
     for one, other in zip(recording, expected, strict=True):
         assert_same(one, other)
     assert len({capture.gray_left.tobytes() for capture in expected}) == 3, "the camera moves"
@@ -87,7 +92,7 @@ def test_the_shipped_sequences_have_the_sizes_and_the_length_of_the_papers() -> 
 
 @pytest.mark.slow
 def test_sunny_and_cloudy_are_the_same_flight() -> None:
-    (sunny,), (cloudy,) = (list(captures(small(name), 1)) for name in ("sim-KTS", "sim-KTC"))
+    (sunny,), (cloudy,) = (captures(small(name), 1) for name in ("sim-KTS", "sim-KTC"))
     np.testing.assert_array_equal(sunny.depth_true_m, cloudy.depth_true_m)
     seen = np.isfinite(sunny.depth_true_m)
     assert sunny.gray_left[seen].std() > 1.3 * cloudy.gray_left[seen].std()
@@ -129,18 +134,10 @@ def test_a_shutter_is_open_from_the_time_of_its_frame_on() -> None:
     planned = small("sim-blur", **{"rig.shutter": 0.25, "rig.rate_hz": 20.0})
     with simulation(planned) as simulated:
         frames = list(islice(simulated.exposures(), 4))
-        (pair,) = simulated.render(3, 4)
+        *_, pair = simulated.render(4)
     for k, poses in enumerate(frames):
         np.testing.assert_allclose([pose.stamp_s for pose in poses], k / 20 + np.arange(3) / 240)
     assert pair.pose.stamp_s == frames[3][1].stamp_s
-
-
-def test_going_on_with_a_mover_gives_the_frames_of_one_go() -> None:
-    planned = small("sim-approach")
-    whole = list(captures(planned, 4))
-    (last,) = captures(planned, 4, start=3)
-    assert_same(whole[3], last)
-    assert (last.segment_id == 0).any()
 
 
 def test_other_recordings_are_not_touched(tmp_path: Path) -> None:
@@ -166,7 +163,8 @@ def test_a_flight_that_is_too_short_is_refused_before_anything_is_written(tmp_pa
         record(short, tmp_path / "r", 20, lambda frames: None)
     assert not (tmp_path / "r").exists()
     longest = int(str(caught.value).split("--frames ")[1][0])
-    assert record(short, tmp_path / "r", longest, lambda frames: None).frames == longest
+    record(short, tmp_path / "r", longest, lambda frames: None)
+    assert len(Recording.open(tmp_path / "r")) == longest
 
 
 @pytest.mark.parametrize("size", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan"))])
@@ -181,8 +179,7 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     command = ["record", "sim-MB", "--out", folder, "--frames", "3", "--size", "160x96", "--seed", "4"]
     done = voxdepth(*command)
     assert done.returncode == 0, done.stderr
-    for words in ("within", "median", "hidden from the right camera", "occluded", "frames per second"):
-        assert words in done.stdout, words
+    assert "frames per second" in done.stdout
     config = tomllib.loads((folder / "config.toml").read_text())
     assert config["seed"] == 4
     assert "numpy" in config["versions"]
@@ -200,11 +197,7 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_scenes_are_pictured_with_their_difficulty(tmp_path: Path) -> None:
+def test_scenes_are_pictured(tmp_path: Path) -> None:
     done = voxdepth("picture", "scenes", "--out", tmp_path / "scenes.jpg")
     assert done.returncode == 0, done.stderr
-    rows = [line.split("|") for line in done.stdout.splitlines() if line.startswith("|")]
-    figures = {row[1].strip(): float(row[3]) for row in rows[2:]}
-    assert set(figures) == {"city", "forest", "corridor", "gap", "plains", "lawn"}
-    assert all(1 < figure < 40 for figure in figures.values())
     assert (tmp_path / "scenes.jpg").stat().st_size < 500_000

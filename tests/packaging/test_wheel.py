@@ -17,7 +17,7 @@ COMMANDS = (("--version",), ("config",), ("doctor",), ("bench", "--quick", "--si
 RESULTS = """
 import hashlib, json
 from voxdepth.registry import create_corrector, installed_names
-from voxdepth.tools.benchmark.frames import walk
+from voxdepth.tools.benchmark import walk
 from voxdepth.types import Intrinsics
 camera = Intrinsics.from_hfov(width_px=128, height_px=96, hfov_deg=86, baseline_m=0.095)
 frames, found = list(walk(4, camera)), {}

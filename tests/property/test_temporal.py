@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.temporal_scenes import CAMERA, pose
-from voxdepth.temporal.fusion import PixelClass, TemporalFusionConfig, fuse
+from voxdepth.temporal.fusion import FILLING_WEIGHT, MAX_WEIGHT, RELIABLE_WEIGHT, PixelClass, fuse
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.temporal.pose_fit import fit_pose, project
@@ -19,7 +19,6 @@ angle = st.floats(-6, 6)
 length = st.floats(-0.25, 0.25)
 fills = st.sampled_from(["none", "likely", "all"])
 RESOLUTION = WorkingResolution.of(CAMERA, 1)
-MOST = WEIGHT_UNIT * TemporalFusionConfig().max_evidence
 
 
 def patches(rng: np.random.Generator, shape: tuple[int, int], holes: float) -> FloatImage:
@@ -50,33 +49,31 @@ def test_every_pixel_is_one_kind_of_thing(seed: int, holes: float, forgotten: fl
     old_px, new_px = patches(rng, shape, forgotten), patches(rng, shape, holes)
     new_px = np.where(rng.random(shape) < 0.5, new_px, old_px + (new_px > 0) * rng.normal(0, 0.3, shape))
     new_px = np.where(rng.random(shape) < holes, 0, np.maximum(new_px, 0)).astype(np.float32)
-    weight = np.where(old_px > 0, rng.integers(1, MOST + 1, shape), 0).astype(np.uint8)
+    weight = np.where(old_px > 0, rng.integers(1, MAX_WEIGHT + 1, shape), 0).astype(np.uint8)
     old_gray, new_gray = (rng.integers(60, 140, shape, np.uint8) for _ in range(2))
     age = rng.integers(1, 256, shape, np.uint8)
     memory = Memory.empty(old_gray)._replace(disparity_px=old_px, weight=weight, age=age)
     valid = new_px > 0
     new_weight = np.where(new_px > 0, rng.integers(1, WEIGHT_UNIT + 1, shape), 0).astype(np.uint8)
     new = Measurement(disparity_px=new_px, weight=new_weight, gray=new_gray)
-    fused, after = fuse(memory, new, TemporalFusionConfig())
+    fused, after = fuse(memory, new)
     kind, shown_px = fused.pixel_class, fused.disparity_px
-    np.testing.assert_array_equal(kind == PixelClass.UNKNOWN, shown_px == 0)
+    np.testing.assert_array_equal(kind == PixelClass.UNMEASURED, shown_px == 0)
     assert (kind <= max(PixelClass)).all()
     np.testing.assert_array_equal(shown_px[kind == PixelClass.MEASURED], new_px[kind == PixelClass.MEASURED])
     np.testing.assert_array_equal(shown_px[kind == PixelClass.REMEMBERED], old_px[kind == PixelClass.REMEMBERED])
-    assert (weight[kind == PixelClass.REMEMBERED] >= WEIGHT_UNIT * TemporalFusionConfig().min_evidence).all()
+    assert (weight[kind == PixelClass.REMEMBERED] >= RELIABLE_WEIGHT).all()
     averaged = kind == PixelClass.FUSED
     assert (shown_px[averaged] >= np.minimum(old_px, new_px)[averaged] - 1e-4).all()
     assert (shown_px[averaged] <= np.maximum(old_px, new_px)[averaged] + 1e-4).all()
-    assert (kind[valid] != PixelClass.UNKNOWN).all()
-    np.testing.assert_array_equal(kind[~valid], PixelClass.UNKNOWN)
+    assert (kind[valid] != PixelClass.UNMEASURED).all()
+    np.testing.assert_array_equal(kind[~valid], PixelClass.UNMEASURED)
     np.testing.assert_array_equal(fused.remembered_px[valid], 0)
     remembered = fused.remembered_px > 0
     np.testing.assert_array_equal(fused.remembered_px[remembered], old_px[remembered])
-    config = TemporalFusionConfig()
-    required = np.minimum(config.min_evidence_per_frame * age, config.min_evidence)
-    assert (weight >= WEIGHT_UNIT * required - 0.5)[remembered].all()
+    assert (weight >= FILLING_WEIGHT[age])[remembered].all()
     assert (after.age > 0).all()
-    assert after.weight.max() <= MOST
+    assert after.weight.max() <= MAX_WEIGHT
     np.testing.assert_array_equal(after.weight > 0, after.disparity_px > 0)
 
 

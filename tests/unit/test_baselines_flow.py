@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.baseline_frames import texture
-from voxdepth.baselines.optical_flow import Dis, landing_of, taken
+from voxdepth.baselines.learned import Dis, landing_of, taken
 
 SHAPE = (96, 128)
 INSIDE = (slice(16, -16), slice(16, -16))

@@ -10,9 +10,8 @@ from tests.baseline_frames import camera, frame, holed, scene, texture
 from voxdepth.baselines.global_smoother import GlobalSmoother
 from voxdepth.baselines.ip_basic import IpBasic
 from voxdepth.baselines.lmeds import LMedS
-from voxdepth.baselines.pose_splat import PoseSplat
 from voxdepth.baselines.realsense import RealSenseChain, RealSenseLeft
-from voxdepth.baselines.single_frame import AuthorsMax, Median, OpenCvInpaint
+from voxdepth.baselines.single_frame import Median, OpenCvInpaint
 from voxdepth.errors import FrameError
 from voxdepth.types import CorrectedDepth, DepthCorrector, Intrinsics, Source
 
@@ -20,23 +19,15 @@ Make = Callable[[Intrinsics], DepthCorrector]
 
 FILLERS: dict[str, Make] = {
     "ip-basic": lambda camera: IpBasic(),
-    "ip-basic-multiscale": lambda camera: IpBasic(variant="multiscale"),
     "telea": lambda camera: OpenCvInpaint(),
     "navier-stokes": lambda camera: OpenCvInpaint(method="navier_stokes"),
     "global-smoother": GlobalSmoother,
-    "pose-splat": PoseSplat,
 }
 """Those that never change a valid pixel."""
-SINGLE_FRAME = [name for name in FILLERS if name != "pose-splat"]
-WITH_MEMORY: dict[str, Make] = {
-    "lmeds": LMedS,
-    "pose-splat": PoseSplat,
-}
-CONSTANT = FILLERS | WITH_MEMORY
+CONSTANT: dict[str, Make] = FILLERS | {"lmeds": LMedS}
 """Those that leave a smooth frame as it is."""
 BASELINES: dict[str, Make] = CONSTANT | {
     "median": lambda camera: Median(),
-    "authors": lambda camera: AuthorsMax(),
     "realsense": lambda camera: RealSenseChain(replace(camera, baseline_m=0.1)),
     "realsense-left": lambda camera: RealSenseLeft(),
 }
@@ -132,14 +123,14 @@ def test_the_same_frames_give_the_same_bits_after_a_reset_and_whatever_happens_t
         buffers[0][:], buffers[1][:], again.depth_m[:] = 1.0, 0, 99.0  # a driver that uses its buffers again
 
 
-@pytest.mark.parametrize("name", SINGLE_FRAME)
+@pytest.mark.parametrize("name", FILLERS)
 def test_single_frame_fillers_remember_nothing(name: str) -> None:
     np.testing.assert_array_equal(run(name)[1].depth_m, BASELINES[name](camera((30, 40))).process(
         frame(scene(1, (30, 40)), texture(0, (30, 40)))
     ).depth_m)  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["telea", "navier-stokes", "global-smoother", "lmeds", "pose-splat"])
+@pytest.mark.parametrize("name", ["telea", "navier-stokes", "global-smoother", "lmeds"])
 def test_a_scene_twice_as_far_is_filled_twice_as_far(name: str) -> None:
     near, far = BASELINES[name](camera((30, 40))), BASELINES[name](camera((30, 40)))
     for index in range(3):
@@ -148,7 +139,7 @@ def test_a_scene_twice_as_far_is_filled_twice_as_far(name: str) -> None:
         np.testing.assert_allclose(far.process(frame(2 * depth_m, gray, index=index)).depth_m, expected_m, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["lmeds", "ip-basic", "ip-basic-multiscale"])
+@pytest.mark.parametrize("name", ["lmeds", "ip-basic"])
 def test_a_small_offset_in_depth_passes_through(name: str) -> None:
     near, far = BASELINES[name](camera((30, 40))), BASELINES[name](camera((30, 40)))
     for index in range(3):
@@ -159,7 +150,7 @@ def test_a_small_offset_in_depth_passes_through(name: str) -> None:
         np.testing.assert_allclose(shifted_m[expected_m > 0], expected_m[expected_m > 0] + 0.125, atol=1e-4)
 
 
-@pytest.mark.parametrize("name", [*WITH_MEMORY, "global-smoother"])
+@pytest.mark.parametrize("name", ["lmeds", "global-smoother"])
 def test_frames_of_another_size_are_refused(name: str) -> None:
     with pytest.raises(FrameError, match=r"shape \(30, 40\), got \(31, 40\)"):
         BASELINES[name](camera((30, 40))).process(frame(scene(0, (31, 40))))

@@ -12,7 +12,6 @@ from voxdepth.baselines.realsense import (
     fill_farthest,
     fill_from_left,
 )
-from voxdepth.baselines.single_frame import AuthorsMax
 from voxdepth.errors import ConfigError
 from voxdepth.types import Frame, Intrinsics, Source
 
@@ -86,17 +85,6 @@ def test_the_chain_smooths_noise_and_fills_what_flickers_from_the_past() -> None
         result = chain.process(frame_of(noisy_m))
     assert np.abs(result.depth_m[1:-1, 1:] - 3).std() < 0.2 * 0.05
     assert (result.source[noisy_m == 0] == Source.INPAINTED).mean() > 0.99
-
-
-def test_the_authors_maximum_is_that_of_five_neighbours_of_the_median_without_the_last_row_and_column() -> None:
-    depth_m = holed(4)
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(depth_m, 2, "edge"), (5, 5))
-    median_m = np.median(windows, axis=(2, 3))
-    expected = np.zeros_like(depth_m)
-    for row, col in np.ndindex(18, 22):
-        neighbours = [(row, col - 1), (row - 1, col), (row - 1, col - 1), (row, col + 1), (row - 1, col + 1)]
-        expected[row, col] = max(median_m[at] for at in neighbours)  # -1 is the opposite side, as for the authors
-    np.testing.assert_array_equal(AuthorsMax().process(frame_of(depth_m)).depth_m, expected)
 
 
 # librealsense

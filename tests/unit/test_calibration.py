@@ -1,15 +1,12 @@
 """Correctors without a confidence of their own get the probability that is fitted to the source of a pixel."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from scenarios.errors import ScenarioError
-from scenarios.experiments.confidence import BINS, confidence, fit, shares
-from tests.experiment_context import small_context
+from scenarios.experiments.confidence import fit
 from voxdepth.calibration import FILE, Fills, read
 from voxdepth.errors import ConfigError
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
@@ -81,18 +78,6 @@ def test_a_bad_file_is_refused_with_what_to_do(text: str | None, reason: str, tm
 
 
 def test_the_fit_is_the_share_of_correct_pixels() -> None:
-    counts = np.zeros((3, len(Source), BINS))
-    counts[:, Source.INPAINTED, 4:6] = [[6_000, 4_000], [0, 0], [1_504, 1_000]]
+    counts = np.zeros((2, len(Source)))
+    counts[:, Source.INPAINTED] = 10_000, 2_504
     assert fit(counts) == Fills(memory=0.0, inpainted=0.25)
-
-
-def test_the_calibration_error_is_the_distance_to_the_share_of_correct_pixels() -> None:
-    bins = np.zeros((3, BINS))
-    bins[:, [9, 5, 0]] = [[60, 20, 20], [57, 11, 1], [57, 5, 0]]
-    expected = {"calibration error": 7, "trusted": 80, "correct of trusted": 100 * 62 / 80, "shown": 80}
-    assert shares(bins) == pytest.approx(expected)
-
-
-def test_it_is_not_measured_with_the_sequences_of_the_fit(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match="--seed 101 is that of the fit"):
-        confidence.answer(replace(small_context(tmp_path, 1), seed=101))

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.datasets import images
-from voxdepth.datasets.images import image_shape, read_depth, read_depth_16, read_depth_raw, read_gray, read_mask
+from voxdepth.datasets.images import image_shape, read_depth, read_depth_16, read_gray
 from voxdepth.errors import DatasetError
 
 SHAPE = (6, 8)
@@ -46,16 +46,6 @@ def huge_jpeg() -> bytes:
     data = encoded(GRAY, ".jpg")
     at = data.index(b"\xff\xc0") + 5
     return data[:at] + struct.pack(">HH", 65_500, 65_500) + data[at + 4 :]
-
-
-def test_raw_sixteen_bits_read_back_exactly(tmp_path: Path) -> None:
-    path = tmp_path / "depth.raw"
-    path.write_bytes(DEPTH_16.astype("<u2").tobytes())
-    depth = read_depth_raw(path, SHAPE)
-    assert depth.dtype == np.uint16 and np.array_equal(depth, DEPTH_16)
-    path.write_bytes(DEPTH_16.tobytes()[:-1])
-    with pytest.raises(DatasetError, match=r"expected 96 bytes .*depth\.raw.* got 95"):
-        read_depth_raw(path, SHAPE)
 
 
 def test_gray_reads_back_exactly_and_colour_as_opencv_makes_it_gray(tmp_path: Path) -> None:
@@ -105,13 +95,6 @@ def test_an_array_that_is_cut_short_is_refused(tmp_path_factory: pytest.TempPath
 def test_integers_in_a_tiff_are_no_metres(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="float32"):
         read_depth(written(tmp_path, DEPTH_M.astype(np.int32), ".tiff"), SHAPE)
-
-
-def test_a_mask_is_true_where_the_image_is_not_black(tmp_path: Path) -> None:
-    mask = GRAY > 128
-    assert np.array_equal(read_mask(written(tmp_path, mask.astype(np.uint8)), SHAPE), mask)
-    with pytest.raises(DatasetError, match="expected a mask"):
-        read_mask(written(tmp_path, DEPTH_16), SHAPE)
 
 
 @pytest.mark.parametrize(

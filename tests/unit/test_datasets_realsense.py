@@ -190,49 +190,13 @@ def test_without_metadata_a_calibration_is_asked_for(tmp_path: Path) -> None:
     assert len(open_dataset(tmp_path, intrinsics=CAMERA)) == 1
 
 
-def write_converted(folder: Path, depth_ms: list[str], infrared_ms: list[str], stream: str = "Infrared 1") -> None:
-    for index, ms in enumerate(depth_ms):
-        (folder / f"out_Depth_{ms}.raw").write_bytes(depth_of(index).astype("<u2").tobytes())
-        (folder / f"out_Depth_metadata_{ms}.txt").write_text("Stream: Depth\n")
-    for index, ms in enumerate(infrared_ms):
-        cv2.imwrite(str(folder / f"out_{stream}_{ms}.png"), gray_of(index))
-
-
-@pytest.mark.parametrize("stream", ["Infrared", "Infrared 1"])
-def test_files_of_rs_convert_are_matched_by_the_milliseconds_in_their_names(tmp_path: Path, stream: str) -> None:
-    write_converted(tmp_path, ["999.50", "1033.00"], ["1000.25", "1033.00"], stream)
-    dataset = open_dataset(tmp_path, intrinsics=CAMERA)
-    assert isinstance(dataset, RealSenseDataset)
-    assert [dataset[index].stamp_s for index in range(2)] == [0.9995, 1.033]
-    assert np.array_equal(dataset[0].depth_m, (depth_of(0) / 1000).astype(np.float32))
-    assert np.array_equal(dataset[1].gray, gray_of(1))
-    assert [dataset.name(0), dataset.name(1)] == ["000000", "000001"]
-
-
-def test_false_colours_the_right_image_and_colour_of_rs_convert_are_refused(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "out_Depth_1.00.png"), np.zeros((*SHAPE, 3), np.uint8))
-    with pytest.raises(DatasetError, match="with -r: its PNG is no depth"):
-        open_dataset(tmp_path, intrinsics=CAMERA)
-    write_converted(tmp_path, ["1.00"], ["1.00"], "Infrared 2")
-    cv2.imwrite(str(tmp_path / "out_Color_1.00.png"), np.zeros((*SHAPE, 3), np.uint8))
-    with pytest.raises(DatasetError, match="Colour is not aligned"):
-        open_dataset(tmp_path, intrinsics=CAMERA)
-
-
 def test_a_number_without_its_partner_is_named(tmp_path: Path) -> None:
     write(tmp_path, ["000000", "000002"], ["000000", "000001", "000002"])
     with pytest.raises(DatasetError, match=r"000001\.png alone and 0 others"):
         open_dataset(tmp_path)
 
 
-def test_two_recordings_of_rs_convert_in_one_folder_are_refused(tmp_path: Path) -> None:
-    write_converted(tmp_path, ["1.00"], ["1.00"])
-    (tmp_path / "front_Depth_34.00.raw").write_bytes(depth_of(1).tobytes())
-    with pytest.raises(DatasetError, match=r"several recordings, as front_Depth_34\.00\.raw and out_Depth_1\.00\.raw"):
-        open_dataset(tmp_path, intrinsics=CAMERA)
-
-
-@pytest.mark.parametrize("name", ["rgb.txt", "depth.txt"])
+@pytest.mark.parametrize("name", ["rgb.txt", "depth.txt", "associations.txt"])
 def test_a_damaged_tum_folder_is_not_taken_for_one_of_other_units(tmp_path: Path, name: str) -> None:
     write(tmp_path, ["0"], ["0"], "rgb")
     (tmp_path / name).write_text("0.0 depth/0.png\n")

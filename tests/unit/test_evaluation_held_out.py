@@ -1,10 +1,16 @@
 """Pixels that are held out: shadows as another camera would cast them, moving with the scene."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tests.evaluation_clips import CAMERA, POST_M, WALL_M, truth_of
-from voxdepth.tools.evaluation.references import Patches, Shadows, shadows, steps
+from voxdepth.tools.evaluation.references import Patches, Shadows, WideShadows, shadows, steps
+
+CLIP: Any = SimpleNamespace(intrinsics=CAMERA)
+"""All that held-out pixels need of a recording."""
 
 
 def test_a_shadow_lies_to_the_right_of_a_post_and_is_as_wide_as_the_step_in_disparity() -> None:
@@ -51,16 +57,16 @@ def test_a_thin_post_hides_as_much_as_it_is_wide_by_hand() -> None:
 
 
 def test_wide_shadows_are_wider_by_the_widening() -> None:
-    widths = [Shadows(CAMERA, widening).of(0, truth_of(0)).hidden[20].sum() for widening in (1.0, 1.4)]
+    widths = [kind(CLIP).of(0, truth_of(0)).hidden[20].sum() for kind in (Shadows, WideShadows)]
     assert widths[1] == pytest.approx(1.4 * widths[0], abs=1)
 
 
 def test_patches_stay_at_their_places_and_count_only_on_measured_surfaces_without_a_step() -> None:
     depth_m = np.full(CAMERA.shape, WALL_M, np.float32)
-    patches = Patches(CAMERA)
+    patches = Patches(CLIP)
     first = patches.of(0, depth_m)
     assert 0.02 < first.hidden.mean() < 0.5
-    np.testing.assert_array_equal(Patches(CAMERA).of(0, depth_m).hidden, first.hidden)
+    np.testing.assert_array_equal(Patches(CLIP).of(0, depth_m).hidden, first.hidden)
     np.testing.assert_array_equal(first.given_m, np.where(first.hidden, 0, depth_m))
     np.testing.assert_array_equal(first.reference_m, depth_m)
     later_m = depth_m.copy()

@@ -16,24 +16,24 @@ from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import ConfigError
 from voxdepth.registry import ENTRY_POINTS
 from voxdepth.tools.errors import ToolError
-from voxdepth.tools.evaluation.groups import TRUE_GROUPS
+from voxdepth.tools.evaluation.frames import TRUTH
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.methods import (
     METHOD_NAMES,
-    ORACLE,
     WARM_UP_FRAMES,
     Method,
+    MethodError,
     find_method,
     find_methods,
     is_baseline,
+    run,
 )
-from voxdepth.tools.evaluation.result_cache import Scores
-from voxdepth.tools.evaluation.running import MethodError, run
+from voxdepth.tools.evaluation.results import Scores
 from voxdepth.types import CorrectedDepth, Frame
 
 
 def ran(method: Method, frames: int = 4) -> Scores:
-    return run(method, evaluation_frames(frames), TRUE_GROUPS, CAMERA)
+    return run(method, evaluation_frames(frames), TRUTH, CAMERA)
 
 
 def made(corrector: Callable[[], Any], **given: Any) -> Method:
@@ -140,18 +140,16 @@ def test_only_methods_of_ours_are_not_foreign(monkeypatch: pytest.MonkeyPatch) -
     assert find_method("theirs").is_foreign
 
 
-@pytest.mark.parametrize("oracle", [False, True])
-def test_only_an_oracle_sees_the_pose_and_nothing_sees_the_truth(oracle: bool) -> None:
+def test_a_method_sees_neither_the_pose_nor_the_truth() -> None:
     spy = mock.Mock(wraps=Raw(), close=None)
-    ran(made(lambda: spy, sees_true_pose=oracle), 2)
+    ran(made(lambda: spy), 2)
     seen = [call.args[0] for call in spy.process.call_args_list]
-    assert seen and all((frame.T_world_cam is not None) == oracle for frame in seen)
+    assert seen and all(frame.T_world_cam is None for frame in seen)
     assert not any(np.array_equal(frame.depth_m, truth_of(0)) for frame in seen)
 
 
 def test_methods_are_found_by_name_and_refused_by_name() -> None:
-    assert METHOD_NAMES[-1] == ORACLE
-    assert [m.name for m in find_methods(METHOD_NAMES) if m.sees_true_pose] == [ORACLE]
+    assert [m.name for m in find_methods(METHOD_NAMES)] == list(METHOD_NAMES)
     assert find_method("voxdepth").config["window_frames"] == 10
     assert find_method("temporal").config["decimation"] == "auto"
     assert find_method("voxdepth.baselines.single_frame:Raw").name == "voxdepth.baselines.single_frame:Raw"
@@ -162,8 +160,8 @@ def test_methods_are_found_by_name_and_refused_by_name() -> None:
 
 
 def test_a_method_may_have_a_setting_which_its_name_tells() -> None:
-    method = find_method("temporal[odometry.min_tracks=9]")
-    assert (method.name, method.is_foreign) == ("temporal[odometry.min_tracks=9]", False)
-    assert method.config["odometry"]["min_tracks"] == 9
+    method = find_method("temporal[smoothing_window_px=3]")
+    assert (method.name, method.is_foreign) == ("temporal[smoothing_window_px=3]", False)
+    assert method.config["smoothing_window_px"] == 3
     assert not is_baseline(method.name)
     assert is_baseline("telea")

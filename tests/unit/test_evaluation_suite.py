@@ -21,12 +21,11 @@ from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of
 from voxdepth.datasets import open_dataset
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.evaluate import requested_of
-from voxdepth.tools.evaluation import suite
-from voxdepth.tools.evaluation.kinds import HELD_OUT
+from voxdepth.tools.evaluation import frames, suite
 from voxdepth.tools.evaluation.measurements import Selector
 from voxdepth.tools.evaluation.methods import Method, find_methods
-from voxdepth.tools.evaluation.result_cache import STORED, Result, path_of
-from voxdepth.tools.evaluation.sources import DatasetSource, FrameCache
+from voxdepth.tools.evaluation.recordings import HELD_OUT, RecordedSource
+from voxdepth.tools.evaluation.results import STORED, Result, path_of
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.tools.files import to_toml
 from voxdepth.tools.locks import locked
@@ -51,15 +50,11 @@ def quality(result: Result) -> Any:
 
 
 def test_a_repetition_elsewhere_gives_the_same_quality_bit_for_bit(recording: Path, tmp_path: Path) -> None:
-    methods = tuple(find_methods(["raw", "voxdepth", "median", "lmeds", "true-pose"]))
+    methods = tuple(find_methods(["raw", "voxdepth", "median", "lmeds"]))
     one, other = (run(tmp_path / name, recording, methods=methods, frames=8) for name in "ab")
-    assert [result.error for result in one.results] == [None] * 5
+    assert [result.error for result in one.results] == [None] * 4
     assert [quality(result) for result in one.results] == [quality(result) for result in other.results]
     assert one.sequences == other.sequences
-    fewest, most = sorted(
-        one.measurements.value("post", method, Selector("mae", "holes")) for method in ("raw", "true-pose")
-    )
-    assert fewest < most
 
 
 def test_two_evaluations_do_not_write_to_one_folder(recording: Path, tmp_path: Path) -> None:
@@ -102,7 +97,6 @@ def with_key(data: bytes, **changes: Any) -> bytes:
         lambda data: with_key(data, versions={"numpy": "1.0"}),
         lambda data: with_key(data, config={"size": 3}),
         lambda data: with_key(data, digest="0" * 64),
-        lambda data: with_key(data, metrics=["mae"]),
         lambda data: data[:300],
         lambda data: b"\xff",
         lambda data: json.dumps({**json.loads(data), "colour": "red"}).encode(),
@@ -112,7 +106,7 @@ def test_a_result_of_anything_else_or_damaged_or_of_another_layout_is_computed_a
     recording: Path, tmp_path: Path, spoil: Callable[[bytes], bytes]
 ) -> None:
     (result,) = run(tmp_path, recording, methods=(GOOD,)).results
-    path = path_of(tmp_path, result.key)
+    path = path_of(tmp_path, result.sequence, result.method)
     path.write_bytes(spoil(path.read_bytes()))
     again = run(tmp_path, recording, methods=(GOOD,))
     assert (again.reused, quality(again.results[0])) == (0, quality(result))
@@ -128,7 +122,7 @@ def test_other_sources_or_another_number_of_frames_are_another_result(
         assert run(tmp_path, recording, methods=(GOOD,)).reused == 0
     assert run(tmp_path, recording, methods=(GOOD,), frames=5).reused == 0
     (all_there_are,) = run(tmp_path, recording, methods=(GOOD,), frames=500).results
-    assert all_there_are.key.frames == 8
+    assert all_there_are.key["frames"] == 8
 
 
 def test_foreign_code_is_run_again_every_time(recording: Path, tmp_path: Path) -> None:
@@ -150,16 +144,6 @@ def test_a_recording_without_a_whole_frame_is_an_error_of_its_results(tmp_path: 
     assert ("no whole frame" in done.results[0].error) == has_truth
 
 
-def test_frames_of_a_killed_run_are_deleted_and_nothing_else(recording: Path, tmp_path: Path) -> None:
-    left, ours = tmp_path / f"{suite.FRAME_CACHE}abc", tmp_path / "frames-of-mine"
-    for folder in (left, ours):
-        folder.mkdir()
-        (folder / "000000.npz").touch()
-    run(tmp_path, recording, methods=(GOOD,))
-    assert not left.exists()
-    assert ours.is_dir()
-
-
 def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     folder = tmp_path / os.fsdecode(b"caf\xe9")
     with pytest.raises(ToolError, match=r"in UTF-8, got 'caf\\udce9-shadows': rename the folder"):
@@ -167,23 +151,13 @@ def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_written(tm
     assert not (tmp_path / "out").exists()
 
 
-def test_frames_that_cannot_be_kept_or_are_gone_are_an_error_of_the_results(
+def test_frames_that_cannot_be_kept_are_an_error_of_the_results(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr(np, "savez", mock.Mock(side_effect=OSError(28, "No space left on device")))
-        done = run(tmp_path, recording)
-    for result in done.results:
-        assert re.match(r"cannot keep frame 0 in .*: No space left on device$", result.error or "")
-    really = suite.run
-
-    def emptied(method: Method, frames: FrameCache, *rest: Any) -> Any:
-        frames.path(3).unlink(missing_ok=True)
-        return really(method, frames, *rest)
-
-    monkeypatch.setattr(suite, "run", emptied)
-    (result,) = run(tmp_path, recording, methods=(GOOD,)).results
-    assert (result.error or "").startswith("cannot read frame 3 back from ")
+    full = OSError(28, "No space left on device")
+    monkeypatch.setattr(frames.pickle, "dump", mock.Mock(side_effect=full))
+    for result in run(tmp_path, recording).results:
+        assert result.error == "cannot keep frame 0: No space left on device"
 
 
 def test_a_sequence_that_cannot_be_opened_fails_in_its_own_results_alone(recording: Path, tmp_path: Path) -> None:
@@ -192,13 +166,13 @@ def test_a_sequence_that_cannot_be_opened_fails_in_its_own_results_alone(recordi
         image.unlink()
     (tmp_path / "empty").mkdir()
     done = run(tmp_path / "out", maskless, tmp_path / "empty", recording)
-    errors = {(result.key.sequence, result.key.method): result.error for result in done.results}
+    errors = {(result.sequence, result.method): result.error for result in done.results}
     assert "occluded" in (errors["maskless", "good"] or "")
     assert errors["maskless", "good"] == errors["maskless", "bad"]
     assert "holds no dataset" in (errors["empty-shadows", "good"] or "")
     assert errors["post", "good"] is None
     assert set(done.sequences) == {"post"}
-    assert not list((tmp_path / "out").glob(f"{suite.FRAME_CACHE}*")), "nothing is left behind"
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results", "write.lock"}, "nothing is left behind"
 
 
 def test_two_sequences_of_one_name_are_refused(recording: Path, tmp_path: Path) -> None:
@@ -209,16 +183,13 @@ def test_two_sequences_of_one_name_are_refused(recording: Path, tmp_path: Path) 
 def test_the_truth_splits_pixels_as_computed_by_hand(recording: Path) -> None:
     source = SimulatedSource("post", Recording.open(recording), None)
     frames = list(source.frames(3))
-    groups = source.groups
     for index, frame in enumerate(frames):
         truth_m = truth_of(index)
         shadow = shadow_of(truth_m)
-        np.testing.assert_array_equal(np.isin(frame.labels, groups.members("occluded", "all")), shadow)
-        np.testing.assert_array_equal(np.isin(frame.labels, groups.members("holes", "all")), shadow)
-        post = np.isin(frame.labels, groups.members("all", "0-2 m") + groups.members("all", "2-5 m"))
-        np.testing.assert_array_equal(post, truth_m == POST_M)
+        np.testing.assert_array_equal(frame.occluded, shadow)
+        np.testing.assert_array_equal(frame.hidden, shadow)
+        np.testing.assert_array_equal(frame.bins() <= 1, truth_m == POST_M)
         assert frame.frame.T_world_cam is None
-    assert not np.isin(frames[0].labels, groups.members("holes seen", "all")).any()
     assert not frames[0].static.any()
     moved = truth_of(2) != truth_of(1)
     np.testing.assert_array_equal(frames[2].static, ~moved)
@@ -233,25 +204,23 @@ def plain_recording(folder: Path, frames: int) -> Path:
 
 def test_a_recording_without_the_truth_is_scored_by_each_kind_that_is_held_out(tmp_path: Path) -> None:
     folder = plain_recording(tmp_path / "plain", 3)
-    methods = (GOOD, *find_methods(["ip-basic", "true-pose"]))
+    methods = (GOOD, *find_methods(["ip-basic"]))
     done = run(tmp_path / "out", folder, methods=methods, frames=3)
     *held_out, holes = done.sequences.items()
     assert [name for name, _ in held_out] == ["plain-shadows", "plain-wide-shadows", "plain-patches"]
-    assert (holes[0], holes[1].pixels["all"]["all"]) == ("plain-holes", 0), "images without features tell no pose"
+    assert (holes[0], holes[1].pixels) == ("plain-holes", 0), "images without features tell no pose"
     for name, info in held_out:
         mask = name.removeprefix("plain-")
         coverage = Selector("coverage", mask, on="filled")
-        assert info.pixels[mask]["all"] > 0
+        assert info.hidden_pixels > 0
         assert done.measurements.value(name, "good", coverage) == 0
         assert done.measurements.value(name, "ip-basic", coverage) == 1
-        assert done.result(name, "true-pose").error == "it needs the true pose, which this sequence does not have"
 
 
 def test_held_out_shadows_lie_to_the_left_of_near_objects_in_mirrored_images(tmp_path: Path) -> None:
-    kind = HELD_OUT[0]
-    source = DatasetSource("s", open_dataset(plain_recording(tmp_path / "plain", 3)), kind)
+    source = RecordedSource("s", open_dataset(plain_recording(tmp_path / "plain", 3)), HELD_OUT["shadows"])
     frame = list(source.frames(3))[1]
-    held_out = np.isin(frame.labels, source.groups.members("shadows", "all"))
+    held_out = frame.hidden
     raw_m = capture_of(1).depth_raw_m[:, ::-1]
     assert source.intrinsics.cx_px == CAMERA.width_px - 1 - CAMERA.cx_px
     assert 0.02 < held_out.mean() < 0.2
@@ -270,8 +239,8 @@ def test_the_sensors_own_holes_are_scored_by_a_true_depth_of_the_first_frame(tmp
     cv2.imwrite(str(folder / "depth_true_mm.png"), truth_mm)
     done = run(tmp_path / "out", folder, methods=(GOOD, method("wall", lambda d: np.full_like(d, 6))), frames=2)
     info = done.sequences["real-holes"]
-    assert info.pixels["holes"]["all"] == shadow_of(truth_of(0))[8:].sum()
-    assert info.pixels["all"]["all"] == truth_mm[8:].size, "the second frame has no truth"
+    assert info.hidden_pixels == shadow_of(truth_of(0))[8:].sum()
+    assert info.pixels == truth_mm[8:].size, "the second frame has no truth"
     close = Selector("close", "holes", on="as given")
     assert [done.measurements.value("real-holes", name, close) for name in ("good", "wall")] == [0, 1]
 
@@ -322,7 +291,7 @@ def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
     assert made == [4]
     other = shipped(load_sequence("sim-LN", 4, {}))
     done = evaluate(Plan(sequences=[other], methods=[GOOD], frames=3, out=tmp_path), lambda what, n: None)
-    assert (done.results[0].error, done.results[0].key.seed) == (None, 4)
+    assert (done.results[0].error, done.sequences["sim-LN"].seed) == (None, 4)
     assert requested.open(tmp_path, 4, told.append).seed == 3
     assert made == [4, 3], "each seed has a recording of its own"
     names = [folder.name for folder in (tmp_path / "recordings").iterdir()]

@@ -1,15 +1,11 @@
 """The verdict of an evaluation follows from the numbers of its tables."""
 
-from dataclasses import replace
-
 import pytest
 
-from tests.evaluation_clips import info_of, key_of
+from tests.evaluation_clips import held_out_info, info_of, result_of
 from voxdepth.tools.evaluation.measurements import Measurement, Selector
-from voxdepth.tools.evaluation.methods import ORACLE
 from voxdepth.tools.evaluation.quantities import OVER_BEST, WITHIN_5, Quantity, fitted, select
 from voxdepth.tools.evaluation.report import method_table
-from voxdepth.tools.evaluation.result_cache import Result
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.tools.evaluation.verdict import verdict
 
@@ -18,18 +14,17 @@ def evaluation_of(frames: int = 20, hidden: str = "holes", **shares: dict[str, f
     """Methods with shares of close pixels, a tenth more and a tenth less by turns, by sequence."""
     results = []
     for sequence, of_methods in shares.items():
+        info = info_of(sequence) if hidden == "holes" else held_out_info(sequence, hidden)
         for method, share in of_methods.items():
             close = tuple((round(1000 * share + 10 * (-1) ** k), 1000) for k in range(frames))
             mean = sum(n for n, _ in close) / 1000 / frames
             own = Measurement("close", hidden, "0-20 m", "as given", mean, "share", 1000 * frames)
-            results.append(Result(key=key_of(sequence, method), measurements=(own,), frame_close=close))
-    pixels = {mask: {"0-20 m": 1000, "all": 1000} for mask in ("all", hidden)}
-    infos = {name: info_of(name, hidden=hidden, pixels=pixels) for name in shares}
-    return Evaluation(results=tuple(results), sequences=infos, reused=0)
+            results.append(result_of(sequence, method, own, frame_close=close, info=info))
+    return Evaluation(results=tuple(results))
 
 
 def test_the_best_is_told_with_its_lead_over_the_best_baseline_as_in_the_tables() -> None:
-    evaluation = evaluation_of(walk={"raw": 0.0, "realsense": 0.85, "median": 0.6, "temporal": 0.92, ORACLE: 0.99})
+    evaluation = evaluation_of(walk={"raw": 0.0, "realsense": 0.85, "median": 0.6, "temporal": 0.92})
     lead, low, high = 100 * select(evaluation, OVER_BEST)[0].loc[("walk", "temporal")]
     assert verdict(evaluation) == (
         f"Of the holes of walk, temporal (ours) fills 92 % within 5 %, {lead:.0f} points [{low:.0f}, {high:.0f}] more "
@@ -69,25 +64,10 @@ def test_many_sequences_have_one_sentence() -> None:
     assert verdict(evaluation_of()) == "No method has a result that could be compared."
 
 
-def test_the_share_of_holes_that_have_a_reference_is_told() -> None:
-    def told(holes: dict[str, int], hidden: str = "holes") -> str:
-        found = evaluation_of(hidden=hidden, **{name: {"temporal": 0.6} for name in holes})
-        for name, count in holes.items():
-            changes = {"holes": count, "reference_name": "later frames"}
-            found.sequences[name] = replace(found.sequences[name], **changes)
-        return verdict(found)
-
-    assert told({"walk": 4000}).endswith(" Later frames could judge 25 % of the holes.")
-    assert told({"a": 4000, "b": 2000}).endswith(" Later frames could judge 25 % to 50 % of the holes.")
-    assert "judge" not in told({"walk": 1000})
-    assert "judge" not in told({"walk": 4000}, hidden="patches")
-
-
 @pytest.mark.parametrize(("mae_m", "unit", "text"), [(0.0042, "mm", "4.2"), (0.42, "m", "0.420"), (3.0, "m", "3.000")])
 def test_lengths_have_the_unit_that_fits_the_scene(mae_m: float, unit: str, text: str) -> None:
     own = Measurement("mae", "all", "0-20 m", "completed", mae_m, "m", 9)
-    results = (Result(key=key_of("walk", "raw"), measurements=(own,)),)
-    evaluation = Evaluation(results=results, sequences={"walk": info_of("walk")}, reused=0)
+    evaluation = Evaluation(results=(result_of("walk", "raw", own),))
     quantity = Quantity("MAE", "m", [Selector("mae")])
     assert fitted(quantity, select(evaluation, quantity)[0]).unit == unit
     table = method_table(evaluation, quantity)

@@ -1,22 +1,17 @@
-"""Metrics of single images: errors, right depths, flying pixels, completion, obstacles, planes."""
+"""Metrics of single images: errors, right depths, completion, the sky, planes."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from voxdepth.errors import FrameError
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import (
     DepthErrors,
-    Phantoms,
-    Share,
     depth_errors,
     fill_rate,
-    flying_share,
     is_correct,
     is_plane,
-    near_share,
     plane_fit_rms,
     z_accuracy,
 )
@@ -68,41 +63,6 @@ def test_a_camera_without_a_second_one_is_taken_for_a_pair() -> None:
     assert Intrinsics(**lens).focal_baseline_px_m == pytest.approx(500 * ASSUMED_BASELINE_M)
 
 
-TRUE_M = np.where(np.arange(64) < 33, 2.0, 8.0) * np.ones((48, 64), np.float32)
-TRUE_M = TRUE_M.astype(np.float32)
-
-
-def test_the_truth_has_none() -> None:
-    share = flying_share(TRUE_M, TRUE_M)
-    assert (share.hits, share.of) == (
-        0,
-        48 // 3,
-    )  # a window of three pixels: column 33 of those that are judged is beside the edge
-
-
-def test_a_depth_between_both_sides_flies() -> None:
-    depth_m = TRUE_M.copy()
-    depth_m[9:21, 33] = 4
-    assert flying_share(depth_m, TRUE_M).hits == 4
-
-
-def test_far_from_an_edge_nothing_flies() -> None:
-    depth_m = TRUE_M.copy()
-    depth_m[:, :20] = 4
-    assert flying_share(depth_m, TRUE_M).hits == 0
-
-
-def test_what_is_unknown_does_not_count() -> None:
-    depth_m, reference_m = TRUE_M.copy(), TRUE_M.copy()
-    depth_m[:24, 32:34], reference_m[24:] = 0, np.nan
-    assert flying_share(depth_m, reference_m).of <= 1
-
-
-def test_another_shape_is_refused() -> None:
-    with pytest.raises(FrameError):
-        flying_share(TRUE_M, TRUE_M[:10])
-
-
 seeds = st.integers(0, 10_000)
 
 
@@ -146,63 +106,6 @@ def test_an_image_without_depth_stays_without() -> None:
     assert not dense_m.any()
     assert dense_m is not empty
     assert dense_m.dtype == np.float32
-
-
-SHAPE = (20, 40)
-TRUTH_M = np.full(SHAPE, 10, np.float32)
-
-
-def blob(col: int, width: int = 6, depth_m: float = 4) -> FloatImage:
-    """A wall at 10 m with a blob of 6 rows that begins in a column."""
-    image_m = TRUTH_M.copy()
-    image_m[5:11, col : col + width] = depth_m
-    return image_m
-
-
-def count(*images_m: FloatImage, truth_m: FloatImage = TRUTH_M) -> int:
-    phantoms = Phantoms()
-    for image_m in images_m:
-        phantoms.add(image_m, truth_m)
-    return phantoms.count
-
-
-def test_near_depth_on_the_sky_is_counted_and_far_or_no_depth_is_not() -> None:
-    truth_m = np.array([[np.inf, np.inf, np.inf, np.inf, 5, 0]], np.float32)
-    depth_m = np.array([[19.9, 20, 0, 3, 5, 1]], np.float32)
-    assert near_share(depth_m, truth_m, 20) == Share(hits=2, of=4)
-    with pytest.raises(FrameError):
-        near_share(np.where(depth_m == 3, np.float32(np.nan), depth_m), truth_m, 20)
-
-
-def test_a_blob_is_a_phantom_after_five_frames_and_counted_once() -> None:
-    assert [count(*[blob(3)] * n) for n in (4, 5, 12)] == [0, 1, 1]
-
-
-def test_a_blob_that_moves_stays_the_same_as_long_as_it_overlaps() -> None:
-    assert count(*(blob(3 + 2 * k) for k in range(8))) == 1
-    assert count(*(blob(3 + 20 * (k % 2)) for k in range(12))) == 0
-
-
-def test_a_blob_that_disappears_for_a_frame_begins_again() -> None:
-    assert count(*[blob(3)] * 4, TRUTH_M, *[blob(3)] * 4) == 0
-    assert count(*[blob(3)] * 5, TRUTH_M, *[blob(3)] * 5) == 2
-
-
-def test_small_blobs_and_those_at_half_the_depth_are_none() -> None:
-    assert count(*[blob(3, width=4)] * 5) == 0
-    assert count(*[blob(3, width=5)] * 5) == 1
-    assert count(*[blob(3, depth_m=5)] * 5) == 0
-    assert count(*[blob(3, depth_m=0)] * 5) == 0
-    assert count(*[blob(3)] * 5, truth_m=np.full(SHAPE, np.inf, np.float32)) == 0
-
-
-def test_a_phantom_that_parts_is_not_counted_again() -> None:
-    parted_m = np.minimum(blob(3, width=5), blob(10, width=5))
-    assert count(*[blob(3, width=12)] * 5, *[parted_m] * 9) == 1
-
-
-def test_two_blobs_at_once_are_two() -> None:
-    assert count(*[np.minimum(blob(3), blob(20))] * 6) == 2
 
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=70)

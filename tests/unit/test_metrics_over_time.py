@@ -72,23 +72,6 @@ def test_a_depth_that_is_written_over_afterwards_was_taken_in_as_it_was() -> Non
     assert flicker.total.mean_change_m == pytest.approx(1.0)
 
 
-def test_groups_are_told_apart_and_add_up() -> None:
-    group = np.array([[0, 2, 2, 0]], np.uint8)
-    truth_m, static = row(5, 5, 5, 5), row(5, 5, 5, 5) > 0
-    flicker = Flicker(3)
-    for depth_m in (row(5, 5, 5, 0), row(5.25, 6, 7, 5)):
-        flicker.add(depth_m, truth_m, static, group)
-    near, empty, far = flicker.groups
-    assert (near.pixels, near.changes, near.switched, near.mean_change_m) == (2, 1, 1, 0.25)
-    assert (far.pixels, far.changes, far.switched, far.mean_change_m) == (2, 2, 0, 1.5)
-    assert empty == Changes()
-    assert flicker.total == near + far
-    alone = Flicker()
-    for depth_m in (row(5, 5, 5, 0), row(5.25, 6, 7, 5)):
-        alone.add(depth_m, truth_m, static)
-    assert alone.total == flicker.total
-
-
 def test_flicker_refuses_a_frame_of_another_size_and_a_depth_that_is_none() -> None:
     flicker = Flicker()
     flicker.add(row(5, 5), row(5, 5), row(5, 5) > 0)

@@ -7,7 +7,6 @@ import pytest
 from voxdepth import Frame, Intrinsics, Source, VoxDepth, VoxDepthConfig
 from voxdepth.devices import cuda_devices
 from voxdepth.errors import ConfigError
-from voxdepth.paper.config import CombineConfig
 from voxdepth.paper.epochs import EpochEnd, Phase
 from voxdepth.paper.registration import RegistrationStatus
 
@@ -123,7 +122,7 @@ def test_a_receding_surface_is_overwritten_which_is_a_known_fault() -> None:
 
 
 def test_both_faults_can_be_switched_off() -> None:
-    config = CONFIG.model_copy(update={"combine": CombineConfig(reject_near=False, reject_far=False)})
+    config = CONFIG.model_copy(update={"only_empty": True})
     changed = flat(12.0)
     changed[60:120, 100:200] = 2.0
     result = feed(VoxDepth(CAMERA, config), [flat(10.0)] * 5 + [changed], texture(0))[-1]
@@ -254,15 +253,15 @@ def test_bad_configurations_are_refused(bad: dict[str, object]) -> None:
 def test_template_and_voxels_can_be_read() -> None:
     corrector = VoxDepth(CAMERA, CONFIG)
     first = feed(corrector, [flat(10.0)] * 3, texture(0))[-1].diagnostics
-    assert (corrector.template_m, len(corrector.voxel_points_m), first.epoch) == (None, 0, 0)
+    assert (first.template, first.epoch) == (None, 0)
     begun, later = (r.diagnostics for r in feed(corrector, [flat(10.0)] * 2, texture(0), start_s=1.0))
     assert [(d.epoch, d.new_epoch) for d in (begun, later)] == [(1, True), (1, False)]
     assert begun.template.stamp_s == 1.0
-    points_m = corrector.voxel_points_m
+    points_m = begun.template.voxels.centres_m
     assert np.abs(points_m[:, 2] - 10.0).max() <= CELL_Z_M
     right_m, bottom_m = np.array([CAMERA.width_px / CAMERA.fx_px, CAMERA.height_px / CAMERA.fy_px]) / 2 * 10.0
     np.testing.assert_allclose(np.abs(points_m[:, :2]).max(axis=0), [right_m, bottom_m], atol=0.2)
-    assert np.abs(corrector.template_m - 10.0).max() <= CELL_Z_M
+    assert np.abs(begun.template.depth_m - 10.0).max() <= CELL_Z_M
 
 
 def test_a_template_is_shown_as_it_was_used() -> None:

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from voxdepth.paper.config import CombineConfig
-from voxdepth.paper.steps import combine as combine_in_place
-from voxdepth.paper.voxels import dilated
+from voxdepth.paper.config import VoxDepthConfig
+from voxdepth.paper.steps import combine, dilated
 
 
 def sparse(seed: int, filled: float = 0.2, shape: tuple[int, int] = (19, 23)) -> np.ndarray:
@@ -46,29 +45,16 @@ TEMPLATE = np.array([[10.0, 10, 10, 10, 10, 0, 0]], np.float32)
 RAW = np.array([[0.0, 4.9, 5.0, 10.0, 10.1, 3, 0]], np.float32)
 
 
-def combine(raw_m: np.ndarray, template_m: np.ndarray, rule: CombineConfig) -> tuple[np.ndarray, np.ndarray]:
-    depth_m, source = template_m.copy(), np.empty(raw_m.shape, np.uint8)
-    combine_in_place(raw_m, *rule.bounds, depth_m, source)
-    return depth_m, source
-
-
 @pytest.mark.parametrize(
     ("rule", "expected", "source"),
     [
         ({}, [10, 10, 5, 10, 10, 3, 0], [2, 2, 1, 1, 2, 1, 0]),
-        ({"reject_near": False}, [10, 4.9, 5, 10, 10, 3, 0], [2, 1, 1, 1, 2, 1, 0]),
-        ({"reject_far": False}, [10, 10, 5, 10, 10.1, 3, 0], [2, 2, 1, 1, 1, 1, 0]),
-        ({"reject_near": False, "reject_far": False}, [10, 4.9, 5, 10, 10.1, 3, 0], [2, 1, 1, 1, 1, 1, 0]),
-        (
-            {"reject_near": False, "reject_far": False, "empty_from_m": 10.1},
-            [10, 4.9, 5, 10, 10, 3, 0],
-            [2, 1, 1, 1, 2, 1, 0],
-        ),
-        ({"near_share": 0.4}, [10, 4.9, 5, 10, 10, 3, 0], [2, 1, 1, 1, 2, 1, 0]),
+        ({"only_empty": True}, [10, 4.9, 5, 10, 10.1, 3, 0], [2, 1, 1, 1, 1, 1, 0]),
+        ({"only_empty": True, "empty_from_m": 10.1}, [10, 4.9, 5, 10, 10, 3, 0], [2, 1, 1, 1, 2, 1, 0]),
     ],
 )
 def test_invalid_pixels_take_the_template(rule: dict[str, float], expected: list[float], source: list[int]) -> None:
-    depth_m, labels = combine(RAW, TEMPLATE, CombineConfig(**rule))  # type: ignore[arg-type]
+    depth_m, labels = TEMPLATE.copy(), np.empty(RAW.shape, np.uint8)
+    combine(RAW, *VoxDepthConfig.model_validate(rule).bounds, depth_m, labels)
     np.testing.assert_array_equal(depth_m, np.array([expected], np.float32))
     assert labels.tolist() == [source]
-    assert labels.dtype == np.uint8

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.bodies import Body, Heightfield, Mesh
-from sim.render.meshes import SceneMeshes, box, cylinder, heightfield, is_closed, merged, moved, sphere
+from sim.render.meshes import SceneMeshes, box, cylinder, heightfield, merged, moved, sphere
 from sim.render.raster import MIN_VOLUME_M3, Rasteriser
 from sim.render.raycast import Hits
 from sim.types import Camera
@@ -100,8 +100,8 @@ def test_faces_that_are_turned_away_change_nothing(solid: str, seed: int) -> Non
 def test_only_closed_surfaces_hide_the_faces_that_are_turned_away() -> None:
     for mesh in SOLIDS.values():
         turned = Mesh(mesh.vertices_m, np.ascontiguousarray(mesh.triangles[:, ::-1]))
-        assert is_closed(mesh)
-        assert is_closed(merged([mesh, moved(mesh, np.eye(3), np.array([5.0, 0, 0]))]))
+        assert mesh.is_closed
+        assert merged([mesh, moved(mesh, np.eye(3), np.array([5.0, 0, 0]))]).is_closed
         for opened in (turned, Mesh(mesh.vertices_m, mesh.triangles[:-1]), merged([mesh, turned])):
-            assert not is_closed(opened)
-    assert not is_closed(heightfield(Heightfield(np.random.default_rng(0).uniform(size=(4, 5)), 0.5)))
+            assert not opened.is_closed
+    assert not heightfield(Heightfield(np.random.default_rng(0).uniform(size=(4, 5)), 0.5)).is_closed

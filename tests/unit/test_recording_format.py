@@ -9,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -143,35 +142,9 @@ def test_images_that_are_written_in_threads_give_the_same_files(tmp_path: Path, 
     assert contents(tmp_path / "threads") == contents(whole)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"gray_right": None}, "gray_right must be uint8"),
-        ({"depth_raw_m": np.zeros((7, 9))}, "depth_raw_m must be float32"),
-        ({"occluded": np.zeros((9, 7), np.bool_)}, r"occluded must be bool.* of shape \(7, 9\)"),
-        ({"segment_id": np.full((7, 9), -2, np.int32)}, "got ids from -2 to -2"),
-        ({"segment_id": np.full((7, 9), 2**16 - 1, np.int32)}, r"-1\.\.65534"),
-        ({"intrinsics": replace(SMALL, cx_px=3.0)}, "cx_px=3"),
-        ({"stamp_s": np.nan}, "nan s"),
-        ({"T_world_cam": np.full((4, 4), np.inf)}, "finite"),
-        ({"T_world_cam": np.eye(4, dtype=np.float32)}, "float64"),
-        ({"stamp_s": 0.0}, "later than"),
-        ({"T_world_cam": np.eye(3)}, r"\(4, 4\)"),
-    ],
-)
-def test_captures_that_would_not_read_back_are_refused(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
-    with writer_of(tmp_path / "r") as writer:
-        writer.append(FRAMES[0])
-        with pytest.raises(RecordingError, match=message):
-            writer.append(replace(FRAMES[1], **changes))
-        writer.append(FRAMES[1])
-    assert all(same(a, b) for a, b in zip(Recording.open(tmp_path / "r"), FRAMES[:2], strict=True))
-
-
-def test_a_camera_without_a_baseline_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="baseline_m"):
-        RecordingWriter(tmp_path / "new", intrinsics=replace(SMALL, baseline_m=None), config_text="")
-    assert not (tmp_path / "new").exists()
+def test_a_capture_of_one_camera_is_refused(tmp_path: Path) -> None:
+    with writer_of(tmp_path / "r") as writer, pytest.raises(RecordingError, match="got none: let the sensor render"):
+        writer.append(replace(FRAMES[0], gray_right=None))
 
 
 def test_foreign_files_are_not_touched(tmp_path: Path) -> None:

@@ -59,12 +59,6 @@ def test_every_name_makes_a_corrector_that_gives_depth_and_keeps_the_frame(name:
     corrector.process(holed_frame(0.0))
 
 
-def test_the_oracle_has_no_name_here() -> None:
-    assert "true-pose" not in corrector_names()
-    with pytest.raises(ConfigError, match="there is no corrector 'true-pose'"):
-        require_known("true-pose")
-
-
 @pytest.mark.parametrize("name", CORRECTOR_NAMES)
 def test_only_the_methods_of_voxdepth_take_a_configuration(name: str) -> None:
     configs = {"temporal": TemporalConfig(), "voxdepth": VoxDepthConfig(), "voxdepth-authors": authors_config()}
@@ -234,8 +228,7 @@ def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_termi
     ("given", "told"),
     [
         ({"fil": "none"}, "unknown key 'fil' (did you mean fill"),
-        ({"max_evidence": 8.0}, "unknown key 'max_evidence' (did you mean fusion.max_evidence?); `voxdepth config"),
-        ({"fusion": {"max_evidnce": 8.0}}, "'fusion.max_evidnce' (did you mean fusion.max_evidence"),
+        ({"shadow_facto": 1.0}, "unknown key 'shadow_facto' (did you mean shadow_factor?); `voxdepth config"),
         ({"zzz": 1}, "unknown key 'zzz'; `voxdepth config temporal` prints all"),
     ],
 )

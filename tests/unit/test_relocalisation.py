@@ -9,10 +9,12 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, OTHER_ROOM, ROOM, frame_of, frames_of, pose, walk
 from voxdepth.geometry import inverse_rigid, transform
+from voxdepth.temporal import keyframes
+from voxdepth.temporal.config import TemporalConfig
 from voxdepth.temporal.memory import Memory
-from voxdepth.temporal.odometry import TrackingResult, TrackingStatus, VisualOdometry, VisualOdometryConfig
+from voxdepth.temporal.odometry import TrackingResult, TrackingStatus, VisualOdometry
 from voxdepth.temporal.pose_fit import project
-from voxdepth.temporal.relocalisation import RelocalisationConfig, Relocaliser
+from voxdepth.temporal.relocalisation import Relocaliser
 from voxdepth.temporal.tracking_camera import TrackingCamera
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, Frame, Intrinsics
@@ -23,9 +25,8 @@ PAN = [pose(yaw=4.0 * i) for i in range(16)]
 """From the first view to one of which the first, 70 degrees wide, shows 10 degrees."""
 
 
-def odometry(max_keyframes: int = 4) -> VisualOdometry:
-    config = VisualOdometryConfig(relocalisation=RelocalisationConfig(max_keyframes=max_keyframes))
-    return VisualOdometry(CAMERA, RESOLUTION, config)
+def odometry() -> VisualOdometry:
+    return VisualOdometry(CAMERA, RESOLUTION, TemporalConfig())
 
 
 def memory_of(frame: Frame) -> Memory:
@@ -95,8 +96,9 @@ class TestJump:
 class TestReturn:
     CUT = tuple(frames_of(OTHER_ROOM, walk(3), first=30))
 
-    def test_two_views_alternate_although_only_one_is_stored(self) -> None:
-        tracked = odometry(max_keyframes=1)
+    def test_two_views_alternate_although_only_one_is_stored(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(keyframes, "MAX_STORED", 1)
+        tracked = odometry()
         follow(tracked, frames_of(ROOM, walk(3)))
         follow(tracked, self.CUT)
         for index in range(40, 46, 2):
@@ -117,9 +119,10 @@ class TestReturn:
         assert tracking.status is TrackingStatus.OK
         assert np.trace(tracking.T_frame_keyframe[:3, :3]) > 1 + 2 * np.cos(np.radians(25))
 
-    @pytest.mark.parametrize("max_keyframes", [0, 1])
-    def test_the_oldest_views_are_forgotten(self, max_keyframes: int) -> None:
-        tracked = odometry(max_keyframes)
+    @pytest.mark.parametrize("max_stored", [0, 1])
+    def test_the_oldest_views_are_forgotten(self, max_stored: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(keyframes, "MAX_STORED", max_stored)
+        tracked = odometry()
         follow(tracked, frames_of(ROOM, PAN))
         assert tracked.track(frame_of(ROOM, pose(yaw=-20), 40)).status is TrackingStatus.LOST
         assert tracked.track(frame_of(ROOM, PAN[-1], 41)).status is TrackingStatus.OK
@@ -135,7 +138,7 @@ class TestReturn:
 class TestDepth:
     def agrees(self, T_frame_memory: FloatArray, there: Frame) -> bool:
         memory = memory_of(frame_of(ROOM, pose()))
-        return Relocaliser(TRACKING_CAMERA, RelocalisationConfig()).depth_agrees(memory, there.depth_m, T_frame_memory)
+        return Relocaliser(TRACKING_CAMERA).depth_agrees(memory, there.depth_m, T_frame_memory)
 
     @pytest.mark.parametrize("T", [pose(), pose(yaw=12), pose(0.1, 0.1, 0.5), pose(-0.2, 0, 0, roll=20)])
     def test_the_true_motion_agrees(self, T: FloatArray) -> None:

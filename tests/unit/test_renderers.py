@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from sim import frames
 from sim.bodies import Body, Cylinder, Heightfield, Mesh, Mover, Scene, SceneSpec, Sphere
 from sim.errors import RenderError
-from sim.free_space import is_inside
 from sim.render import create_renderer
 from sim.render.meshes import box, sphere
 from sim.scenes import CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec
@@ -80,7 +79,7 @@ def test_they_agree_in_every_scene_rolled_pitched_and_close_to_walls(spec: Scene
         def check(angles: tuple[float, float, float], place: tuple[float, float, float]) -> None:
             along, side, height = place
             at = scene.path_m[int(along * (len(scene.path_m) - 1))] + np.array([0.0, side, height])
-            if is_inside(world, at) or world.clearance_at_m(at.tolist()) < 0.12:
+            if world.is_inside(at) or world.clearance_at_m(at.tolist()) < 0.12:
                 return
             tried.append(True)
             camera = camera_at(*at, quaternion(*(angle + 0.013 for angle in angles)), CAMERA)
@@ -103,7 +102,7 @@ def test_rasterising_and_ray_casting_show_the_same(spec: SceneSpec) -> None:
         cameras = [
             camera_at(*at_m, quaternion(*angle), CAMERA)
             for at_m, angle in zip(places_m, angles, strict=True)
-            if world.clearance_at_m(at_m.tolist()) > 0.05 and not is_inside(world, at_m)
+            if world.clearance_at_m(at_m.tolist()) > 0.05 and not world.is_inside(at_m)
         ]
         drawn, cast = (create_renderer(name, world).render(cameras) for name in ("raster", "raycast"))
     assert len(cameras) >= 5, "hardly any view is outside of bodies"

@@ -55,12 +55,6 @@ def test_a_printed_heading_is_broken_only_where_it_is_wider_than_its_column() ->
     assert [line for line in lines if line][:3] == [["a", "few"], ["words"], ["a", "few", "words", "[m]"]]
 
 
-def test_entries_can_be_marked_for_a_page() -> None:
-    marked = Table.of("t", ("a", "b"), [(1, 2), (3, 4)], classes=[("", "best"), ("", "")])
-    assert marked.cells == [[("1", ""), ("2", "best")], [("3", ""), ("4", "")]]
-    assert Table.of("t", ("a",), [(1,)]).cells == [[("1", "")]]
-
-
 def test_a_row_of_another_length_is_refused() -> None:
     with pytest.raises(ValueError, match="expected 2"):
         Table.of("t", ("a", "b"), [(1,)])
@@ -68,7 +62,6 @@ def test_a_row_of_another_length_is_refused() -> None:
 
 def test_columns_are_found_by_name_and_integers_stay_integers() -> None:
     assert table().column("n") == [3, 12] and all(type(n) is int for n in table().column("n"))
-    assert table().as_json()["rows"][0] == ["raw|x", 0.12345, 0.5, 3]
     assert len(Table.of("empty", ("a",), [])) == 0
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from scenarios.acceptance import acceptance_run
-from scenarios.commands.options import size_changes
+from scenarios.commands.options import given
 from scenarios.config import load_run
 
 WRONG = {
@@ -40,5 +40,5 @@ def test_one_thing_is_wrong_in_each_scenario_of_the_city(name: str) -> None:
 @pytest.mark.parametrize("name", WRONG)
 def test_cameras_decimate_and_an_image_size_is_that_of_the_captures(name: str) -> None:
     assert load_run(name, 0, {}).scenario.rig.intrinsics.shape == (90, 160)
-    assert load_run(name, 0, size_changes("160x120")).scenario.rig.intrinsics.shape == (120, 160)
+    assert load_run(name, 0, given({}, "160x120")).scenario.rig.intrinsics.shape == (120, 160)
     assert acceptance_run(name, 0).scenario.rig.intrinsics.shape == (54, 96)

@@ -12,12 +12,10 @@ from pydantic import ValidationError
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.flight import fly
-from scenarios.runner import fly_and_write
 from sim import scenes
-from sim.bodies import Body, Box, Mesh, Scene, SceneSpec, Surface
+from sim.bodies import Body, Box, Mesh, Scene, SceneSpec
 from sim.engine import pybullet
 from sim.errors import SceneError
-from sim.free_space import is_inside
 from sim.render import create_renderer
 from sim.render.raycast import rays_of
 from sim.scenes import ListedSpec
@@ -25,7 +23,6 @@ from sim.types import VelocityCommand
 from sim.world import World
 from swarm.compose import MissionSetup
 from swarm.errors import MissionError
-from swarm.types import Outcome
 from tests.helpers import camera_at
 from voxdepth.types import FloatArray, Intrinsics
 
@@ -33,47 +30,6 @@ CAMERA = Intrinsics(width_px=81, height_px=61, fx_px=70.0, fy_px=70.0, cx_px=40.
 EYE_M = np.array([0.0, 0.3, 1.4])
 FACET = 2 * (1 - np.cos(np.radians(7.5)))
 """Share of a radius by which the facets of a drawn ball, of 15 by 15 degrees, lie inside of it at most."""
-TOWER = """
-<robot name="tower">
-  <link name="foot">
-    <inertial><origin xyz="0.3 0.1 0.2" rpy="0.2 0.1 0.3"/><mass value="1"/>
-      <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
-    {foot}
-  </link>
-  <link name="head">
-    <inertial><origin xyz="0 0.4 0"/><mass value="1"/>
-      <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
-    {head}
-  </link>
-  <joint name="neck" type="revolute"><parent link="foot"/><child link="head"/>
-    <origin xyz="0 0 1.2" rpy="0.2 0 0.5"/><axis xyz="0 0 1"/>
-    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-</robot>
-"""
-WEDGE = "v 0 -1 -1\nv 2 -1 -1\nv 0 1 -1\nv 0 -1 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-
-
-def both(geometry: str, origin: str) -> str:
-    """A shape that is seen and touched."""
-    return "".join(f"<{what}>{origin}<geometry>{geometry}</geometry></{what}>" for what in ("visual", "collision"))
-
-
-def write_tower(folder: Path, foot: str, head: str) -> Path:
-    (folder / "wedge.obj").write_text(WEDGE)
-    path = folder / "tower.urdf"
-    path.write_text(TOWER.format(foot=foot, head=head))
-    return path
-
-
-ORIGIN = '<origin xyz="0.2 0.1 0.3" rpy="0.3 0.2 0.1"/>'
-HEAD = both('<sphere radius="0.4"/>', '<origin xyz="0.1 0 0.3"/>')
-FEET = {
-    "box": '<box size="0.5 0.7 0.9"/>',
-    "cylinder": '<cylinder radius="0.4" length="1.3"/>',
-    "capsule": '<capsule radius="0.3" length="0.8"/>',
-    "mesh": '<mesh filename="wedge.obj" scale="0.4 0.5 0.6"/>',
-    "mirrored mesh": '<mesh filename="wedge.obj" scale="-0.4 0.5 0.6"/>',
-}
 
 
 def scene_of(*bodies: dict[str, Any]) -> Scene:
@@ -150,45 +106,8 @@ def test_cameras_and_contacts_find_a_solid_where_geometry_has_it(kind: str, rend
     require_close(touched_m, analytic_m(rays), 1e-3)
 
 
-@pytest.mark.parametrize("foot", FEET)
-def test_a_urdf_is_where_pybullet_itself_has_it(foot: str, tmp_path: Path) -> None:
-    path = write_tower(tmp_path, both(FEET[foot], ORIGIN), HEAD)
-    place = {"urdf": str(path), "position_m": [4, 0.1, 0.2], "yaw_deg": 70, "scale": 1.4}
-    scene = Scene(seed=0, bodies=scene_of(place).bodies[1:])
-    depth_m, rays = true_depth_m(scene, "raster")
-    with World(scene, np.zeros((0, 3))) as world:
-        require_close(depth_m, hit_m(world.client, rays), 1e-3)
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        yaw = np.radians(70) / 2
-        pose = {"basePosition": [4, 0.1, 0.2], "baseOrientation": [0, 0, np.sin(yaw), np.cos(yaw)]}
-        pybullet.loadURDF(str(path), **pose, useFixedBase=True, globalScaling=1.4, physicsClientId=client)  # type: ignore[call-arg]
-        pybullet.stepSimulation(physicsClientId=client)  # Rays search where bodies were after the last step.
-        require_close(depth_m, hit_m(client, rays), 1.4 * FACET)
-    finally:
-        pybullet.disconnect(physicsClientId=client)
-
-
-def test_parts_of_a_urdf_have_the_names_of_links_and_the_gray_of_colours(tmp_path: Path) -> None:
-    red = '<material name="red"><color rgba="1 0 0 1"/></material>'
-    foot = f"<visual><geometry>{FEET['box']}</geometry>{red}</visual>"
-    path = write_tower(tmp_path, foot, HEAD)
-    _, *parts = scene_of({"urdf": str(path), "name": "tower", "position_m": [0, 0, 0]}).bodies
-    assert [(part.name, part.surface.albedo) for part in parts] == [
-        ("tower-foot-0", pytest.approx(0.299)), ("tower-head-1", pytest.approx(1.0))
-    ]  # fmt: skip
-    (_, part, _) = scene_of({"urdf": str(path), "position_m": [0, 0, 0], "surface": {"texture": 0}}).bodies
-    assert part.surface == Surface(texture=0)
-
-
-@pytest.mark.parametrize(
-    "shape", [{"size_m": [1, 1, 2]}, {"radius_m": 0.6, "height_m": 2}, {"radius_m": 0.8}, {"urdf": "tower.urdf"}]
-)
-def test_a_drone_touches_what_is_listed_standing_or_moving(
-    shape: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_tower(tmp_path, both('<box size="1 1 2"/>', ""), HEAD)
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.parametrize("shape", [{"size_m": [1, 1, 2]}, {"radius_m": 0.6, "height_m": 2}, {"radius_m": 0.8}])
+def test_a_drone_touches_what_is_listed_standing_or_moving(shape: dict[str, Any]) -> None:
     thing = {**shape, "name": "thing", "position_m": [3, 0, 1]}
     ways = [thing, {**thing, "position_m": [9, 0, 1], "to_m": [3, 0, 1], "speed_m_s": 2.0}]
     for way, kind in zip(ways, ("building", "mover"), strict=True):
@@ -234,26 +153,6 @@ def write_world(folder: Path, *bodies: dict[str, Any], start_m: object = (0, 0, 
     return path
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (None, "expected a URDF file that PyBullet reads with its meshes, got missing.urdf"),
-        ("no URDF at all", "expected a URDF file that PyBullet reads"),
-        (TOWER.format(foot=both('<mesh filename="missing.obj"/>', ""), head=""), "with its meshes"),
-        (TOWER.format(foot="", head=""), "expected visible shapes"),
-    ],
-)
-def test_a_urdf_that_cannot_be_read_is_refused(
-    content: str | None, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    if content is not None:
-        (tmp_path / "missing.urdf").write_text(content)
-    run = load_run(str(write_world(tmp_path, {"urdf": "missing.urdf", "position_m": [5, 0, 0]})), 0, {})
-    with pytest.raises(SceneError, match=said):
-        run.scenario.scene.build(0)
-    assert capfd.readouterr() == ("", "")
-
-
 def test_names_are_different() -> None:
     ball = {"radius_m": 1, "position_m": [1, 2, 3]}
     for bodies in ([{**ball, "name": "ground"}], [{**ball, "name": "a"}] * 2, [{**ball, "name": "body-1"}, ball]):
@@ -262,11 +161,8 @@ def test_names_are_different() -> None:
 
 
 @pytest.mark.parametrize("place", ["start", "goal"])
-@pytest.mark.parametrize(
-    "shape", [{"size_m": [4, 4, 4]}, {"radius_m": 2, "height_m": 4}, {"radius_m": 2}, {"urdf": "tower.urdf"}]
-)
+@pytest.mark.parametrize("shape", [{"size_m": [4, 4, 4]}, {"radius_m": 2, "height_m": 4}, {"radius_m": 2}])
 def test_nobody_starts_or_ends_inside_of_a_body(shape: dict[str, Any], place: str, tmp_path: Path) -> None:
-    write_tower(tmp_path, both('<box size="4 4 4"/>', ""), HEAD)
     at_m = [0, 0, 2] if place == "start" else [12, 0, 2]
     run = load_run(str(write_world(tmp_path, {**shape, "position_m": at_m})), 0, {})
     with pytest.raises((SceneError, MissionError), match=r"starts at|the start of|the goal"):
@@ -276,22 +172,7 @@ def test_nobody_starts_or_ends_inside_of_a_body(shape: dict[str, Any], place: st
 def test_under_an_open_roof_one_may_start(tmp_path: Path) -> None:
     roof = Mesh(np.array([[-5, -5, 4], [5, -5, 4], [0, 5, 4.0]]), np.array([[0, 1, 2]], np.uint32))
     with World(Scene(seed=0, bodies=(Body(name="roof", shape=roof),)), np.zeros((0, 3))) as world:
-        assert not is_inside(world, np.array([0.0, 0.0, 2.0]))
-
-
-def test_a_urdf_beside_the_scenario_is_found_from_anywhere_and_by_the_copy_in_a_result(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_tower(tmp_path, both('<box size="1 1 4"/>', ""), HEAD)
-    (tmp_path / "elsewhere").mkdir()
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    straight = "examples.straight_controller:create"
-    world = write_world(tmp_path, {"urdf": "tower.urdf", "position_m": [5, 0, 2]}, controller=straight, aftermath_s=0.0)
-    flown = fly_and_write(load_run(str(world), 0, {}), tmp_path / "runs", record=False)
-    assert flown.result.outcome is Outcome.COLLISION
-    assert flown.result.contacts[0].other == "body-0-foot-0"
-    again = load_run(str(flown.folder / "config.toml"), None, {})
-    assert again.scenario.scene.build(0).bodies[1].name == "body-0-foot-0"
+        assert not world.is_inside(np.array([0.0, 0.0, 2.0]))
 
 
 class Fence(SceneSpec):

@@ -8,7 +8,6 @@ from sim.camera_noise import exposure_gain
 from sim.depth_noise import DepthNoise, Disparity, Flicker, Scale
 from sim.errors import SensorError
 from sim.render import create_renderer
-from sim.rig import StereoRig
 from sim.sensor import RigConfig, StereoSensor, lowered
 from sim.stereo import StereoConfig, StereoMatcher, occlusion_mask
 from sim.types import BodyPose, Capture
@@ -113,8 +112,8 @@ def test_captures_of_the_same_seed_are_the_same_bytes(depth: str) -> None:
     with ThreadPoolExecutor(2) as pool:
         for pool_map in (map, pool.map):
             with world_of(wall(4.0), starts_m=starts) as world:
-                rig = StereoRig(world, create_renderer("raycast", world), config, seed=3, pool_map=pool_map)
-                captures.append(list(rig.capture([0, 1, 2], frame=5)))
+                rig = StereoSensor(world, create_renderer("raycast", world), config, seed=3, pool_map=pool_map)
+                captures.append(list(rig.captures([0, 1, 2], frame=5)))
     for one, other in zip(*captures, strict=True):
         np.testing.assert_array_equal(one.depth_raw_m, other.depth_raw_m)
         np.testing.assert_array_equal(one.gray_left, other.gray_left)
@@ -123,15 +122,15 @@ def test_captures_of_the_same_seed_are_the_same_bytes(depth: str) -> None:
 def test_a_capture_of_some_drones_is_part_of_the_capture_of_all() -> None:
     config = RigConfig(width_px=96, height_px=64, depth="noisy", noise=THETA)
     with world_of(wall(4.0), starts_m=[(0, 0, 0), (-1, 1.5, 0), (-2, -1.5, 0.5)]) as world:
-        rig = StereoRig(world, create_renderer("raycast", world), config, seed=3)
-        (alone,), (*_, together) = rig.capture([2], frame=1), rig.capture([0, 1, 2], frame=1)
+        rig = StereoSensor(world, create_renderer("raycast", world), config, seed=3)
+        (alone,), (*_, together) = rig.captures([2], frame=1), rig.captures([0, 1, 2], frame=1)
     np.testing.assert_array_equal(alone.depth_raw_m, together.depth_raw_m)
 
 
 def test_the_noisy_tier_has_holes_where_the_right_camera_is_blocked() -> None:
     config = RigConfig(width_px=160, height_px=120, depth="noisy")
     with world_of(wall(6.0), block(2.0, 1.0), starts_m=[(0, 0, 0)]) as world:
-        (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)
+        (capture,) = StereoSensor(world, create_renderer("raycast", world), config, seed=0).captures([0], 0)
     np.testing.assert_array_equal(capture.depth_raw_m == 0, capture.occluded)
     assert 0.01 < capture.occluded.mean() < 0.2
     seen = ~capture.occluded
@@ -141,7 +140,7 @@ def test_the_noisy_tier_has_holes_where_the_right_camera_is_blocked() -> None:
 def test_a_baseline_wider_than_the_image_can_match_is_refused() -> None:
     config = RigConfig(width_px=160, height_px=120, baseline_m=2.0)
     with world_of(wall(4.0), starts_m=[(0, 0, 0)]) as world, pytest.raises(SensorError, match="shorten the baseline"):
-        StereoRig(world, create_renderer("raycast", world), config, seed=0)
+        StereoSensor(world, create_renderer("raycast", world), config, seed=0)
 
 
 @pytest.mark.parametrize("radius_m", [0.01, 0.1])
@@ -192,7 +191,7 @@ def test_the_sky_keeps_its_depth_under_noise_and_nothing_reads_farther() -> None
     noise = DepthNoise(scale=Scale(theta=0.5), disparity=Disparity(sigma_px=0.05))
     config = RigConfig(width_px=160, height_px=120, depth="noisy", noise=noise, max_depth_m=40.0)
     with world_of(wall(30.0, side_m=20.0), starts_m=[(0, 0, 0)]) as world:
-        (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=1).capture([0], 0)
+        (capture,) = StereoSensor(world, create_renderer("raycast", world), config, seed=1).captures([0], 0)
     sky = np.isinf(capture.depth_true_m)
     assert sky.mean() > 0.2
     assert capture.depth_raw_m.max() <= 40.0
@@ -209,8 +208,8 @@ def test_noise_that_makes_no_sense_is_refused() -> None:
 
 def capture_of_a_wall(**config: object) -> Capture:
     with world_of(wall(4.0), starts_m=[(0, 0, 0)]) as world:
-        rig = StereoRig(world, create_renderer("raycast", world, threads=1), RigConfig.model_validate(config), seed=0)
-        (image,) = rig.capture([0], 0)
+        renderer = create_renderer("raycast", world, threads=1)
+        (image,) = StereoSensor(world, renderer, RigConfig.model_validate(config), seed=0).captures([0], 0)
     return image
 
 

@@ -10,12 +10,10 @@ from scenarios.sequences import captures, load_sequence
 from sim.bodies import Surface
 from sim.camera_noise import photon_noise
 from sim.flights import Hover
-from sim.quality import DepthQuality
 from sim.render import create_renderer
-from sim.rig import StereoRig
-from sim.sensor import RigConfig
+from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher, texture
-from sim.types import InvalidReason
+from sim.types import Capture, InvalidReason
 from tests.helpers import block, camera_at, wall, world_of
 from voxdepth.types import FloatImage, GrayImage, Intrinsics
 
@@ -38,7 +36,7 @@ def test_every_hole_has_a_reason_and_every_reason_a_hole() -> None:
     plain = dataclasses.replace(block(2.0, 1.0), surface=Surface(albedo=0.5, texture=0.0))
     config = RigConfig(depth="stereo", mount_forward_m=0.27)
     with world_of(wall(6.0), plain, starts_m=[(0, 0, 0)]) as world:
-        (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)
+        (capture,) = StereoSensor(world, create_renderer("raycast", world), config, seed=0).captures([0], 0)
     np.testing.assert_array_equal(capture.invalid_reason != InvalidReason.NONE, capture.depth_raw_m == 0)
     textureless_id = 1
     on_block = (capture.segment_id == textureless_id) & ~capture.occluded
@@ -50,7 +48,7 @@ def test_every_hole_has_a_reason_and_every_reason_a_hole() -> None:
 def test_surfaces_nearer_than_the_search_are_out_of_range_not_right() -> None:
     config = RigConfig(mount_forward_m=0.0, stereo=StereoConfig(min_depth_m=2.0))
     with world_of(wall(0.7), starts_m=[(0, 0, 0)]) as world:
-        (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)
+        (capture,) = StereoSensor(world, create_renderer("raycast", world), config, seed=0).captures([0], 0)
     lost = capture.depth_raw_m == 0
     assert lost.mean() > 0.5
     reasons = capture.invalid_reason[lost & ~capture.occluded]
@@ -110,44 +108,51 @@ def test_the_check_tolerates_pixels_not_their_sixteenths() -> None:
     assert shares[1] < 0.005
 
 
-def quality_of_sim_mb(**stereo: object) -> DepthQuality:
-    """Over a facade, the passage, and what is behind it."""
+def captures_of_sim_mb(**stereo: object) -> tuple[list[Capture], list[int]]:
+    """Those of a facade, the passage, and what is behind it, and the ids of bodies without texture."""
     planned = load_sequence("sim-MB", 0, {f"rig.stereo.{name}": value for name, value in stereo.items()})
-    quality = DepthQuality(textureless_ids_of(planned))
-    for frame in (0, 200, 400):
-        for capture in captures(planned, frame + 1, start=frame):
-            quality.add(capture)
-    return quality
+    bodies = planned.sequence.scene.build(planned.seed).bodies
+    blank = [k for k, body in enumerate(bodies) if body.surface.texture == 0]
+    return [capture for k in (0, 200, 400) for capture in captures(planned, k + 1, start=k)], blank
+
+
+def unmatchable(found: list[Capture], blank: list[int]) -> dict[str, tuple[float, float]]:
+    """Shares of holes and of errors of more than 5 % among the pixels that no matcher can match, within 30 m."""
+    true_m, raw_m, hidden, body = (
+        np.stack([getattr(capture, name) for capture in found])
+        for name in ("depth_true_m", "depth_raw_m", "occluded", "segment_id")
+    )
+    near = (true_m > 0.6) & (true_m < 30)
+    wrong = (raw_m > 0) & ~(np.abs(raw_m - true_m) <= 0.05 * true_m)
+    masks = {"occluded": near & hidden, "textureless": near & ~hidden & np.isin(body, blank)}
+    return {name: (float((raw_m[mask] == 0).mean()), float(wrong[mask].mean())) for name, mask in masks.items()}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("check", ["one-to-one", "left-right"])
 def test_depth_of_sim_mb_is_right_where_it_can_be_and_missing_where_it_should(check: str) -> None:
-    quality = quality_of_sim_mb(check=check)
-    for which in ("occluded", "textureless"):
-        holes, wrong = quality.unmatchable_shares(which)  # type: ignore[arg-type]
+    found, blank = captures_of_sim_mb(check=check)
+    for holes, wrong in unmatchable(found, blank).values():
         assert holes + wrong >= 0.7
         assert holes >= 0.7, "without depth, not merely wrong"
-    judged = [k for k, pixels in enumerate(quality.pixels) if pixels > 1000]
-    assert len(judged) >= 4
-    for k in judged:
-        within, median = quality.within_1_px_shares[k], quality.median_errors_px[k]
-        assert within >= 0.9, quality.ranges_m[k]
-        assert median <= 0.25, quality.ranges_m[k]
+    focal_baseline = found[0].intrinsics.focal_baseline_px_m
+    matchable = [~capture.occluded & ~np.isin(capture.segment_id, blank) for capture in found]
+    true_m = np.concatenate([capture.depth_true_m[mask] for capture, mask in zip(found, matchable, strict=True)])
+    raw_m = np.concatenate([capture.depth_raw_m[mask] for capture, mask in zip(found, matchable, strict=True)])
+    with np.errstate(divide="ignore"):
+        error_px = np.abs(focal_baseline / raw_m - focal_baseline / true_m)
+    for low_m, high_m in ((0.6, 2), (2, 5), (5, 8), (8, 15), (15, 30)):
+        here = (true_m >= low_m) & (true_m < high_m)
+        if np.count_nonzero(here) > 1000:
+            assert (error_px[here] <= 1).mean() >= 0.9, low_m
+            assert np.median(error_px[here & (raw_m > 0)]) <= 0.25, low_m
 
 
 @pytest.mark.slow
 def test_each_check_of_the_matcher_is_what_makes_its_holes() -> None:
-    without = quality_of_sim_mb(check_px=1e4, min_texture=0.0)
-    occluded, textureless = (without.unmatchable_shares(which)[0] for which in ("occluded", "textureless"))
-    assert occluded < 0.5
-    assert textureless < 0.3
-
-
-def textureless_ids_of(planned: object) -> list[int]:
-    """Ids are given in the order of the bodies."""
-    scene = planned.sequence.scene.build(planned.seed)  # type: ignore[attr-defined]
-    return [k for k, body in enumerate(scene.bodies) if body.surface.texture == 0]
+    without = unmatchable(*captures_of_sim_mb(check_px=1e4, min_texture=0.0))
+    assert without["occluded"][0] < 0.5
+    assert without["textureless"][0] < 0.3
 
 
 @pytest.mark.slow

@@ -134,18 +134,18 @@ def test_what_one_arm_sets_inside_a_table_of_the_study_reaches_no_other() -> Non
 
 def test_an_arm_flies_a_configured_corrector(tmp_path: Path) -> None:
     """An ablation: the same corrector with and without one of its steps, and the bare name."""
-    configured = 'corrector = { name = "temporal", config = { max_featureless_frames = 30 } }'
+    configured = 'corrector = { name = "temporal", config = { smoothing_window_px = 3 } }'
     text = TEXT.replace('corrector = "raw"', configured, 1)
     found = load_study(saved(tmp_path, text))
     first, second, *_ = expand(found)
-    assert first.run.scenario.corrector.resolved_config() == TemporalConfig(max_featureless_frames=30)
+    assert first.run.scenario.corrector.resolved_config() == TemporalConfig(smoothing_window_px=3)
     assert str(second.run.scenario.corrector) == "raw"
     assert Study.model_validate_json(found.model_dump_json()) == found
-    plain = load_study(saved(tmp_path, text.replace(", config = { max_featureless_frames = 30 }", "")))
+    plain = load_study(saved(tmp_path, text.replace(", config = { smoothing_window_px = 3 }", "")))
     assert plain.arms[0].model_dump(mode="json")["corrector"] == "temporal"
     assert expand(plain)[0].key != first.key
-    with pytest.raises(ScenarioError, match="max_featureless_frame"):
-        load_study(saved(tmp_path, text.replace("max_featureless_frames", "max_featureless_frame")))
+    with pytest.raises(ScenarioError, match="smoothing_window"):
+        load_study(saved(tmp_path, text.replace("smoothing_window_px", "smoothing_window")))
 
 
 @pytest.mark.parametrize("name", shipped_names("studies"))

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from scenarios.config import Scenario, load_run
 from scenarios.files import shipped_names
 from sim.render import create_renderer
-from sim.rig import StereoRig
-from sim.sensor import RigConfig
+from sim.sensor import RigConfig, StereoSensor
 from swarm.braking import BrakingConfig
 from swarm.metrics import MissionMetrics, separation_m
 from swarm.nearby import NearbyConfig, neighbour_limits
@@ -64,8 +63,8 @@ def median_error(scenario: Scenario, distance_m: float) -> float:
     errors = []
     for place_m in distance_m * np.array([0.95, 1.0, 1.05]):
         with world_of(wall(place_m + rig_config.mount_forward_m), starts_m=[[0, 0, 0.0]]) as world:
-            rig = StereoRig(world, create_renderer("raycast", world, threads=1), rig_config, seed=0)
-            (image,) = rig.capture([0], 0)
+            rig = StereoSensor(world, create_renderer("raycast", world, threads=1), rig_config, seed=0)
+            (image,) = rig.captures([0], 0)
         error = np.abs(image.depth_raw_m - image.depth_true_m) / image.depth_true_m
         errors.append(np.where(image.depth_raw_m > 0, error, np.inf))
     return float(np.median(errors))

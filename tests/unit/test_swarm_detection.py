@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM
 from sim.render import create_renderer
-from sim.rig import StereoRig
-from sim.sensor import RigConfig
+from sim.sensor import RigConfig, StereoSensor
 from swarm.neighbours import Detector, DetectorConfig
 from swarm.types import Detection
 from tests.helpers import CAMERA, wall, world_of
@@ -141,8 +140,8 @@ def test_a_rendered_drone_is_found_where_it_is() -> None:
     rig_config = RigConfig(width_px=160, height_px=120, depth="truth")
     offsets = np.array([[0.0, 0.0, 0.0], [4.0, 1.0, 0.3], [7.0, -2.0, -1.0]])
     with world_of(wall(20.0), starts_m=offsets) as world:
-        rig = StereoRig(world, create_renderer("raycast", world), rig_config, seed=0)
-        (image,) = rig.capture([0], 0)
+        rig = StereoSensor(world, create_renderer("raycast", world), rig_config, seed=0)
+        (image,) = rig.captures([0], 0)
         eyes = Detector(
             DetectorConfig(miss_rate=0), rig.intrinsics, world.drone_ids, radius_m=RADIUS_M, seed=0, drone=0
         )

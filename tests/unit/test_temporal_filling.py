@@ -1,4 +1,4 @@
-"""Holes that are filled by votes: the situations of an axis, the memory, the previous output, and bad input."""
+"""Holes that are filled by votes: the situations of an axis, the memory, the previous fill, and bad input."""
 
 from typing import Any
 
@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from voxdepth import TemporalConfig, TemporalCorrector
-from voxdepth.temporal.filling import FillingConfig, HoleFiller, Known
+from voxdepth.temporal import filling
+from voxdepth.temporal.filling import HoleFiller, Known
 from voxdepth.temporal.rays import AXES, COLS, ROWS, trace_rays
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics, MaskImage
@@ -25,16 +26,14 @@ seeds = st.integers(0, 2**32 - 1)
 class Result:
     """What a hole filler makes of an image of disparities, beside what is remembered and what it said before."""
 
-    def __init__(
-        self, measured_px: Any, decimation: int = 1, config: FillingConfig | None = None, **votes: Any
-    ) -> None:
+    def __init__(self, measured_px: Any, decimation: int = 1, shadow_factor: float = 10, **votes: Any) -> None:
         resolution = WorkingResolution.of(CAMERA, decimation)
         full_px = np.where(measured_px > 0, measured_px, 0).astype(np.float32)
         known_px = np.ascontiguousarray(full_px[::decimation, ::decimation])
         others = [
             np.asarray(votes.get(name, 0) * (known_px == 0), np.float32) for name in ("memory", "seen", "previous")
         ]
-        self.inpainted, self.border = HoleFiller(resolution, config or FillingConfig()).fill(
+        self.inpainted, self.border = HoleFiller(resolution, shadow_factor).fill(
             Known(known_px, *others), FULL.depth(full_px)
         )
         self.disparity_px = np.kron(known_px + self.inpainted.disparity_px, np.ones((decimation,) * 2))
@@ -88,11 +87,12 @@ class TestSurfaces:
         result = Result(with_holes(true_px, hole), decimation)
         assert np.abs(result.disparity_px - true_px)[hole].max() < 0.35
 
-    def test_a_lone_end_of_a_row_is_continued_by_its_slope(self) -> None:
+    def test_a_lone_end_of_a_row_is_continued_by_its_slope(self, monkeypatch: pytest.MonkeyPatch) -> None:
         true_px = 10 + 0.05 * COL
         hole = box(slice(0, 120), slice(0, 20))
         result = Result(with_holes(true_px, hole))
-        flat = Result(with_holes(true_px, hole), config=FillingConfig(max_slope=0))
+        monkeypatch.setattr(filling, "MAX_SLOPE", 0)
+        flat = Result(with_holes(true_px, hole))
         error, flat_error = (np.abs(each.disparity_px - true_px)[hole].mean() for each in (result, flat))
         assert error < 0.6 * flat_error
 
@@ -163,16 +163,14 @@ class TestDiscontinuities:
         near_above = np.where((ROW < 50) & (COL >= EDGE - 8) & (COL < EDGE), NEAR_PX, true_px)
         near_around = np.where((ROW >= 56) & (COL >= EDGE - 8) & (COL < EDGE), NEAR_PX, near_above)
         middle = box(slice(51, 55), slice(EDGE - 5, EDGE - 1))
-        shadow = Result(with_holes(near_around, hole), config=FillingConfig(shadow_factor=100)).disparity_px[middle]
-        other = Result(with_holes(near_around, hole)[:, ::-1], config=FillingConfig(shadow_factor=100)).disparity_px[
-            :, ::-1
-        ][middle]
+        shadow = Result(with_holes(near_around, hole), shadow_factor=100).disparity_px[middle]
+        other = Result(with_holes(near_around, hole)[:, ::-1], shadow_factor=100).disparity_px[:, ::-1][middle]
         np.testing.assert_allclose(shadow, FAR_PX, atol=0.01)
         np.testing.assert_allclose(other, NEAR_PX, atol=0.01)
 
 
-class TestMemoryAndPreviousOutput:
-    """A wall at 5 px with a hole of 40 px; the memory or the previous output says 9 px."""
+class TestMemoryAndPreviousFill:
+    """A wall at 5 px with a hole of 40 px; the memory or the previous fill says 9 px."""
 
     HOLE = box(slice(40, 80), slice(60, 100))
     MIDDLE, RIM = box(slice(58, 62), slice(78, 82)), box(slice(55, 65), slice(60, 61))
@@ -188,15 +186,14 @@ class TestMemoryAndPreviousOutput:
         np.testing.assert_allclose(result.disparity_px[self.MIDDLE], 9, atol=0.01)
         assert (result.inpainted.remembered[self.MIDDLE] == 255).all()
 
-    def test_the_previous_output_never_outvotes_ends_that_agree_nearby(self) -> None:
+    def test_the_previous_fill_never_outvotes_ends_that_agree_nearby(self) -> None:
         np.testing.assert_allclose(self.result(previous=9).disparity_px[self.RIM], FAR_PX, atol=0.01)
 
     def test_it_decides_between_contradicting_ends(self) -> None:
         measured_px = with_holes(np.where(COL < EDGE, FAR_PX, 30.0), box(slice(0, 120), slice(40, 120)))
         middle = box(slice(40, 80), slice(78, 82))
-        config = FillingConfig(previous_distance_px=3)
-        np.testing.assert_allclose(Result(measured_px, config=config, previous=30).disparity_px[middle], 30, atol=0.5)
-        np.testing.assert_allclose(Result(measured_px, config=config).disparity_px[middle], FAR_PX, atol=0.01)
+        np.testing.assert_allclose(Result(measured_px, previous=30).disparity_px[middle], 30, atol=0.5)
+        np.testing.assert_allclose(Result(measured_px).disparity_px[middle], FAR_PX, atol=0.01)
 
 
 class TestProbability:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from voxdepth.temporal import fusion
-from voxdepth.temporal.fusion import Fused, PixelClass, TemporalFusionConfig
+from voxdepth.temporal.fusion import PixelClass, fuse
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.types import FloatImage, GrayImage
@@ -51,10 +51,6 @@ def other_look() -> GrayImage:
     return gray
 
 
-def fuse(memory: Memory, measurement: Measurement, **settings: float) -> tuple[Fused, Memory]:
-    return fusion.fuse(memory, measurement, TemporalFusionConfig.model_validate(settings))
-
-
 def checks(amplitude_px: float) -> FloatImage:
     """Noise of mean 0 in every neighbourhood: a chess board."""
     return np.asarray(amplitude_px * (1 - 2.0 * (np.indices(SHAPE).sum(0) % 2)), np.float32)
@@ -83,7 +79,9 @@ def test_a_new_surface_is_shown_and_remembered() -> None:
     fused, memory = fuse(Memory.empty(grays(0)), measurement_of(with_block(0, 10)))
     expected_px = with_block(0, 10)
     np.testing.assert_array_equal(fused.disparity_px, expected_px)
-    np.testing.assert_array_equal(fused.pixel_class, np.where(expected_px > 0, PixelClass.MEASURED, PixelClass.UNKNOWN))
+    np.testing.assert_array_equal(
+        fused.pixel_class, np.where(expected_px > 0, PixelClass.MEASURED, PixelClass.UNMEASURED)
+    )
     np.testing.assert_array_equal(memory.disparity_px[expected_px > 0], 10)
     np.testing.assert_array_equal(memory.weight, np.where(expected_px > 0, WEIGHT_UNIT, 0))
     assert (memory.gray[expected_px > 0] == LOOKS).all()
@@ -150,7 +148,7 @@ class TestOcclusion:
             _, memory = fuse(memory, self.NEAR)
         fused, _ = fuse(memory, measurement_of(with_block(0.0, 10.0)))  # gone, and its shadow is not measured
         np.testing.assert_array_equal(fused.remembered_px[INSIDE], 10)
-        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.UNKNOWN)
+        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.UNMEASURED)
 
 
 class TestFreeSpaceViolation:
@@ -180,7 +178,7 @@ class TestHoles:
     @pytest.mark.parametrize(("measurements", "remembered_px"), [(3, 0), (4, 10), (12, 10)])
     def test_a_memory_of_four_measurements_may_fill_them(self, measurements: float, remembered_px: float) -> None:
         fused, memory = fuse(memory_of(image(10), measurements), measurement_of(self.HOLED))
-        np.testing.assert_array_equal(fused.pixel_class[BLOCK], PixelClass.UNKNOWN)
+        np.testing.assert_array_equal(fused.pixel_class[BLOCK], PixelClass.UNMEASURED)
         np.testing.assert_array_equal(fused.disparity_px[BLOCK], 0)
         np.testing.assert_array_equal(fused.remembered_px, with_block(remembered_px, 0))
         assert (
@@ -244,20 +242,21 @@ def test_the_tolerance_grows_with_the_disparity() -> None:
         assert fused.pixel_class[20, 30] == kind
 
 
-def lag_px(holes: float = 0.0, **settings: float) -> float:
+def lag_px(holes: float = 0.0) -> float:
     """How far the output is at most behind a surface that comes nearer by 0.08 px per frame, in twelve frames."""
     memory, lags_px = memory_of(image(10)), []
     for frame in range(1, 13):
         new_px = np.where(np.random.default_rng(frame).random(SHAPE) < holes, np.float32(0), image(10 + 0.08 * frame))
-        fused, memory = fuse(memory, measurement_of(new_px), **settings)
+        fused, memory = fuse(memory, measurement_of(new_px))
         lags_px.append((new_px - fused.disparity_px)[new_px > 0].mean())
     return float(max(lags_px))
 
 
-def test_slowly_approaching_surfaces_are_followed_also_where_half_is_measured() -> None:
+def test_slowly_approaching_surfaces_are_followed_also_where_half_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     assert lag_px() < 0.25
     assert lag_px(holes=0.5) < 0.25
-    assert lag_px(max_drift_px=1e6) > 0.5  # were drift no reason to trust it less
+    monkeypatch.setattr(fusion, "MAX_DRIFT_PX", 1e6)  # were drift no reason to trust it less
+    assert lag_px() > 0.5
 
 
 def test_drift_decays_and_leaves_the_weight_as_it_is() -> None:

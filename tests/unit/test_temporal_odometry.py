@@ -7,17 +7,11 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, OTHER_ROOM, ROOM, WALL, Body, Plane, Sphere, dark, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
+from voxdepth.temporal import odometry as parts
+from voxdepth.temporal.config import TemporalConfig
 from voxdepth.temporal.memory import Memory
-from voxdepth.temporal.odometry import (
-    FeatureTracker,
-    FeatureTrackerConfig,
-    TrackingResult,
-    TrackingStatus,
-    VisualOdometry,
-    VisualOdometryConfig,
-)
+from voxdepth.temporal.odometry import TrackingResult, TrackingStatus, VisualOdometry, find_corners, track_corners
 from voxdepth.temporal.pose_fit import KnownMotion, fit_pose, project
-from voxdepth.temporal.tracking_camera import TrackingCamera
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
@@ -33,7 +27,7 @@ MOTIONS = {
 
 
 def odometry(camera: Intrinsics = CAMERA, decimation: int = 1) -> VisualOdometry:
-    return VisualOdometry(camera, WorkingResolution.of(camera, decimation), VisualOdometryConfig())
+    return VisualOdometry(camera, WorkingResolution.of(camera, decimation), TemporalConfig())
 
 
 def with_keyframe(frame: Frame, camera: Intrinsics = CAMERA, decimation: int = 1) -> VisualOdometry:
@@ -90,22 +84,17 @@ class TestVisualOdometry:
         assert error_px(tracking, inverse_rigid(T), frame_of(ROOM, pose())) < 0.08
         assert 0.6 < tracking.n_inliers / tracking.n_tracks < 0.93  # those on the ball are not explained
 
-    @pytest.mark.parametrize(
-        ("bound", "status"),
-        [
-            ({}, TrackingStatus.OK),
-            ({"min_inlier_ratio": 1.0}, TrackingStatus.LOST),
-            ({"max_median_residual_px": 1e-4}, TrackingStatus.LOST),
-        ],
-        ids=["usual", "all must be inliers", "all must be exact"],
-    )
-    def test_its_bounds_are_those_of_the_configuration(self, bound: dict[str, float], status: TrackingStatus) -> None:
+    @pytest.mark.parametrize(("bound", "value"), [("MIN_INLIER_RATIO", 1.0), ("MAX_MEDIAN_RESIDUAL_PX", 1e-4)])
+    def test_motions_outside_of_the_bounds_are_refused(
+        self, bound: str, value: float, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         """A ball that moves by itself leaves most tracks as they are, and no track is exact."""
-        ball, config = Sphere((0.2, 0.1, 2.4), 0.5, seed=5), VisualOdometryConfig.model_validate(bound)
-        known = VisualOdometry(CAMERA, WorkingResolution.of(CAMERA, 1), config)
-        set_keyframe(known, frame_of([*ROOM, ball], pose()))
-        moved = [*ROOM, replace(ball, centre_m=(0.3, 0.05, 2.4))]
-        assert known.track(frame_of(moved, MOTIONS["forward"], 1)).status is status
+        ball = Sphere((0.2, 0.1, 2.4), 0.5, seed=5)
+        known = with_keyframe(frame_of([*ROOM, ball], pose()))
+        moved = frame_of([*ROOM, replace(ball, centre_m=(0.3, 0.05, 2.4))], MOTIONS["forward"], 1)
+        assert known.track(moved).status is TrackingStatus.OK
+        monkeypatch.setattr(parts, bound, value)
+        assert known.track(moved).status is TrackingStatus.LOST
 
     @pytest.mark.parametrize("seed", range(2))
     def test_another_scene_is_refused(self, seed: int) -> None:
@@ -162,9 +151,9 @@ class TestPosesOfTheCaller:
     def test_a_caller_who_is_sure_is_believed(self) -> None:
         T, T_said = MOTIONS["forward"], MOTIONS["forward"].copy()
         T_said[0, 3] += 0.03
-        sure = VisualOdometryConfig(pose_sigma_m=1e-6, pose_sigma_deg=1e-4)
+        sure = TemporalConfig(pose_sigma_m=1e-6, pose_sigma_deg=1e-4)
         off_m = []
-        for config in (VisualOdometryConfig(), sure):
+        for config in (TemporalConfig(), sure):
             known = VisualOdometry(CAMERA, WorkingResolution.of(CAMERA, 1), config)
             set_keyframe(known, replace(frame_of(ROOM, pose()), T_world_cam=pose()))
             tracking = known.track(replace(frame_of(ROOM, T, 1), T_world_cam=T_said))
@@ -248,45 +237,28 @@ class TestFit:
         assert 0 < errors_m[0] < errors_m[1] < errors_m[2] < errors_m[3] < 0.01
 
 
-class TestFeatureTracker:
-    CONFIG = FeatureTrackerConfig()
-
-    def test_there_is_at_most_one_corner_in_a_cell(self) -> None:
-        corners = (
-            FeatureTracker((CAMERA.width_px, CAMERA.height_px), self.CONFIG).detect(render(ROOM, pose())[0]).corners
-        )
+class TestCorners:
+    def test_there_is_at_most_one_in_a_cell(self) -> None:
+        corners = find_corners(render(ROOM, pose())[0])
         cells = {(int(x) // 16, int(y) // 16) for x, y in corners}
         assert len(cells) == len(corners) > 50
 
     def test_a_textureless_image_has_none_and_neither_has_one_below_the_size_of_a_cell(self) -> None:
-        assert not len(
-            FeatureTracker((CAMERA.width_px, CAMERA.height_px), self.CONFIG)
-            .detect(np.full(CAMERA.shape, 90, np.uint8))
-            .corners
-        )
+        assert not len(find_corners(np.full(CAMERA.shape, 90, np.uint8)))
         noise = np.random.default_rng(0).integers(0, 255, (15, 15), np.uint8)
-        assert FeatureTracker((15, 15), self.CONFIG).detect(noise).corners.shape == (0, 2)
+        assert find_corners(noise).shape == (0, 2)
 
     @pytest.mark.parametrize("shift", [(0, 0), (5, -3), (-9, 6)])
     def test_what_is_shifted_is_found_shifted(self, shift: tuple[int, int]) -> None:
         big = Intrinsics.from_hfov(width_px=200, height_px=160, hfov_deg=75)
         gray, _ = render([WALL, Plane((0.0, 1.0, 0.05), 1.6, seed=2)], pose(), big)
-        tracker = FeatureTracker((CAMERA.width_px, CAMERA.height_px), self.CONFIG)
-        here, there = (
-            tracker.detect(np.ascontiguousarray(gray[20 - y : 140 - y, 20 - x : 180 - x])) for x, y in ((0, 0), shift)
-        )
-        found, ok = tracker.track(here.gray, there.gray, here.corners, here.corners, 2)
+        here, there = (np.ascontiguousarray(gray[20 - y : 140 - y, 20 - x : 180 - x]) for x, y in ((0, 0), shift))
+        corners = find_corners(here)
+        found, ok = track_corners(here, there, corners, corners)
         assert ok.mean() > 0.85
-        error = np.hypot(*(found[ok] - here.corners[ok] - shift).T)
+        error = np.hypot(*(found[ok] - corners[ok] - shift).T)
         assert np.median(error) < 0.02
         assert np.mean(error < 0.3) > 0.9
-
-    def test_large_images_are_reduced(self) -> None:
-        large = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=70)
-        camera = TrackingCamera.of(large, self.CONFIG.width_px, WorkingResolution.of(large, 2))
-        assert camera.scale.tolist() == [0.5, 0.5]
-        tracker = FeatureTracker(camera.size, self.CONFIG)
-        assert tracker.detect(np.zeros(large.shape, np.uint8)).gray.shape == (240, 320)
 
 
 def test_a_reduced_image_finds_the_same_motion() -> None:

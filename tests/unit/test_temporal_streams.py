@@ -23,7 +23,8 @@ from tests.temporal_scenes import (
     run,
     walk,
 )
-from voxdepth.temporal.confidence import INPAINTED
+from voxdepth.temporal import method as temporal
+from voxdepth.temporal.confidence import UNANIMOUS_FILL
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.types import CorrectedDepth, FloatArray, Frame, Source
 
@@ -115,25 +116,27 @@ class TestCoveredLens:
         corrector = method(decimation=decimation)
         run(corrector, NOISY[:6])
         for result in run(corrector, self.made_up()):
-            assert result.confidence.max() <= INPAINTED
+            assert result.confidence.max() <= UNANIMOUS_FILL
             assert result.confidence.mean() < 0.5
         true = frame_of(ROOM, PATH[6], 30)
         result = process(corrector, holed(true, 30))
         assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.02  # Ends that agree have a vote, too.
 
     @DECIMATIONS
-    @pytest.mark.parametrize(("max_featureless_frames", "is_held"), [(5, True), (4, False), (0, False)])
+    @pytest.mark.parametrize(("longest", "is_held"), [(5, True), (4, False), (0, False)])
     def test_it_is_held_for_so_many_frames_and_no_more(
-        self, max_featureless_frames: int, is_held: bool, decimation: int
+        self, longest: int, is_held: bool, decimation: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        corrector = method(decimation=decimation, max_featureless_frames=max_featureless_frames)
+        monkeypatch.setattr(temporal, "MAX_FEATURELESS_FRAMES", longest)
+        corrector = method(decimation=decimation)
         run(corrector, [*NOISY[:4], *self.SECOND[:5]])
         result = process(corrector, holed(frame_of(ROOM, PATH[5]), 46))
         assert (result.diagnostics.status is TrackingStatus.OK) == is_held
         assert (result.source[INSIDE] == Source.MEMORY).any() == is_held
 
-    def test_one_frame_that_shows_something_starts_the_count_anew(self) -> None:
-        corrector = method(max_featureless_frames=5)
+    def test_one_frame_that_shows_something_starts_the_count_anew(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(temporal, "MAX_FEATURELESS_FRAMES", 5)
+        corrector = method()
         frames = [*NOISY[:4], *self.SECOND[:4], NOISY[4], *self.SECOND[5:9]]
         run(corrector, [replace(frame, stamp_s=i / 30) for i, frame in enumerate(frames)])
         assert process(corrector, holed(frame_of(ROOM, PATH[5]), 46)).diagnostics.status is TrackingStatus.OK

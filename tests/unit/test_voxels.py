@@ -21,14 +21,14 @@ def cloud(seed: int, n: int = 500) -> np.ndarray:
 
 
 def test_the_default_grid_is_packed_in_less_than_48_megabytes() -> None:
-    grid = VoxelGrid(VoxelConfig())
+    grid = VoxelGrid(VoxelConfig(), CAMERA)
     assert grid.words.nbytes < 48e6
     assert grid.words.nbytes * 8 == pytest.approx(np.prod(VoxelConfig().shape), rel=1e-5)
 
 
 @given(st.integers(0, 1000))
 def test_every_point_is_within_half_a_voxel_of_an_occupied_centre(seed: int) -> None:
-    points, grid = cloud(seed, 40), VoxelGrid(SMALL)
+    points, grid = cloud(seed, 40), VoxelGrid(SMALL, CAMERA)
     integrate_points(grid, points)
     centres = occupied_centres(grid)
     assert len(centres) <= len(points)
@@ -37,7 +37,7 @@ def test_every_point_is_within_half_a_voxel_of_an_occupied_centre(seed: int) -> 
 
 
 def test_clearing_empties_the_grid() -> None:
-    grid = VoxelGrid(SMALL)
+    grid = VoxelGrid(SMALL, CAMERA)
     integrate_points(grid, cloud(0))
     grid.clear()
     assert len(occupied_centres(grid)) == 0
@@ -50,15 +50,15 @@ def test_images_give_the_voxels_of_their_moved_points(yaw: float) -> None:
     T = np.eye(4)
     T[:3, :3] = [[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]]
     T[:3, 3] = 0.2, -0.1, 0.5
-    by_image, by_points = VoxelGrid(SMALL), VoxelGrid(SMALL)
-    by_image.integrate(depth_m, CAMERA, T)
+    by_image, by_points = VoxelGrid(SMALL, CAMERA), VoxelGrid(SMALL, CAMERA)
+    by_image.integrate(depth_m, T)
     integrate_points(by_points, transform(T, back_project(depth_m, CAMERA)))
     differing = np.bitwise_count(by_image.words ^ by_points.words).sum()
     assert differing <= 0.002 * len(occupied_centres(by_points))  # points on the border of two cells, by rounding
 
 
 def test_cells_may_be_chosen() -> None:
-    coarse = VoxelGrid(SMALL.model_copy(update={"cell_m": (1.0, 1.0, 1.0)}))
+    coarse = VoxelGrid(SMALL.model_copy(update={"cell_m": (1.0, 1.0, 1.0)}), CAMERA)
     integrate_points(coarse, np.array([[0.2, 0.2, 3.2], [0.7, 0.9, 3.9], [1.2, 0.2, 3.2]], np.float32))
     np.testing.assert_array_equal(occupied_centres(coarse), [[0.5, 0.5, 3.5], [1.5, 0.5, 3.5]])
 

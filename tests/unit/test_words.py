@@ -8,15 +8,12 @@ from scenarios.config import Scenario, load_run
 from sim.depth_noise import SENSOR_MODEL_NAMES
 from sim.render import RENDERER_NAMES
 from swarm.priors import PosePriorName
-from voxdepth.datasets import DATASET_FORMATS
 from voxdepth.registry import DEFAULT, config_of
 from voxdepth.temporal.config import TemporalConfig
-from voxdepth.tools.commands import Format
 from voxdepth.tools.options import DEFAULT_CORRECTOR
 
 
 def test_the_command_line_speaks_the_words_of_the_library() -> None:
-    assert tuple(Format) == ("auto", *DATASET_FORMATS)
     assert tuple(Depth) == SENSOR_MODEL_NAMES
     assert tuple(RendererName) == RENDERER_NAMES
     assert tuple(Prior) == get_args(PosePriorName)

@@ -9,11 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim import frames
-from sim.bodies import Body, Box, Scene, Weather, WindConfig
+from sim.bodies import Body, Box, Heightfield, Mesh, Scene, Weather, WindConfig
 from sim.drone import GRAVITY_M_S2, AirframeConfig, VelocityController, Wind
 from sim.errors import SceneError
 from sim.render import RendererName, create_renderer
 from sim.scenes import CitySpec
+from sim.scenes.vegetation import geodesic
 from sim.types import VelocityCommand
 from sim.world import World
 from tests.helpers import camera_at, wall, world_of
@@ -200,3 +201,15 @@ def test_no_camera_sees_a_drone_that_was_removed(name: RendererName) -> None:
     assert (seen.segment_id == world.drone_ids[1]).any()
     assert not np.isin(unseen.segment_id, world.drone_ids).any()
     assert unseen.depth_m[60, 80] == pytest.approx(4.7, abs=0.05)
+
+
+def test_a_point_is_inside_of_solids_meshes_and_the_ground_but_not_between_two_of_them() -> None:
+    directions, triangles = geodesic(4)
+    ball = Body(name="ball", shape=Mesh(2 * directions, triangles), position_m=(0.0, 0.0, 9.0))
+    opened = Body(name="opened", shape=Mesh(2 * directions, triangles[1:]), position_m=(9.0, 0.0, 9.0))
+    box = Body(name="box", shape=Box((1.0, 1.0, 1.0)), position_m=(0.0, 0.0, 20.0))
+    hills = Body(name="hills", kind="ground", shape=Heightfield(np.full((20, 20), 4.0), 2.0))
+    with world_of(ball, opened, box, hills) as world:
+        found = {z_m: world.is_inside(np.array([0.0, 0.1, z_m])) for z_m in (20.0, 15.0, 9.0, 5.0, 2.0)}
+        assert found == {20.0: True, 15.0: False, 9.0: True, 5.0: False, 2.0: True}
+        assert not world.is_inside(np.array([9.0, 0.1, 9.0])), "a mesh with a hole has no inside"

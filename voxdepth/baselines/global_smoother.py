@@ -4,13 +4,13 @@ Min et al. 2014, DOI 10.1109/TIP.2014.2366600, replace one large system for the 
 rows and columns in turn, with decreasing smoothing. OpenCV has it only in its contrib modules.
 """
 
+import cv2
 import numpy as np
-import numpy.typing as npt
+from numba import float32, void
 
+from ..compiled import FLOAT_IMAGE, compile_all, compiled
 from ..types import FloatImage, Frame, GrayImage, Intrinsics
 from .single_frame import Baseline
-
-Stack = npt.NDArray[np.float32]
 
 SMOOTHNESS = 30.0
 """Lambda of that paper; more spreads depth farther."""
@@ -39,10 +39,8 @@ class GlobalSmoother(Baseline):
 
     def __init__(self, intrinsics: Intrinsics) -> None:
         self._intrinsics = intrinsics
-        height, width = intrinsics.shape
         self._weight_of_step = np.maximum(np.exp(-np.arange(256) / SIGMA_GRAY).astype(np.float32), MIN_WEIGHT)
-        self._down, self._along = _Recursion(intrinsics.shape), _Recursion((width, height))
-        self._upright, self._turned = np.empty((height, 2, width), np.float32), np.empty((width, 2, height), np.float32)
+        compile_all()
 
     def _corrected(self, frame: Frame) -> FloatImage:
         valid = frame.depth_m > 0
@@ -50,21 +48,9 @@ class GlobalSmoother(Baseline):
             return frame.depth_m.copy()
         inverse = np.where(valid, 1 / np.maximum(frame.depth_m, NEAREST_M), np.float32(0))
         prior = inverse[valid].mean(dtype=np.float64).astype(np.float32)
-        weighted, weight = self._upright[:, 0], self._upright[:, 1]
-        np.add(inverse, PRIOR * prior, out=weighted)
-        np.add(valid, PRIOR, out=weight)
-        self._smooth(frame.gray)
+        down, along = (self._weights(np.ascontiguousarray(gray)) for gray in (frame.gray, frame.gray.T))
+        weighted, weight = (_smoothed(image, down, along) for image in (inverse + PRIOR * prior, valid + PRIOR))
         return np.where(valid, frame.depth_m, weight / weighted)
-
-    def _smooth(self, gray: GrayImage) -> None:
-        """Smooth both images of the stack, which stay upright, under guidance of the gray image."""
-        self._down.eliminate(self._weights(gray))
-        self._along.eliminate(self._weights(np.ascontiguousarray(gray.T)))
-        for iteration in range(len(STRENGTHS)):
-            np.copyto(self._turned, self._upright.T)
-            self._along.solve(self._turned, iteration)
-            np.copyto(self._upright, self._turned.T)
-            self._down.solve(self._upright, iteration)
 
     def _weights(self, gray: GrayImage) -> FloatImage:
         """Smoothness weight between each row and the next, shape (n - 1, m)."""
@@ -73,39 +59,39 @@ class GlobalSmoother(Baseline):
         return weights
 
 
-class _Recursion:
-    """All tridiagonal systems along the first axis at once, for all strengths, by symmetric elimination.
+def _smoothed(image: FloatImage, down: FloatImage, along: FloatImage) -> FloatImage:
+    """Smooth an image, shape (H, W), by weights between its rows, (H - 1, W), and between its columns, (W - 1, H)."""
+    smooth = np.array(image, order="C")
+    turned = np.empty(smooth.shape[::-1], np.float32)
+    for strength in STRENGTHS:
+        cv2.transpose(smooth, dst=turned)
+        smooth_columns(turned, along, strength)
+        cv2.transpose(turned, dst=smooth)
+        smooth_columns(smooth, down, strength)
+    return smooth
+
+
+@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, float32))
+def smooth_columns(image: FloatImage, weights: FloatImage, strength: np.float32) -> None:
+    """Solve the tridiagonal system of each column of an image, shape (n, m), in place, by symmetric elimination.
 
     With g the strength times the weight to the next row, `p = 1 + p' g' / (p' + g')` of the row before, and 1 in the
-    first: `p + g` is the pivot.
+    first: `p + g` is the pivot. All columns advance together, row by row.
     """
-
-    def __init__(self, shape: tuple[int, int]) -> None:
-        """Allocate memory for images of shape (n, m); doing so per image would double the time."""
-        self._passed = np.empty((shape[0], len(STRENGTHS), shape[1]), np.float32)  # g / (p + g)
-        self._scale = np.empty_like(self._passed)  # 1 / (p + g)
-
-    def eliminate(self, weights: FloatImage) -> None:
-        """Eliminate for the weights between neighbours, shape (n - 1, m)."""
-        np.multiply(weights[:, None], STRENGTHS[:, None], out=self._passed[:-1])
-        self._passed[-1] = 0
-        p = np.ones_like(self._passed[0])
-        for passed, scale in zip(list(self._passed), list(self._scale), strict=True):
-            np.add(p, passed, out=scale)
-            np.reciprocal(scale, out=scale)
-            np.multiply(passed, scale, out=passed)
-            np.multiply(p, passed, out=p)
-            np.add(p, 1, out=p)
-
-    def solve(self, data: Stack, iteration: int) -> None:
-        """Smooth data of shape (n, K, m) in place, by one of the strengths."""
-        rows = list(data)
-        passed = list(self._passed[:, iteration])
-        step = np.empty_like(data[0])
-        for above, row, factor in zip(rows, rows[1:], passed, strict=False):
-            np.multiply(above, factor, out=step)
-            np.add(row, step, out=row)
-        np.multiply(data, self._scale[:, iteration, None], out=data)
-        for below, row, factor in zip(rows[:0:-1], rows[-2::-1], passed[-2::-1], strict=True):
-            np.multiply(below, factor, out=step)
-            np.add(row, step, out=row)
+    last, width = image.shape[0] - 1, image.shape[1]
+    passed = np.empty((last, width), np.float32)  # g / (p + g)
+    one = float32(1)
+    p = np.ones(width, np.float32)
+    for row in range(last):
+        for col in range(width):
+            g = strength * weights[row, col]
+            scale = one / (p[col] + g)
+            passed[row, col] = g * scale
+            image[row + 1, col] += image[row, col] * passed[row, col]
+            image[row, col] *= scale
+            p[col] = p[col] * passed[row, col] + one
+    for col in range(width):
+        image[last, col] *= one / p[col]
+    for row in range(last - 1, -1, -1):
+        for col in range(width):
+            image[row, col] += image[row + 1, col] * passed[row, col]

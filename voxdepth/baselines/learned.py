@@ -5,7 +5,7 @@ encoder of a tenth of a million parameters instead of two branches; the previous
 of encoded again; and the loss is the likelihood of the true disparity, from which the confidence follows.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -20,7 +20,6 @@ from ..temporal.measurement import Measurement, measure
 from ..temporal.upsampling import Estimate, Upsampler
 from ..temporal.working_resolution import MIN_DISPARITY_PX, WorkingResolution, default_decimation, require_large
 from ..types import CORRECT_PX, CORRECT_SHARE, CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
-from .optical_flow import Dis, landing_of, taken
 from .realsense import fill_from_left
 
 MULTIPLE_PX = 32
@@ -36,7 +35,14 @@ get larger scales, and keep their measurements. A smaller bound keeps more of th
 REMEMBERED_CONFIDENCE = 0.5
 """Least confidence of a previous result that may count as the origin of a filled pixel."""
 
+SMALLEST_PX = 96
+"""Smaller images get a border for the optical flow: OpenCV refuses those below 12 pixels, and crashes on some that are
+long and narrow."""
+LAST_PX = 32767
+"""Columns and rows are given to OpenCV in 16 bits."""
+
 Landing = npt.NDArray[np.int16]
+FlowImage = npt.NDArray[np.float32]
 
 
 class Result(NamedTuple):
@@ -104,6 +110,31 @@ class Learned(StreamCorrector):
         return moved, np.asarray(cv2.absdiff(gray, taken(last_gray, landing)), np.uint8)
 
 
+class Dis:
+    """Inverse search of patches, then variational refinement: Kroeger et al. 2016, DOI 10.1007/978-3-319-46493-0_29.
+
+    The result depends a little on OpenCV's number of threads.
+    """
+
+    def __init__(self) -> None:
+        self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+
+    def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
+        """Where each pixel of the start is in the end, relative to itself: columns and rows [px].
+
+        The result is finite, of shape (H, W, 2) and float32. The images of shape (H, W) are not changed.
+        """
+        height, width = start.shape
+        flow_px: Any = self._dis.calc(_padded(start), _padded(end), None)  # type: ignore[call-overload]
+        return np.ascontiguousarray(flow_px[:height, :width])
+
+
+def _padded(gray: GrayImage) -> GrayImage:
+    """Pad to the minimum size of DIS by repeating the last row and column."""
+    below, right = (max(SMALLEST_PX - side, 0) for side in gray.shape)
+    return np.pad(gray, ((0, below), (0, right)), mode="edge") if below or right else gray
+
+
 def landing_in(last_gray: GrayImage, gray: GrayImage, flow: Dis) -> Landing:
     """Column and row in the last image of each pixel, shape (h, w, 2), by optical flow between the halved images."""
     height, width = gray.shape
@@ -113,6 +144,20 @@ def landing_in(last_gray: GrayImage, gray: GrayImage, flow: Dis) -> Landing:
     )
     flow_px = np.asarray(cv2.resize(flow.between(start, end), (width, height)), np.float32)
     return landing_of(flow_px * np.array([width / half[0], height / half[1]], np.float32))
+
+
+def landing_of(flow_px: FlowImage) -> Landing:
+    """Column and row of the pixel that each pixel flows to, shape (H, W, 2); outside the image if it leaves it."""
+    height, width = flow_px.shape[:2]
+    landing = flow_px.copy()
+    landing[..., 0] += np.arange(width, dtype=np.float32)
+    landing[..., 1] += np.arange(height, dtype=np.float32)[:, None]
+    return np.rint(np.clip(landing, -1, np.float32(LAST_PX), out=landing), out=landing).astype(np.int16)
+
+
+def taken(image: Any, landing: Landing) -> Any:
+    """The pixels of an image at the targets, without interpolation; 0 outside of it."""
+    return cv2.remap(image, landing, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)  # type: ignore[call-overload]
 
 
 def typical_disparity(measured_px: FloatImage, previous_px: FloatImage) -> np.float32:
@@ -200,5 +245,5 @@ def origin(measured_px: FloatImage, previous: Result, result: Result) -> GrayIma
     tolerance_px = np.maximum(np.float32(CORRECT_SHARE) * result.disparity_px, np.float32(CORRECT_PX))
     agrees = np.abs(result.disparity_px - previous.disparity_px) <= tolerance_px
     remembered = agrees & (previous.confidence >= REMEMBERED_CONFIDENCE)
-    unmeasured = np.where(remembered, np.uint8(PixelClass.REMEMBERED), np.uint8(PixelClass.UNKNOWN))
+    unmeasured = np.where(remembered, np.uint8(PixelClass.REMEMBERED), np.uint8(PixelClass.UNMEASURED))
     return np.where(measured_px > 0, np.uint8(PixelClass.FUSED), unmeasured)

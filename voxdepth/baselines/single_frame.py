@@ -1,6 +1,6 @@
 """The base of all baselines, and those that correct every frame by itself.
 
-The latter are the raw depth, a median, OpenCV's inpainting, and the maximum of the paper's authors.
+The latter are the raw depth, a median, and OpenCV's inpainting.
 """
 
 from abc import ABC, abstractmethod
@@ -13,9 +13,7 @@ from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics
 
 MEDIAN_PX = 5
-"""Width of the window of the median, also of the authors' one."""
-AUTHORS_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (0, -1), (1, -1))
-"""Shifts (rows, columns) of the neighbours on the left, above, above left, on the right, and above right."""
+"""Width of the window of the median."""
 InpaintingName = Literal["telea", "navier_stokes"]
 
 INPAINTING: dict[InpaintingName, int] = {"telea": cv2.INPAINT_TELEA, "navier_stokes": cv2.INPAINT_NS}
@@ -71,26 +69,6 @@ class Median(Baseline):
 
     def _corrected(self, frame: Frame) -> FloatImage:
         return cv2.medianBlur(frame.depth_m, MEDIAN_PX)  # type: ignore[return-value]
-
-
-class AuthorsMax(Baseline):
-    """The "RealSense" of the paper's authors, named so, for comparison with their figures. It is not librealsense's.
-
-    Their `utils/realsenseHoleFilling.py` (repository Akanksha-Dixit/Voxdepthcode) takes a 5 x 5 median and then gives
-    every pixel, measured or not, the maximum of its neighbours on the left, on the right and in the row above, its own
-    value left out. librealsense looks below instead of to the right, only fills holes, and has no median. As there, the
-    first row and column take their missing neighbours from the opposite side, and the last row and column, where the
-    authors leave their marker of invalid pixels, are invalid.
-    """
-
-    def _corrected(self, frame: Frame) -> FloatImage:
-        median_m: FloatImage = cv2.medianBlur(frame.depth_m, MEDIAN_PX)  # type: ignore[assignment]
-        largest_m = np.zeros_like(median_m)
-        for shift in AUTHORS_NEIGHBOURS:
-            np.maximum(largest_m, np.roll(median_m, shift, axis=(0, 1)), out=largest_m)
-        largest_m[-1] = 0
-        largest_m[:, -1] = 0
-        return largest_m
 
 
 class OpenCvInpaint(Baseline):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DATASET_FORMATS", "Dataset", "open_dataset"]
 
-DATASET_FORMATS = ("tum", "midair", "realsense", "recording", "bag")
+DATASET_FORMATS = ("tum", "realsense", "recording", "bag")
 """All formats, in the order in which they are tried."""
 
 WITHIN_S = 0.02
@@ -83,7 +83,6 @@ def open_dataset(
     """
     from .bags import SUFFIXES, BagDataset
     from .files import broken_links, list_folder, require_dataset
-    from .midair import MidAirDataset
     from .realsense import RealSenseDataset
     from .recording import RecordingDataset
     from .tum import TumDataset
@@ -94,7 +93,7 @@ def open_dataset(
         raise ConfigError(f"within_s must be a number of seconds of at least 0, got {within_s}")
     path = Path(path)
     require_dataset(path, SUFFIXES)
-    classes = (TumDataset, MidAirDataset, RealSenseDataset, RecordingDataset, BagDataset)
+    classes = (TumDataset, RealSenseDataset, RecordingDataset, BagDataset)
     readers = {reader.format: reader for reader in classes if format in ("auto", reader.format)}
     try:
         lacking = {name: reader.lacking(path) for name, reader in readers.items()}

@@ -17,7 +17,7 @@ from PIL.PngImagePlugin import PngImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from ..errors import DatasetError
-from ..types import GrayImage, MaskImage
+from ..types import GrayImage
 from .files import read_bytes
 
 ARRAY = ".npy"
@@ -31,7 +31,6 @@ _READERS: dict[bytes, Any] = {
 }
 """Readers by the first bytes of a file. `PIL.Image.open` would raise errors of its own about large images."""
 
-Depth16 = npt.NDArray[np.uint16]
 Shape = tuple[int, int]
 
 
@@ -51,9 +50,7 @@ def read_gray(path: Path, shape: Shape) -> GrayImage:
 
 
 def read_depth(path: Path, shape: Shape) -> npt.NDArray[Any]:
-    """Read depth as it is stored, shape (H, W): see `read_depth_16`, `read_depth_raw`, an array of NumPy, or a TIFF."""
-    if path.suffix == ".raw":
-        return read_depth_raw(path, shape)
+    """Read depth as it is stored, shape (H, W): a PNG, a TIFF or an array of NumPy."""
     if path.suffix == ARRAY:
         array = _array(path)
         if array.shape != shape:
@@ -78,35 +75,9 @@ def _array(path: Path) -> npt.NDArray[Any]:
     return np.asarray(array, kind.newbyteorder("="))
 
 
-def read_depth_16(path: Path, shape: Shape) -> Depth16:
+def read_depth_16(path: Path, shape: Shape) -> npt.NDArray[np.uint16]:
     """Read a PNG of 16 bits in one channel in its units, shape (H, W), uint16."""
     return np.asarray(_decode(path, shape, "depth as a PNG of 16 bits in 1 channel", {("PNG", "I;16")}), np.uint16)
-
-
-def read_depth_raw(path: Path, shape: Shape) -> Depth16:
-    """Read rows of little-endian numbers of 16 bits without a header, shape (H, W), uint16."""
-    data = read_bytes(path)
-    if len(data) != 2 * shape[0] * shape[1]:
-        raise DatasetError(
-            f"expected {2 * shape[0] * shape[1]} bytes of depth in {path}, 16 bits for each of "
-            f"{shape[1]}x{shape[0]} pixels, got {len(data)}; export it again"
-        )
-    return np.frombuffer(data, "<u2").reshape(shape).astype(np.uint16)
-
-
-def read_mask(path: Path, shape: Shape) -> MaskImage:
-    """Read a PNG of up to 8 bits in one channel as a mask, True where it is not 0, shape (H, W), bool."""
-    wanted = "a mask as a PNG of up to 8 bits in 1 channel"
-    return np.asarray(_decode(path, shape, wanted, {("PNG", "1"), ("PNG", "L")}) != 0)
-
-
-def require_depths(depth: npt.NDArray[np.floating[Any]], path: Path) -> None:
-    """Raise a `DatasetError` for values that are NaN, infinite or negative, which no camera measures."""
-    low, high = float(depth.min()), float(depth.max())
-    if not (low >= 0 and high < np.inf):
-        raise DatasetError(
-            f"expected finite values of at least 0 in {path}, got values from {low} to {high}; 0 stands for no depth"
-        )
 
 
 def _open(data: bytes, path: Path) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import DatasetError, FrameError
 from ..ros import TIMES_S, Header
-from ..types import FloatImage, Frame, Intrinsics
+from ..types import Frame, Intrinsics
 from ..units import Unit
 from . import WITHIN_S
 from .files import choose_intrinsics, choose_unit
@@ -42,7 +42,7 @@ class Pair:
 
 
 class PairedImages(ABC):
-    """Base of all readers. A format adds how it finds its files, what it knows of the camera, and how it stores depth.
+    """Base of the readers of folders. A format adds how it finds its files, and what it knows of the camera.
 
     It is made as `open_dataset` does.
 
@@ -91,10 +91,6 @@ class PairedImages(ABC):
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
         """Intrinsics that the format defines or describes, for a folder without a `calibration.toml`."""
 
-    def _read_depth_m(self, pair: Pair) -> FloatImage:
-        """Depth along the optical axis [m], shape (H, W), float32; 0 = invalid."""
-        return self._unit.metres(read_depth(pair.depth, self.intrinsics.shape))
-
     def _matched(self, depth: Stream[Path], gray: Stream[Path], depth_source: str, gray_source: str) -> list[Pair]:
         """The frames of images of nearest time, see `matched`."""
         frames = matched(depth, gray, depth_source, gray_source, within_s=self._within_s)
@@ -117,7 +113,8 @@ class PairedImages(ABC):
         pair = self._pairs[index]
         try:
             gray = read_gray(pair.gray, self.intrinsics.shape)
-            return Frame(stamp_s=pair.stamp_s, gray=gray, depth_m=self._read_depth_m(pair))
+            depth_m = self._unit.metres(read_depth(pair.depth, self.intrinsics.shape))
+            return Frame(stamp_s=pair.stamp_s, gray=gray, depth_m=depth_m)
         except (FrameError, OSError) as error:
             raise DatasetError(f"{pair.gray} and {pair.depth} give no frame: {error}") from error
 

@@ -1,30 +1,23 @@
 """RealSense exports: depth of 16 bits that is aligned with a colour or infrared image, as other tools store it.
 
-Two layouts are read. Open3D's recorder and its bag reader write the first: a folder `depth` of 16-bit PNG beside one of
-gray or colour images, `color`, `rgb`, `infra1` or `ir` in this order of precedence. `camera_intrinsic.json` or
-`intrinsic.json` describes the camera by `width`, `height`, `intrinsic_matrix` by columns, and perhaps `fps` and
-`depth_scale` (units in a metre, or RealSense's metres in a unit, which are below 1). The default unit is 1 mm, as in
-all cameras but the D405, whose unit is 0.1 mm. Files of one frame have the same number in their names, which counts
-frames, at `fps` or else 30 a second, or times within 20 ms of each other, see `voxdepth.datasets.names`. Depth may also
-be a TIFF of 16 bits or of floats in metres, or an array of NumPy.
-
-The second is the output of `rs-convert -r P -p P`, the converter of recordings (tools/convert in librealsense):
-`P_Depth_MS.raw` (16-bit depth), `P_Infrared 1_MS.png` (gray) and more, where MS is the time of capture in milliseconds.
-It does not describe the camera: write a `calibration.toml`. Depth and the left infrared image, `Infrared 1` or
-`Infrared`, have the same view and size. Colour has another view, since the converter aligns nothing, and the PNG of
-depth is in false colours: neither can be used. Single frames that the Viewer saves are no stream and are not read.
+Open3D's recorder and its bag reader write a folder `depth` of 16-bit PNG beside one of gray or colour images, `color`,
+`rgb`, `infra1` or `ir` in this order of precedence. `camera_intrinsic.json` or `intrinsic.json` describes the camera by
+`width`, `height`, `intrinsic_matrix` by columns, and perhaps `fps` and `depth_scale` (units in a metre, or RealSense's
+metres in a unit, which are below 1). The default unit is 1 mm, as in all cameras but the D405, whose unit is 0.1 mm.
+Files of one frame have the same number in their names, which counts frames, at `fps` or else 30 a second, or times
+within 20 ms of each other, see `voxdepth.datasets.names`. Depth may also be a TIFF of 16 bits or of floats in metres,
+or an array of NumPy.
 """
 
 import json
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..errors import DatasetError
 from ..types import Intrinsics
 from ..units import Unit
-from .files import CALIBRATION, as_number, intrinsics_from, list_folder, list_images, read_text
+from .files import CALIBRATION, as_number, intrinsics_from, list_images, read_text
 from .images import image_shape
 from .names import in_order
 from .pairs import Pair, PairedImages
@@ -35,9 +28,6 @@ METADATA = ("camera_intrinsic.json", "intrinsic.json")
 DEPTH_SUFFIXES = (".png", ".tiff", ".tif", ".npy")
 GRAY_SUFFIXES = (".png", ".jpg", ".jpeg")
 RATE_HZ = 30.0
-
-_CONVERTED = re.compile(r"(.*)_(Depth|Infrared|Infrared 1|Color)_([0-9]+(?:\.[0-9]+)?)\.(raw|png)", re.DOTALL)
-_DEPTH, _INFRARED = [("Depth", "raw")], [("Infrared", "png"), ("Infrared 1", "png")]
 
 
 class RealSenseDataset(PairedImages):
@@ -52,7 +42,7 @@ class RealSenseDataset(PairedImages):
             self._unit = Unit(1 / scale if scale < 1 else scale)
         super().__init__(folder, intrinsics, **options)
         pair = self._pairs[0]
-        if pair.depth.suffix != ".raw" and (depth := image_shape(pair.depth)) != (gray := image_shape(pair.gray)):
+        if (depth := image_shape(pair.depth)) != (gray := image_shape(pair.gray)):
             raise DatasetError(
                 f"{pair.depth} is {depth[1]}x{depth[0]} and {pair.gray} is {gray[1]}x{gray[0]}; "
                 "align depth with the other stream when exporting"
@@ -61,19 +51,34 @@ class RealSenseDataset(PairedImages):
     @classmethod
     def lacking(cls, folder: Path) -> str:
         """See `PairedImages`."""
-        lists = [name for name in ("rgb.txt", "depth.txt") if (folder / name).exists()]
+        lists = [name for name in ("rgb.txt", "depth.txt", "associations.txt") if (folder / name).exists()]
         if lists:
             return f"nothing, but it has {' and '.join(lists)} of TUM RGB-D, whose depth has other units"
-        is_converted = any(_CONVERTED.fullmatch(path.name) for path in list_folder(folder))
-        if is_converted or ((folder / DEPTH).is_dir() and _gray_folder(folder)):
+        if (folder / DEPTH).is_dir() and _gray_folder(folder):
             return ""
-        return f"folders {DEPTH} and {' or '.join(GRAYS)} (or *_Depth_*.raw of rs-convert)"
+        return f"folders {DEPTH} and {' or '.join(GRAYS)}"
 
     def _find_pairs(self, folder: Path) -> list[Pair]:
-        gray = _gray_folder(folder)
-        if gray is None:
-            return self._converted(folder)
-        return self._paired(folder / DEPTH, gray)
+        """Files of one number, or of nearest time."""
+        depth_folder, gray_folder = folder / DEPTH, _gray_folder(folder) or folder / GRAYS[0]
+        depth, gray = in_order(_depth_files(depth_folder)), in_order(list_images(gray_folder, GRAY_SUFFIXES))
+        if depth.are_times and gray.are_times:
+            depth_s, gray_s = ([(time_ns / 1e9, path) for time_ns, path in each.files] for each in (depth, gray))
+            return self._matched(depth_s, gray_s, f"the names in {depth_folder}", f"the names in {gray_folder}")
+        depths, grays = dict(depth.files), dict(gray.files)
+        if depth.are_times != gray.are_times or not depths.keys() & grays.keys():
+            raise DatasetError(
+                f"expected images of the same numbers or times in {depth_folder} ({', '.join(DEPTH_SUFFIXES)}) and "
+                f"{gray_folder} ({', '.join(GRAY_SUFFIXES)}), got none among {len(depths)} and {len(grays)}; name the "
+                "files of a frame alike"
+            )
+        if alone := [depths.get(number) or grays[number] for number in depths.keys() ^ grays.keys()]:
+            raise DatasetError(
+                f"expected a depth and a gray image of each number, got {min(alone)} alone and {len(alone) - 1} "
+                "others; restore what is missing, or move what is alone away"
+            )
+        rate_hz = self._positive("fps", RATE_HZ)
+        return [Pair(stamp_s=number * (1 / rate_hz), gray=grays[number], depth=depths[number]) for number in depths]
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
         """The camera of `intrinsic_matrix`, `width` and `height` in the metadata."""
@@ -102,41 +107,6 @@ class RealSenseDataset(PairedImages):
             raise DatasetError(f"expected a positive number for {key} in {self._metadata_path}, got {given}")
         return number
 
-    def _paired(self, depth_folder: Path, gray_folder: Path) -> list[Pair]:
-        """Files of one number, or of nearest time."""
-        depth, gray = in_order(_depth_files(depth_folder)), in_order(list_images(gray_folder, GRAY_SUFFIXES))
-        if depth.are_times and gray.are_times:
-            depth_s, gray_s = ([(time_ns / 1e9, path) for time_ns, path in each.files] for each in (depth, gray))
-            return self._matched(depth_s, gray_s, f"the names in {depth_folder}", f"the names in {gray_folder}")
-        depths, grays = dict(depth.files), dict(gray.files)
-        if depth.are_times != gray.are_times or not depths.keys() & grays.keys():
-            raise DatasetError(
-                f"expected images of the same numbers or times in {depth_folder} ({', '.join(DEPTH_SUFFIXES)}) and "
-                f"{gray_folder} ({', '.join(GRAY_SUFFIXES)}), got none among {len(depths)} and {len(grays)}; name the "
-                "files of a frame alike"
-            )
-        if alone := [depths.get(number) or grays[number] for number in depths.keys() ^ grays.keys()]:
-            raise DatasetError(
-                f"expected a depth and a gray image of each number, got {min(alone)} alone and {len(alone) - 1} "
-                "others; restore what is missing, or move what is alone away"
-            )
-        rate_hz = self._positive("fps", RATE_HZ)
-        return [Pair(stamp_s=number * (1 / rate_hz), gray=grays[number], depth=depths[number]) for number in depths]
-
-    def _converted(self, folder: Path) -> list[Pair]:
-        """Depth and infrared images of nearest time that the converter wrote."""
-        depth, infrared = _stream(folder, _DEPTH), _stream(folder, _INFRARED)
-        if not depth:
-            raise DatasetError(
-                f"expected *_Depth_*.raw in {folder}, got none; run rs-convert with -r: its PNG is no depth"
-            )
-        if not infrared:
-            raise DatasetError(
-                f"expected *_Infrared*_*.png in {folder}, got none; run rs-convert with -p. Colour is not aligned with "
-                "the depth: to use it, align when exporting, and store the images in folders depth and color"
-            )
-        return self._matched(depth, infrared, f"depth in the file names of {folder}", "infrared in them")
-
 
 def _gray_folder(folder: Path) -> Path | None:
     return next((folder / name for name in GRAYS if (folder / name).is_dir()), None)
@@ -159,13 +129,3 @@ def _read_metadata(folder: Path) -> tuple[Path, Mapping[str, Any]]:
     if not isinstance(metadata, dict):
         raise DatasetError(f"expected a JSON object in {path}, got {type(metadata).__name__}; restore it")
     return path, metadata
-
-
-def _stream(folder: Path, kinds: Sequence[tuple[str, str]]) -> list[tuple[float, Path]]:
-    """Times [s] and files, in order."""
-    matches = [(path, match) for path in list_folder(folder) if (match := _CONVERTED.fullmatch(path.name))]
-    found = [(path, match) for path, match in matches if (match[2], match[4]) in kinds]
-    if len({match[1] for _, match in found}) > 1:
-        first, last = found[0][0].name, found[-1][0].name
-        raise DatasetError(f"{folder} has files of several recordings, as {first} and {last}; give each its own folder")
-    return sorted((float(match[3]) / 1000, path) for path, match in found)

@@ -1,17 +1,15 @@
 """TUM RGB-D: two lists of time-stamped images, colour as 8-bit PNG and depth as 16-bit PNG in 1/5000 m.
 
-`rgb.txt` and `depth.txt` hold lines of a time and a file, `associations.txt`, which counts before them, lines of both:
-time, file, time, file, colour first unless the first file lies in a folder `depth`. Otherwise colour and depth are
-matched by nearest time within 20 ms. A frame has the time of its depth image. `groundtruth.txt` is truth and is not
-read. Format and intrinsics are those that the benchmark publishes (Sturm et al., IROS 2012,
-doi:10.1109/IROS.2012.6385773); the images of freiburg1 and freiburg2 have a lens distortion that is left in.
+`rgb.txt` and `depth.txt` hold lines of a time and a file. Colour and depth are matched by nearest time within 20 ms. A
+frame has the time of its depth image. `groundtruth.txt` is truth and is not read. Format and intrinsics are those that
+the benchmark publishes (Sturm et al., IROS 2012, doi:10.1109/IROS.2012.6385773); the images of freiburg1 and freiburg2
+have a lens distortion that is left in.
 """
 
 import re
 import warnings
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 from ..errors import DatasetError
@@ -21,7 +19,7 @@ from .files import CALIBRATION, path_inside, read_text
 from .images import image_shape
 from .pairs import Pair, PairedImages, parse_stamp
 
-COLOUR_LIST, DEPTH_LIST, ASSOCIATIONS = "rgb.txt", "depth.txt", "associations.txt"
+COLOUR_LIST, DEPTH_LIST = "rgb.txt", "depth.txt"
 UNIT = Unit(5000, least_m=0.4)
 """Of the benchmark, whose camera measures nothing nearer."""
 _SHAPE = (480, 640)
@@ -52,13 +50,11 @@ class TumDataset(PairedImages):
     @classmethod
     def lacking(cls, folder: Path) -> str:
         """See `PairedImages`."""
-        if (folder / ASSOCIATIONS).exists():
-            return ""
-        missing = [name for name in (COLOUR_LIST, DEPTH_LIST) if not (folder / name).exists()]
-        return f"{' and '.join(missing)} (or {ASSOCIATIONS})" if missing else ""
+        return " and ".join(name for name in (COLOUR_LIST, DEPTH_LIST) if not (folder / name).exists())
 
     def _find_pairs(self, folder: Path) -> list[Pair]:
-        return _listed_pairs(folder) if (folder / ASSOCIATIONS).exists() else self._matched_lists(folder)
+        depth, colour = folder / DEPTH_LIST, folder / COLOUR_LIST
+        return self._matched(_listed(depth), _listed(colour), str(depth), str(colour))
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
         height_px, width_px = shape = image_shape(first.depth)
@@ -73,44 +69,21 @@ class TumDataset(PairedImages):
         fx_px, fy_px, cx_px, cy_px = _FOCAL_AND_CENTRE_PX[camera[1]] if camera else _ROS_DEFAULT_PX
         return Intrinsics(fx_px=fx_px, fy_px=fy_px, cx_px=cx_px, cy_px=cy_px, width_px=width_px, height_px=height_px)
 
-    def _matched_lists(self, folder: Path) -> list[Pair]:
-        paths = folder / DEPTH_LIST, folder / COLOUR_LIST
-        depth, colour = ([_entry(words, path, source) for words, source in _lines(path, 2)] for path in paths)
-        return self._matched(depth, colour, str(paths[0]), str(paths[1]))
-
 
 def _camera_of(folder: Path) -> re.Match[str] | None:
     """The camera of the benchmark that the name of a folder tells, or that of what it is a link to."""
     return _CAMERA.search(folder.name) or _CAMERA.search(folder.resolve().name)
 
 
-def _listed_pairs(folder: Path) -> list[Pair]:
-    path = folder / ASSOCIATIONS
-    lines = _lines(path, 4)
-    if not lines:
-        raise DatasetError(f"expected lines of time, colour image, time, depth image in {path}, got none")
-    depth_first = PurePosixPath(lines[0][0][1]).parts[:1] == ("depth",)
-    pairs = []
-    for words, source in lines:
-        first, second = _entry(words[:2], path, source), _entry(words[2:], path, source)
-        depth, colour = (first, second) if depth_first else (second, first)
-        pairs.append(Pair(stamp_s=depth[0], gray=colour[1], depth=depth[1]))
-    return pairs
-
-
-def _lines(path: Path, n_words: int) -> list[tuple[Sequence[str], str]]:
-    """The words of every line that is no comment, and which line it is."""
-    lines: list[tuple[Sequence[str], str]] = []
+def _listed(path: Path) -> list[tuple[float, Path]]:
+    """Time [s] and file of every line that is no comment."""
+    entries = []
     for number, line in enumerate(read_text(path).split("\n"), 1):
         words = line.split()
         if not words or words[0].startswith("#"):
             continue
         source = f"line {number} of {path}"
-        if len(words) != n_words:
-            raise DatasetError(f"expected {n_words} words, time and file in turn, in {source}, got {line[:80]!r}")
-        lines.append((words, source))
-    return lines
-
-
-def _entry(words: Sequence[str], path: Path, source: str) -> tuple[float, Path]:
-    return parse_stamp(words[0], source), path_inside(path.parent, words[1], source)
+        if len(words) != 2:
+            raise DatasetError(f"expected a time and a file in {source}, got {line[:80]!r}")
+        entries.append((parse_stamp(words[0], source), path_inside(path.parent, words[1], source)))
+    return entries

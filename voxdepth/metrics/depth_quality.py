@@ -10,7 +10,7 @@ import numpy as np
 
 from ..geometry import back_project
 from ..types import FloatImage, Intrinsics
-from .moving import Share
+from .shares import Share
 
 ROI_SHARE = 0.4
 """Width and height of the region of interest, as shares of those of the image."""

@@ -1,40 +1,18 @@
 """Configuration of the paper's method."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from ..devices import DeviceName
 from ..model import Model
-from .odometry import OdometryConfig
-from .registration import RegistrationConfig
 from .voxels import LARGEST_EXTENT_M, VoxelConfig
 
 MotionModelName = Literal["constant", "per_frame"]
+NEAR_SHARE = 0.5
+"""Share of the template's depth below which a pixel is too near. Paper: "less than half"."""
 LARGEST = float(np.finfo(np.float32).max)
-
-
-class CombineConfig(Model):
-    """Conditions under which a measured pixel is replaced, besides being empty. The first two are from the paper."""
-
-    reject_near: bool = True
-    """Whether a pixel much nearer than the template is invalid; this also erases objects that move in front of it."""
-    near_share: float = Field(default=0.5, gt=0, lt=1)
-    """Share of the template's depth below which a pixel is too near. Paper: "less than half"."""
-    reject_far: bool = True
-    """Whether a pixel farther than the template is invalid; this also overwrites surfaces that recede."""
-    empty_from_m: float = Field(default=LARGEST_EXTENT_M, gt=0)
-    """Depth from which a measured pixel counts as empty [m]. The default is beyond every measurement."""
-
-    @property
-    def bounds(self) -> tuple[float, float, float]:
-        """Bounds of the template t that keep a depth z: `low z <= t <= high z`, and the depth of empty pixels [m].
-
-        An empty pixel is never kept.
-        """
-        low, high = (1.0 if self.reject_far else 0.0), (1 / self.near_share if self.reject_near else LARGEST)
-        return low, high, self.empty_from_m
 
 
 class VoxDepthConfig(Model):
@@ -44,27 +22,35 @@ class VoxDepthConfig(Model):
     """Frames that are fused at the start of an epoch, n in the paper. More fill more and smear more."""
     max_epoch_frames: int = Field(default=60, ge=1, le=1_000_000)
     """Frames after which an epoch ends even if registration still succeeds."""
-    fusion_lag_frames: Annotated[int, Field(ge=0)] | Literal["ready"] = 3
-    """Frames from the last of a window to the first that its template corrects, while fusion runs in the background.
-
-    A number gives the same results on every machine: 3 frames are 100 ms at 30 Hz, slightly more than a fusion takes; 0
-    waits for it within the call. `ready` switches as soon as it is done, for live cameras.
-    """
+    fusion_lag_frames: int = Field(default=3, ge=0)
+    """Frames from the last of a window to the first that its template corrects, while fusion runs in the background: 3
+    frames are 100 ms at 30 Hz, slightly more than a fusion takes. 0 waits for it within the call."""
     motion: MotionModelName = "constant"
     """`constant`: the motion between the first two frames of a window holds for all, as in the paper. `per_frame`: it
     is measured between all neighbours, which is slower and follows turns."""
     voxels: VoxelConfig = VoxelConfig()
-    odometry: OdometryConfig = OdometryConfig()
     dilation_px: int = Field(default=5, ge=1, le=99)
     """Window whose farthest depth makes the projected cloud dense (Eq. dilate); odd. A larger one closes wider gaps and
     moves edges by half of it."""
-    registration: RegistrationConfig = RegistrationConfig()
-    combine: CombineConfig = CombineConfig()
+    n_features: int = Field(default=200, ge=10, le=100_000)
+    """Maximum number of features per image. More follow the template for longer; the time grows more than linearly."""
+    max_distance: int = Field(default=20, ge=0, le=256)
+    """Hamming distance up to which a match is good. Paper: 20 (whose "exceeds" can only mean "at most")."""
+    min_matches: int = Field(default=5, ge=3, le=100_000)
+    """Good matches below which the template no longer fits the scene. Paper: 5."""
+    chained: bool = False
+    """Whether the map to a frame is composed of those between successive frames since the template. Neighbours match
+    where the template no longer does, but the errors of the maps add up. From the authors' code, not the paper."""
+    only_empty: bool = False
+    """Whether only empty pixels are replaced. Otherwise those are, too, that are much nearer than the template, which
+    also erases objects that move in front of it, or farther, which also overwrites surfaces that recede."""
+    empty_from_m: float = Field(default=LARGEST_EXTENT_M, gt=0)
+    """Depth from which a measured pixel counts as empty [m]. The default is beyond every measurement."""
     median_size_px: int = 5
     """Window of the median filter against flicker: 1 (off), 3 or 5."""
     device: DeviceName = "cpu"
-    """What processes the images: `cpu`, `cuda`, `warp-cpu` (the kernels of `cuda` without a GPU), or `auto`.
-    The dilation always runs on the CPU."""
+    """What fuses and projects voxels: `cpu`, `cuda`, `warp-cpu` (the kernels of `cuda` without a GPU), or `auto`.
+    Frames are corrected on the CPU."""
 
     @field_validator("dilation_px")
     @classmethod
@@ -81,14 +67,18 @@ class VoxDepthConfig(Model):
         return size_px
 
     @property
-    def warm_up_frames(self) -> int:
-        """Frames until a fused template is there and was used: a window, its lag, and two more."""
-        return self.window_frames + (0 if self.depends_on_clock else int(self.fusion_lag_frames)) + 2
+    def bounds(self) -> tuple[float, float, float]:
+        """Bounds of the template t that keep a depth z: `low z <= t <= high z`, and the depth of empty pixels [m].
+
+        An empty pixel is never kept.
+        """
+        low, high = (0.0, LARGEST) if self.only_empty else (1.0, 1 / NEAR_SHARE)
+        return low, high, self.empty_from_m
 
     @property
-    def depends_on_clock(self) -> bool:
-        """Whether results depend on how fast the machine is."""
-        return self.fusion_lag_frames == "ready"
+    def warm_up_frames(self) -> int:
+        """Frames until a fused template is there and was used: a window, its lag, and two more."""
+        return self.window_frames + self.fusion_lag_frames + 2
 
 
 def authors_config() -> VoxDepthConfig:
@@ -102,6 +92,10 @@ def authors_config() -> VoxDepthConfig:
         window_frames=12,
         max_epoch_frames=200,
         fusion_lag_frames=0,
-        registration=RegistrationConfig(n_features=1000, max_distance=10, min_matches=20, chained=True),
-        combine=CombineConfig(reject_near=False, reject_far=False, empty_from_m=65.0),
+        n_features=1000,
+        max_distance=10,
+        min_matches=20,
+        chained=True,
+        only_empty=True,
+        empty_from_m=65.0,
     )

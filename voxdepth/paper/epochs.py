@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Literal
 
 from ..types import FloatImage, Frame
-from .registration import Features, Registration, RegistrationStatus, warped
+from .registration import Features, Registration, RegistrationStatus
+from .steps import warped
 from .voxels import OccupiedVoxels
 
 
@@ -74,10 +74,8 @@ class VoxDepthDiagnostics:
 class Template:
     """Dense depth of the scene in the last frame of a fusion window, and the features of its gray image."""
 
-    depth: Any
-    """Depth [m], shape (H, W), 0 = unknown, in the memory of the `ImageSteps` that made it."""
     depth_m: FloatImage
-    """The same as a NumPy array, which nothing changes."""
+    """Depth [m], shape (H, W), 0 = unknown."""
     voxels: OccupiedVoxels
     """The cloud that was fused, in the camera of that frame."""
     stamp_s: float
@@ -91,7 +89,6 @@ Fuse = Callable[[Sequence[Frame], Features], Template]
 """Fuses a window of frames, given the features of the last, into a template."""
 Follows = Callable[[Features, Features], bool]
 """Whether two successive images show the same scene."""
-Lag = int | Literal["ready"]
 
 
 class Epochs:
@@ -101,7 +98,7 @@ class Epochs:
     frames between the last of a window and the first that uses its template; see `fusion_lag_frames`.
     """
 
-    def __init__(self, fuse: Fuse, follows: Follows, *, window_frames: int, max_epoch_frames: int, lag: Lag) -> None:
+    def __init__(self, fuse: Fuse, follows: Follows, *, window_frames: int, max_epoch_frames: int, lag: int) -> None:
         self._fuse = fuse
         self._follows = follows
         self._window_frames = window_frames
@@ -134,7 +131,7 @@ class Epochs:
         self._frames += 1
         self._collect(frame, features)
         pending = self._pending
-        if pending is not None and (pending.done() if self._lag == "ready" else self._frames >= self._due):
+        if pending is not None and self._frames >= self._due:
             self._pending, self._window = None, []  # If fusing failed, the next frame opens a new window.
             self.template = pending.result()
             self.number += 1
@@ -179,7 +176,7 @@ class Epochs:
         self._window.append(replace(frame, gray=frame.gray.copy(), depth_m=frame.depth_m.copy()))
         if len(self._window) == self._window_frames:
             self._pending = self._started(self._window, features)
-            self._due = self._frames + (0 if self._lag == "ready" else self._lag)
+            self._due = self._frames + self._lag
             self._window = None
 
     def _started(self, window: Sequence[Frame], features: Features) -> "Future[Template]":

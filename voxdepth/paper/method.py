@@ -3,20 +3,25 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from numba import float32, uint8, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compile_all, compiled
 from ..corrector import StreamCorrector, checked_config
-from ..geometry import PointArray
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import MotionModelName, VoxDepthConfig
 from .epochs import Epochs, Template, VoxDepthDiagnostics
 from .odometry import Odometry, PhotometricOdometry, PriorsFirst
 from .registration import ChainedRegistration, Features, OrbRegistration, Registration, RegistrationStatus
-from .steps import ImageSteps, create_steps
+from .steps import combine, create_grid, dilated, warped
+from .voxels import VoxelGrid
+
+if TYPE_CHECKING:
+    from .warp_voxels import WarpVoxelGrid
 
 SENSOR_CONFIDENCE, OTHER_CONFIDENCE = np.float32(1), np.float32(0.5)
 """Confidence of measured and of other pixels, by convention: the paper has none.
@@ -55,18 +60,26 @@ class VoxDepth(StreamCorrector):
 
     def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
         camera, config = intrinsics, checked_config(intrinsics, config, VoxDepthConfig)
-        self._steps = create_steps(config.device, camera, config)
-        registration = ChainedRegistration if config.registration.chained else OrbRegistration
-        self._registration = registration(config.registration, camera.shape)
-        odometry = PriorsFirst(PhotometricOdometry(camera, config.odometry), config.odometry)
+        self._config = config
+        registration = ChainedRegistration if config.chained else OrbRegistration
+        self._registration = registration(config, camera.shape)
+        odometry = PriorsFirst(PhotometricOdometry(camera))
         motion_model = MOTION_MODELS[config.motion]
         self._epochs = Epochs(
-            partial(fuse_window, steps=self._steps, odometry=odometry, motion_model=motion_model),
+            partial(
+                fuse_window,
+                grid=create_grid(config.device, config.voxels, camera),
+                odometry=odometry,
+                motion_model=motion_model,
+                dilation_px=config.dilation_px,
+            ),
             self._registration.follows,
             window_frames=config.window_frames,
             max_epoch_frames=config.max_epoch_frames,
             lag=config.fusion_lag_frames,
         )
+        self._warped_m = np.empty(camera.shape, np.float32)
+        compile_all()
         super().__init__(camera)
 
     def _forget(self) -> None:
@@ -77,20 +90,6 @@ class VoxDepth(StreamCorrector):
         """Wait for a fusion that is under way, and accept no more frames."""
         super().close()
         self._epochs.close()
-
-    @property
-    def template_m(self) -> FloatImage | None:
-        """The present template: a depth image [m], shape (H, W), 0 = unknown; None before the first epoch."""
-        return None if self._epochs.template is None else self._epochs.template.depth_m
-
-    @property
-    def voxel_points_m(self) -> PointArray:
-        """Centres of the voxels of the present template [m], shape (N, 3), float32; none before the first epoch.
-
-        They are in the camera of the last frame of its window.
-        """
-        template = self._epochs.template
-        return np.empty((0, 3), np.float32) if template is None else template.voxels.centres_m
 
     def _align(self, frame: Frame) -> Aligned:
         timer = StepTimer()
@@ -118,20 +117,19 @@ class VoxDepth(StreamCorrector):
 
     def combine(self, aligned: Aligned) -> CorrectedDepth:
         """Correct the aligned frame, which depends on nothing else."""
-        timer = StepTimer(aligned.timings_s)
-        measured_m, template, registration = aligned.frame.depth_m, None, aligned.diagnostics.registration
-        depth, source_before = self._steps.upload(measured_m), (measured_m > 0).view(np.uint8)
+        timer, registration = StepTimer(aligned.timings_s), aligned.diagnostics.registration
+        measured_m, template = aligned.frame.depth_m, aligned.template if registration.ok else None
+        depth_m, source_before = measured_m, (measured_m > 0).view(np.uint8)
         with timer("warp"):  # from the original, since repeated warps would mix edges
-            if aligned.template is not None and registration.ok:
-                template = self._steps.warp(aligned.template.depth, registration.M_frame_template)
+            if template is not None:
+                depth_m = warped(template.depth_m, registration.M_frame_template, self._warped_m)
         with timer("merge"):
             if template is not None:
-                depth, labels = self._steps.combine(depth, template)
-                source_before = self._steps.to_host(labels)
+                source_before = np.empty_like(source_before)
+                combine(measured_m, *self._config.bounds, depth_m, source_before)
         with timer("filter"):
-            depth = self._steps.filter(depth)
+            depth_m = np.asarray(cv2.medianBlur(depth_m, self._config.median_size_px), np.float32)
         with timer("label"):  # after the median has emptied some pixels and filled others
-            depth_m = self._steps.to_host(depth)
             source, confidence = np.empty_like(source_before), np.empty_like(depth_m)
             _label(depth_m, source_before, source, confidence)
         return CorrectedDepth(
@@ -169,10 +167,10 @@ def constant_velocity(window: Sequence[Frame], odometry: Odometry) -> list[Float
     Without that motion only the last frame has a pose.
     """
     last = len(window) - 1
-    step = odometry.estimate(window[0], window[1]) if last else None
-    if step is None or not step.ok:
+    T = odometry.estimate(window[0], window[1]) if last else None
+    if T is None:
         return [*([None] * last), np.eye(4)]
-    return [np.linalg.matrix_power(step.T_target_source, last - i) for i in range(len(window))]
+    return [np.linalg.matrix_power(T, last - i) for i in range(len(window))]
 
 
 def motion_per_frame(window: Sequence[Frame], odometry: Odometry) -> list[FloatArray | None]:
@@ -180,37 +178,41 @@ def motion_per_frame(window: Sequence[Frame], odometry: Odometry) -> list[FloatA
     poses: list[FloatArray | None] = [None] * len(window)
     T_last_frame = poses[-1] = np.eye(4)
     for i in reversed(range(len(window) - 1)):
-        step = odometry.estimate(window[i], window[i + 1])
-        if not step.ok:
+        T = odometry.estimate(window[i], window[i + 1])
+        if T is None:
             break
-        T_last_frame = poses[i] = T_last_frame @ step.T_target_source
+        T_last_frame = poses[i] = T_last_frame @ T
     return poses
 
 
 def fuse_window(
-    window: Sequence[Frame], features: Features, steps: ImageSteps, odometry: Odometry, motion_model: MotionModel
+    window: Sequence[Frame],
+    features: Features,
+    grid: "VoxelGrid | WarpVoxelGrid",
+    odometry: Odometry,
+    motion_model: MotionModel,
+    dilation_px: int,
 ) -> Template:
     """Fuse successive frames into a template in the camera of the last one, which has these features.
 
-    Frames without a pose are left out: they would smear. The steps hold one voxel grid, for one window at a time.
+    Frames without a pose are left out: they would smear. The grid is for one window at a time.
     """
     timer = StepTimer()
     with timer("fused"):
         with timer("motion"):
             poses = motion_model(window, odometry)
         with timer("voxelise"):
-            steps.clear()
+            grid.clear()
             for frame, T_last_frame in zip(window, poses, strict=True):
                 if T_last_frame is not None:
-                    steps.integrate(frame.depth_m, T_last_frame)
+                    grid.integrate(frame.depth_m, T_last_frame)
         with timer("project"):
-            sparse = steps.project()
+            sparse_m = grid.project()
         with timer("inpaint"):
-            depth = steps.inpaint(sparse)
+            depth_m = dilated(sparse_m, dilation_px)
     return Template(
-        depth=depth,
-        depth_m=steps.to_host(depth),
-        voxels=steps.occupied(),
+        depth_m=depth_m,
+        voxels=grid.occupied(),
         stamp_s=window[-1].stamp_s,
         features=features,
         timings_s=timer.times_s,

@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import int64, types, uint64, void
-from pydantic import Field
 
 from ..compiled import compiled, compiled_part
-from ..model import Model
-from ..types import FloatArray, FloatImage, GrayImage, resized
+from ..types import FloatArray, GrayImage, resized
+from .config import VoxDepthConfig
 
 Indices = npt.NDArray[np.intp]
 Descriptors = npt.NDArray[np.uint64]
@@ -25,26 +24,12 @@ PYRAMID_LEVELS = 6
 EDGE_PX = 15
 """Border without features. OpenCV's default of 31 would leave out half of a 200 x 200 image, and a third of the good
 matches."""
-
-
-class RegistrationConfig(Model):
-    """How features are found and which matches count as good."""
-
-    size_px: int = Field(default=200, ge=64, le=4_096)
-    """Width and height that the gray image is resized to. Paper: 200 x 200. Larger is more exact and slower."""
-    n_features: int = Field(default=200, ge=10, le=100_000)
-    """Maximum number of features per image. More follow the template for longer; the time grows more than linearly."""
-    max_distance: int = Field(default=20, ge=0, le=256)
-    """Hamming distance up to which a match is good. Paper: 20 (whose "exceeds" can only mean "at most")."""
-    min_matches: int = Field(default=5, ge=3, le=100_000)
-    """Good matches below which the template no longer fits the scene. Paper: 5."""
-    ransac_px: float = Field(default=3.0, gt=0)
-    """Distance up to which a match supports the affine map, in pixels of the resized image."""
-    chained: bool = False
-    """Whether the map to a frame is composed of those between successive frames since the template. Neighbours match
-    where the template no longer does, but the errors of the maps add up. From the authors' code, not the paper."""
-    max_scale: float = Field(default=2.0, gt=1)
-    """Largest believable magnification of the template in any direction; its inverse is the smallest."""
+SIZE_PX = 200
+"""Width and height that the gray image is resized to. Paper: 200 x 200. Larger is more exact and slower."""
+RANSAC_PX = 3.0
+"""Distance up to which a match supports the affine map, in pixels of the resized image."""
+MAX_SCALE = 2.0
+"""Largest believable magnification of the template in any direction; its inverse is the smallest."""
 
 
 class RegistrationStatus(StrEnum):
@@ -82,19 +67,10 @@ class Features:
     descriptors: npt.NDArray[np.uint64]
 
 
-def warped(image: FloatImage, M_frame_template: FloatArray, out: FloatImage | None = None) -> FloatImage:
-    """An image of the template in the pixels of a frame, shape (H, W), sampled at the nearest pixel; 0 outside of it.
-
-    `out` is overwritten and returned; None makes a new image.
-    """
-    size = image.shape[1], image.shape[0]
-    return cv2.warpAffine(image, M_frame_template, size, dst=out, flags=cv2.INTER_NEAREST)  # type: ignore[return-value]
-
-
 class OrbRegistration:
     """Finds the 2 x 3 affine map between two images of one size."""
 
-    def __init__(self, config: RegistrationConfig, shape: tuple[int, int]) -> None:
+    def __init__(self, config: VoxDepthConfig, shape: tuple[int, int]) -> None:
         self._config = config
         self._orb = cv2.ORB_create(  # type: ignore[attr-defined]
             nfeatures=config.n_features,
@@ -103,13 +79,12 @@ class OrbRegistration:
             scoreType=cv2.ORB_FAST_SCORE,
         )
         height, width = shape
-        self._small_from_full = resize_map(config.size_px / width, config.size_px / height)
-        self._full_from_small = resize_map(width / config.size_px, height / config.size_px)
+        self._small_from_full = resize_map(SIZE_PX / width, SIZE_PX / height)
+        self._full_from_small = resize_map(width / SIZE_PX, height / SIZE_PX)
 
     def describe(self, gray: GrayImage) -> Features:
         """Features of a gray image of shape (H, W)."""
-        size = (self._config.size_px, self._config.size_px)
-        return detect(self._orb, cv2.resize(gray, size))
+        return detect(self._orb, cv2.resize(gray, (SIZE_PX, SIZE_PX)))
 
     def register(self, reference: Features, current: Features) -> Registration:
         """Affine map from the full-size pixels of `reference` to those of `current`."""
@@ -118,7 +93,7 @@ class OrbRegistration:
         if n_matches < self._config.min_matches:
             return Registration(status=RegistrationStatus.FEW_MATCHES, n_matches=n_matches)
         source, target = reference.points_px[in_reference], current.points_px[in_current]
-        found, inliers = cv2.estimateAffine2D(source, target, ransacReprojThreshold=self._config.ransac_px)
+        found, inliers = cv2.estimateAffine2D(source, target, ransacReprojThreshold=RANSAC_PX)
         small = None if found is None else np.asarray(found, np.float64)
         n_inliers = int(np.count_nonzero(inliers))
         if small is None or n_inliers < self._config.min_matches or not self._believable(small):
@@ -140,13 +115,13 @@ class OrbRegistration:
         if not np.isfinite(M).all() or np.linalg.det(M[:, :2]) <= 0:
             return False
         largest, smallest = np.linalg.svd(M[:, :2], compute_uv=False)
-        return bool(largest <= self._config.max_scale and smallest >= 1 / self._config.max_scale)
+        return bool(largest <= MAX_SCALE and smallest >= 1 / MAX_SCALE)
 
 
 class ChainedRegistration(OrbRegistration):
     """Follows a stream: the map to a frame is that to the last registered frame, and the step from there."""
 
-    def __init__(self, config: RegistrationConfig, shape: tuple[int, int]) -> None:
+    def __init__(self, config: VoxDepthConfig, shape: tuple[int, int]) -> None:
         super().__init__(config, shape)
         self._reference: Features | None = None
 

@@ -1,91 +1,37 @@
-"""The image operations of the paper's method, by the usual libraries (here) or by Warp (`warp_steps`)."""
+"""The steps of the paper's method that touch every pixel of a depth image."""
 
-from typing import TYPE_CHECKING, TypeVar, Union
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numba import float32, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compile_all, compiled
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled
 from ..devices import DeviceName, present
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
-from .config import VoxDepthConfig
-from .registration import warped
-from .voxels import OccupiedVoxels, VoxelGrid, dilated, project_voxels
+from .voxels import VoxelConfig, VoxelGrid
 
 if TYPE_CHECKING:
-    from .warp_steps import WarpSteps
-
-Image = TypeVar("Image", FloatImage, GrayImage)
-ImageSteps = Union["HostSteps", "WarpSteps"]
-"""The steps that process every pixel. Images stay in the memory of the implementation from step to step."""
+    from .warp_voxels import WarpVoxelGrid
 
 
-class HostSteps:
-    """Image operations on NumPy arrays. The library of each step is the fastest one in `voxdepth bench`.
+def dilated(sparse_m: FloatImage, size_px: int) -> FloatImage:
+    """Every pixel, filled or not, takes the maximum of its window: paper, Eq. dilate.
 
-    A warped template and its combination with a frame are valid until the next call of `warp`.
+    Depth [m] has shape (H, W), 0 = unknown. A pixel stays empty if its whole window is empty. Every depth edge moves by
+    half the window, the far side over the near one.
     """
-
-    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig) -> None:
-        self._intrinsics = intrinsics
-        self._config = config
-        self._grid = VoxelGrid(config.voxels)
-        self._warped = np.empty(intrinsics.shape, np.float32)
-        compile_all()
-
-    def clear(self) -> None:
-        """Empty the voxel grid."""
-        self._grid.clear()
-
-    def integrate(self, depth_m: FloatImage, T_grid_cam: FloatArray) -> None:
-        """OR the voxels of a depth image, shape (H, W), taken at a pose in the grid's frame, into the grid."""
-        self._grid.integrate(depth_m, self._intrinsics, T_grid_cam)
-
-    def project(self) -> FloatImage:
-        """Sparse depth of the grid's voxels in the camera at its origin."""
-        return project_voxels(self._grid, self._intrinsics)
-
-    def occupied(self) -> OccupiedVoxels:
-        """The voxels of the grid as they are now."""
-        return OccupiedVoxels.of(self._grid.words, self._grid.config)
-
-    def inpaint(self, sparse: FloatImage) -> FloatImage:
-        """Dense depth of sparse depth, see `dilated`."""
-        return dilated(sparse, self._config.dilation_px)
-
-    def upload(self, depth_m: FloatImage) -> FloatImage:
-        """A depth image [m], shape (H, W), in this object's memory."""
-        return depth_m
-
-    def warp(self, template: FloatImage, M_frame_template: FloatArray) -> FloatImage:
-        """The template in the pixels of the frame, sampled at the nearest pixel; 0 outside of it."""
-        return warped(template, M_frame_template, self._warped)
-
-    def combine(self, raw: FloatImage, template: FloatImage) -> tuple[FloatImage, GrayImage]:
-        """Depth and `Source` after the invalid pixels of a frame are replaced by those of the warped template."""
-        source = np.empty(raw.shape, np.uint8)
-        combine(np.ascontiguousarray(raw), *self._config.combine.bounds, template, source)
-        return template, source
-
-    def filter(self, depth: FloatImage) -> FloatImage:
-        """Median filter against flicker."""
-        filtered: FloatImage = cv2.medianBlur(depth, self._config.median_size_px)  # type: ignore[assignment]
-        return filtered
-
-    def to_host(self, image: Image) -> Image:
-        """An image of this object's memory, shape (H, W), as a NumPy array."""
-        return image
+    dense_m: FloatImage = cv2.dilate(sparse_m, np.ones((size_px, size_px), np.uint8))  # type: ignore[assignment]
+    return dense_m
 
 
-def create_steps(device: DeviceName, intrinsics: Intrinsics, config: VoxDepthConfig) -> ImageSteps:
-    """Create the steps on a device, or raise a `ConfigError`, see `present`."""
-    device = present(device)
-    if device == "cpu":
-        return HostSteps(intrinsics, config)
-    from .warp_steps import WarpSteps
+def warped(image: FloatImage, M_frame_template: FloatArray, out: FloatImage | None = None) -> FloatImage:
+    """An image of the template in the pixels of a frame, shape (H, W), sampled at the nearest pixel; 0 outside of it.
 
-    return WarpSteps(intrinsics, config, device=device.removeprefix("warp-"))
+    `out` is overwritten and returned; None makes a new image.
+    """
+    size = image.shape[1], image.shape[0]
+    return cv2.warpAffine(image, M_frame_template, size, dst=out, flags=cv2.INTER_NEAREST)  # type: ignore[return-value]
 
 
 @compiled(void(READABLE_IMAGE, float32, float32, float32, FLOAT_IMAGE, BYTE_IMAGE))
@@ -103,7 +49,7 @@ def combine(
     depthcor.
 
     Images have shape (H, W) and depth in metres, 0 = invalid. A pixel is kept within the bounds of the
-    `CombineConfig`, and where the template is empty. That is in the pixels of the frame, and overwritten by the result.
+    configuration, and where the template is empty. That is in the pixels of the frame, and overwritten by the result.
     """
     for row in range(raw_m.shape[0]):
         for col in range(raw_m.shape[1]):
@@ -114,3 +60,13 @@ def combine(
             sensor = Source.SENSOR if measured_m > 0 else Source.INVALID
             depth_m[row, col] = template_m if is_replaced else measured_m
             source[row, col] = Source.MEMORY if is_replaced else sensor
+
+
+def create_grid(device: DeviceName, config: VoxelConfig, intrinsics: Intrinsics) -> "VoxelGrid | WarpVoxelGrid":
+    """Create an empty grid on a device, or raise a `ConfigError`, see `present`."""
+    device = present(device)
+    if device == "cpu":
+        return VoxelGrid(config, intrinsics)
+    from .warp_voxels import WarpVoxelGrid
+
+    return WarpVoxelGrid(config, intrinsics, device=device.removeprefix("warp-"))

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from math import prod
 from typing import Self
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import float32, int64, uint32, void
@@ -68,21 +67,36 @@ class VoxelGrid:
     Cells are numbered with x fastest and z slowest, so that neighbouring pixels of a surface share words of memory.
     """
 
-    def __init__(self, config: VoxelConfig) -> None:
+    def __init__(self, config: VoxelConfig, intrinsics: Intrinsics) -> None:
         self.config = config
         self.words: Words = np.zeros(config.n_words, np.uint32)
+        self._intrinsics = intrinsics
 
     def clear(self) -> None:
         """Empty the grid."""
         self.words.fill(0)
 
-    def integrate(self, depth_m: FloatImage, intrinsics: Intrinsics, T_grid_cam: FloatArray) -> None:
-        """OR the voxels of all valid pixels of a depth image into the grid: paper, Algorithm 1.
+    def integrate(self, depth_m: FloatImage, T_grid_cam: FloatArray) -> None:
+        """OR the voxels of all valid pixels of a depth image [m], shape (H, W), into the grid: paper, Algorithm 1.
 
         `T_grid_cam`, shape (4, 4), is the pose of its camera in the frame of the grid.
         """
-        rays = RayMap.of(intrinsics, self.config.T_cells_m @ T_grid_cam)
+        rays = RayMap.of(self._intrinsics, self.config.T_cells_m @ T_grid_cam)
         _mark(np.ascontiguousarray(depth_m), rays.rows, rays.cols, rays.offset, self.config.shape, self.words)
+
+    def project(self) -> FloatImage:
+        """Depth image [m], shape (H, W), float32, of the centres of the voxels as the camera of the grid sees them.
+
+        It is 0 where no centre falls.
+        """
+        depth_m, camera = np.zeros(self._intrinsics.shape, np.float32), self._intrinsics
+        focal_px, centre_px = (camera.fx_px, camera.fy_px), (camera.cx_px, camera.cy_px)
+        _draw(self.words, self.config.cell_m, self.config.shape, focal_px, centre_px, depth_m)
+        return depth_m
+
+    def occupied(self) -> "OccupiedVoxels":
+        """The voxels of the grid as they are now."""
+        return OccupiedVoxels.of(self.words, self.config)
 
 
 @compiled(void(READABLE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32[::1], UniTuple(int64, 3), WORDS))
@@ -135,14 +149,6 @@ class OccupiedVoxels:
         return centres_m
 
 
-def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:
-    """Depth image [m], shape (H, W), float32, of the centres of a grid's voxels; 0 where none falls."""
-    depth_m = np.zeros(intrinsics.shape, np.float32)
-    focal_px, centre_px = (intrinsics.fx_px, intrinsics.fy_px), (intrinsics.cx_px, intrinsics.cy_px)
-    _draw(grid.words, grid.config.cell_m, grid.config.shape, focal_px, centre_px, depth_m)
-    return depth_m
-
-
 @compiled(
     void(WORDS, UniTuple(float32, 3), UniTuple(int64, 3), UniTuple(float32, 2), UniTuple(float32, 2), FLOAT_IMAGE)
 )
@@ -172,13 +178,3 @@ def _draw(
                 is_inside = (col >= 0) & (col < depth_m.shape[1]) & (row >= 0) & (row < depth_m.shape[0])
                 if is_inside and depth_m[int64(row), int64(col)] == 0:
                     depth_m[int64(row), int64(col)] = z_m
-
-
-def dilated(sparse_m: FloatImage, size_px: int) -> FloatImage:
-    """Every pixel, filled or not, takes the maximum of its window: paper, Eq. dilate.
-
-    Depth [m] has shape (H, W), 0 = unknown. A pixel stays empty if its whole window is empty. Every depth edge moves by
-    half the window, the far side over the near one.
-    """
-    dense_m: FloatImage = cv2.dilate(sparse_m, np.ones((size_px, size_px), np.uint8))  # type: ignore[assignment]
-    return dense_m

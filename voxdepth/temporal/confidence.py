@@ -51,7 +51,7 @@ ERROR_PX = {
 That of a remembered surface is magnified as the camera comes nearer, see `Fused.magnification`."""
 
 
-INPAINTED, REMEMBERED = float32(0.9), float32(0.95)
+UNANIMOUS_FILL, REMEMBERED_FILL = float32(0.9), float32(0.95)
 """Probability that a hole is filled with the right surface if all votes agree, right beside an end, or if the memory is
 one of the supporters."""
 DOUBT_SHARE = 0.02
@@ -67,7 +67,7 @@ def fill_probability(share: float, is_remembered: bool) -> float:
     The exponent of the share is 3/2, or 1/2 where the memory is one of the voters for it.
     """
     root = np.sqrt(share)
-    probability: float = REMEMBERED * root if is_remembered else INPAINTED * share * root
+    probability: float = REMEMBERED_FILL * root if is_remembered else UNANIMOUS_FILL * share * root
     return probability
 
 
@@ -84,7 +84,7 @@ def estimate_confidence(
     `CORRECT_PX`, under Laplace noise.
 
     Weights are in units of `1 / WEIGHT_UNIT`. The magnification is a factor of the error of remembered disparities. The
-    inpainting probability is that of the right surface where the `PixelClass` is unknown, and a factor of the
+    inpainting probability is that of the right surface where the `PixelClass` is unmeasured, and a factor of the
     probability of the other classes. All images have the same shape.
     """
     exponent, surface_probability = np.empty((2, *disparity_px.shape), np.float32)
@@ -96,11 +96,11 @@ def estimate_confidence(
     return confidence
 
 
-def _lookup_table(of_unknown: float, curves: dict[PixelClass, Exponential]) -> FloatArray:
+def _lookup_table(of_unmeasured: float, curves: dict[PixelClass, Exponential]) -> FloatArray:
     """A quantity for every pixel class and weight level, shape (256,)."""
     n_measurements = np.arange(WEIGHT_LEVELS) * 4.0 / WEIGHT_UNIT
-    known = [curves[each].at(n_measurements) for each in PixelClass if each is not PixelClass.UNKNOWN]
-    return np.concatenate([np.full(WEIGHT_LEVELS, of_unknown), *known])
+    known = [curves[each].at(n_measurements) for each in PixelClass if each is not PixelClass.UNMEASURED]
+    return np.concatenate([np.full(WEIGHT_LEVELS, of_unmeasured), *known])
 
 
 _SURFACE_PROBABILITY = _lookup_table(1, SURFACE_PROBABILITY).astype(np.float32)

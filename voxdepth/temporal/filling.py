@@ -1,17 +1,17 @@
-"""Holes are filled by votes of what is known around them, of the memory, and of the previous output.
+"""Holes are filled by votes of what is known around them, of the memory, and of the previous fill.
 
 From every hole, eight rays go to the nearest known pixels: along its row, its column and both diagonals. Each of these
-four axes has at most one vote, and so have the memory and the previous output. A vote is a disparity with a weight;
-d is the distance to an end of an axis in pixels of the image:
+four axes has at most one vote, and so have the memory and the previous fill. A vote is a disparity with a weight; d is
+the distance to an end of an axis in pixels of the image:
 
 | situation                                | disparity               | weight                                         |
 |------------------------------------------|-------------------------|------------------------------------------------|
-| both ends are of one surface             | linear between the ends | 2 (1/d1 + 1/d2), times `row_factor` in the row |
+| both ends are of one surface             | linear between the ends | 2 (1/d1 + 1/d2), times `ROW_FACTOR` in the row |
 | both ends are of one slanted surface     | linear between the ends | 1/d1 + 1/d2                                    |
 | the ends are at a depth discontinuity    | the farther end         | 1/d; in an occlusion shadow `shadow_factor`/d  |
-| there is only one end                    | the surface, continued  | `lone_factor`/d                                |
-| the memory                               | its own                 | (1 + evidence) / `memory_distance_px`          |
-| the previous output, moved to this frame | its own                 | 1 / `previous_distance_px`                     |
+| there is only one end                    | the surface, continued  | 1/d                                            |
+| the memory                               | its own                 | (1 + evidence) `MEMORY_WEIGHT`                 |
+| the previous fill, moved to this frame   | its own                 | `PREVIOUS_WEIGHT`                              |
 
 Votes for one surface support each other. The vote with the largest support wins; the hole takes the mean of its
 supporters by weight, and their share of all weights is the evidence for it.
@@ -24,10 +24,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import boolean, float32, int32, int64, uint8, void
 from numba.types import UniTuple
-from pydantic import Field
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
-from ..model import Model
 from ..types import FloatImage, GrayImage
 from .confidence import DOUBT_SHARE, fill_probability
 from .masks import above
@@ -47,8 +45,20 @@ from .rays import (
 )
 from .working_resolution import WorkingResolution
 
-STEP_PX = np.array([1, np.sqrt(2), 1, np.sqrt(2)], np.float32)
-"""Length of a step along each axis."""
+AGREEMENT_PX, AGREEMENT_SHARE = float32(1), float32(0.03)
+"""Difference of disparity up to which two votes, or two ends, are of one surface, and the fraction of the disparity
+that is added to it."""
+MAX_SLOPE = 0.15
+"""Change of disparity per pixel of the matched images up to which two ends may be of one slanted surface. In an
+occlusion shadow it is 1."""
+ROW_FACTOR = float32(2)
+"""Factor of the weight of a row whose ends agree: most holes of a stereo camera lie along its rows."""
+MEMORY_WEIGHT = float32(1 / 2)
+"""Weight of a memory without evidence: that of an end at 2 px."""
+PREVIOUS_WEIGHT = float32(1 / 6)
+"""Weight of the previous fill: that of an end at 6 px. More flickers less, and keeps errors longer."""
+SPACING_PX = np.array([1, np.sqrt(2), 1, np.sqrt(2)], np.float32)
+"""Distance of adjacent pixels along each axis."""
 MEMORY, PREVIOUS, N_VOTES = 4, 5, 6
 """Votes that follow those of the axes, and the number of all."""
 DEEP_KERNEL, DEEPER_KERNEL = np.ones((9, 9), np.uint8), np.ones((17, 17), np.uint8)
@@ -63,29 +73,6 @@ MIN_LINE_PX = 4
 """Number of pixels behind a lone end at which something must be known."""
 
 
-class FillingConfig(Model):
-    """Which votes agree, and how much each of them weighs."""
-
-    agreement_px: float = Field(default=1.0, gt=0)
-    """Difference of disparity up to which two votes, or two ends, are of one surface."""
-    agreement_share: float = Field(default=0.03, ge=0)
-    """Fraction of the disparity that is added to that."""
-    max_slope: float = Field(default=0.15, ge=0)
-    """Change of disparity per pixel of the matched images up to which two ends may be of one slanted surface. In an
-    occlusion shadow it is 1."""
-    row_factor: float = Field(default=2.0, gt=0)
-    """Factor of the weight of a row whose ends agree: most holes of a stereo camera lie along its rows."""
-    shadow_factor: float = Field(default=10.0, gt=0)
-    """Factor of the weight of the far end of a row whose near end is on the right, as in the occlusion shadow of a
-    stereo camera, if the hole is at most twice as wide as the step of disparity."""
-    lone_factor: float = Field(default=1.0, gt=0)
-    """Factor of the weight of an axis with only one end."""
-    memory_distance_px: float = Field(default=2.0, gt=0)
-    """Distance of an end that weighs as much as a memory without evidence."""
-    previous_distance_px: float = Field(default=6.0, gt=0)
-    """Distance of an end that weighs as much as the previous output. Less flickers less, and keeps errors longer."""
-
-
 class Known(NamedTuple):
     """What is known at the working resolution, shape (h, w), float32."""
 
@@ -96,7 +83,7 @@ class Known(NamedTuple):
     evidence: FloatImage
     """Number of measurements that the memory has averaged, less if the image moves."""
     previous_px: FloatImage
-    """Disparity that the previous frame was filled with, moved to this one; 0 = unknown."""
+    """Disparity that the holes of the previous frame were filled with, moved to this frame; 0 = unknown."""
 
 
 class Filled(NamedTuple):
@@ -140,37 +127,23 @@ class Inpainted(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """The numbers of the configuration at one resolution."""
+    """What depends on the camera and on the size of the pixels that are filled, float32."""
 
-    agreement_px: float
-    agreement_share: float
     max_slope: float
-    """Change of disparity per pixel of this resolution."""
+    """Change of disparity per pixel up to which two ends may be of one slanted surface."""
     matched_px: float
-    """Pixels of the matched images per pixel of this resolution."""
+    """Pixels of the matched images per pixel."""
     pixel_px: float
-    """Pixels of the image per pixel of this resolution."""
-    row_factor: float
+    """Pixels of the image per pixel."""
     shadow_factor: float
-    lone_factor: float
-    memory_weight: float
-    previous_weight: float
+    """Factor of the weight of the far end of a row whose near end is on the right, as in the occlusion shadow of a
+    stereo camera, if the hole is at most twice as wide as the jump of disparity."""
     doubt: float
     """Weight of the doubt that any vote is for the right surface."""
 
-    @classmethod
-    def of(cls, config: FillingConfig, matched_px: float, pixel_px: int, width_px: int) -> "Rules":
-        """The rules for pixels of a size in an image of a width."""
-        values = (
-            config.agreement_px, config.agreement_share, config.max_slope * matched_px, matched_px, pixel_px,
-            config.row_factor, config.shadow_factor, config.lone_factor, 1 / config.memory_distance_px,
-            1 / config.previous_distance_px, 1 / (DOUBT_SHARE * width_px),
-        )  # fmt: skip
-        return cls(*(float32(value) for value in values))
-
 
 KNOWN = named_tuple(Known, *[FLOAT_IMAGE] * 4)
-RULES = named_tuple(Rules, *[float32] * 11)
+RULES = named_tuple(Rules, *[float32] * 5)
 FILLED = named_tuple(Filled, PLACES, *[NUMBERS] * 3, uint8[::1])
 INPAINTED = named_tuple(Inpainted, FLOAT_IMAGE, FLOAT_IMAGE, BYTE_IMAGE)
 UNANIMOUS = float32(0.999)
@@ -185,13 +158,18 @@ class HoleFiller:
     does not speak for a hole among the other three of its working pixel.
     """
 
-    def __init__(self, resolution: WorkingResolution, config: FillingConfig) -> None:
+    def __init__(self, resolution: WorkingResolution, shadow_factor: float) -> None:
         self._resolution, decimation = resolution, resolution.decimation
         row, col = np.indices(resolution.shape)
         self._offset = np.asarray((row | col) & 3, np.uint8)
         width_px = decimation * resolution.width_px
-        self._rules = Rules.of(config, resolution.matched_px, decimation, width_px)
-        self._border_rules = Rules.of(config, resolution.matched_px / decimation, 1, width_px)
+
+        def rules_of(pixel_px: int) -> Rules:
+            matched_px = resolution.matched_px * pixel_px / decimation
+            values = MAX_SLOPE * matched_px, matched_px, pixel_px, shadow_factor, 1 / (DOUBT_SHARE * width_px)
+            return Rules(*(float32(value) for value in values))
+
+        self._rules, self._border_rules = rules_of(decimation), rules_of(1)
 
     def fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
         """Fill the holes of a frame with a measured depth [m] of shape (H, W).
@@ -210,7 +188,7 @@ class HoleFiller:
         if self._resolution.decimation == 1:
             return inpainted, Filled.empty(place[:0])
         border, number = np.empty((4 * len(place), 2), np.int32), np.empty(4 * len(place), np.int32)
-        n = find_border(known.disparity_px, filled, rays, depth_m, self._rules, border, number)
+        n = find_border(known.disparity_px, filled, rays, depth_m, border, number)
         border, number = border[:n].copy(), number[:n].copy()
         border_rays = Rays.empty(2 * AXES, n)
         focal_baseline_px_m = self._resolution.focal_baseline_px_m
@@ -240,10 +218,11 @@ def find_blocks(unknown: GrayImage) -> GrayImage:
     return deep & np.uint8(1) | np.asarray(cv2.erode(deep, DEEPER_KERNEL), np.uint8) & np.uint8(3)
 
 
-@compiled_part(boolean(float32, float32, RULES))
-def is_one_surface(one_px: float, other_px: float, rules: Rules) -> bool:
+@compiled_part(boolean(float32, float32))
+def is_one_surface(one_px: float, other_px: float) -> bool:
     """Whether two disparities are of one surface."""
-    return abs(one_px - other_px) <= rules.agreement_px + rules.agreement_share * max(one_px, other_px)
+    tolerance_px: float = AGREEMENT_PX + AGREEMENT_SHARE * max(one_px, other_px)
+    return abs(one_px - other_px) <= tolerance_px
 
 
 @compiled(float32(FLOAT_IMAGE, int64, int64))
@@ -292,19 +271,19 @@ def vote_of(
     before_px: float, behind_px: float, to_before: float, to_behind: float, axis: int, rules: Rules
 ) -> tuple[float, float]:
     """The vote of an axis and its weight, from both ends and the number of steps to them."""
-    step_px = STEP_PX[axis] * rules.pixel_px
-    before_weight, behind_weight = float32(1) / (to_before * step_px), float32(1) / (to_behind * step_px)
-    both, length, step = before_weight + behind_weight, to_before + to_behind, abs(before_px - behind_px)
+    spacing_px = SPACING_PX[axis] * rules.pixel_px
+    before_weight, behind_weight = float32(1) / (to_before * spacing_px), float32(1) / (to_behind * spacing_px)
+    both, length, jump_px = before_weight + behind_weight, to_before + to_behind, abs(before_px - behind_px)
     linear_px = (before_px * to_behind + behind_px * to_before) / length
     if min(before_px, behind_px) == 0:
-        return max(before_px, behind_px), rules.lone_factor * both
-    if is_one_surface(before_px, behind_px, rules):
-        return linear_px, float32(2) * both * (rules.row_factor if axis == 0 else float32(1))
-    if step <= rules.max_slope * length:
+        return max(before_px, behind_px), both
+    if is_one_surface(before_px, behind_px):
+        return linear_px, float32(2) * both * (ROW_FACTOR if axis == 0 else float32(1))
+    if jump_px <= rules.max_slope * length:
         return linear_px, both
     if behind_px < before_px:
         return behind_px, behind_weight
-    is_shadow = axis == 0 and (length - float32(1)) * rules.matched_px <= float32(2) * step
+    is_shadow = axis == 0 and (length - float32(1)) * rules.matched_px <= float32(2) * jump_px
     return before_px, before_weight * (rules.shadow_factor if is_shadow else float32(1))
 
 
@@ -335,31 +314,29 @@ def cast_votes(
     for k in range(len(place)):
         row, col = place[k, 0] // scale, place[k, 1] // scale
         memory_px, previous_px = known.remembered_px[row, col], known.previous_px[row, col]
-        memory_weight = (float32(1) + known.evidence[row, col]) * rules.memory_weight
+        memory_weight = (float32(1) + known.evidence[row, col]) * MEMORY_WEIGHT
         vote_px[MEMORY, k], vote_px[PREVIOUS, k] = memory_px, previous_px
         weight[MEMORY, k] = memory_weight if memory_px > 0 else float32(0)
-        weight[PREVIOUS, k] = rules.previous_weight if previous_px > 0 else float32(0)
+        weight[PREVIOUS, k] = PREVIOUS_WEIGHT if previous_px > 0 else float32(0)
 
 
-@compiled_part(void(*[NUMBERS] * 3, RULES, NUMBERS))
+@compiled_part(void(*[NUMBERS] * 4))
 def add_where_agreeing(
     one_px: Numbers,
     other_px: Numbers,
     weight: Numbers,
-    rules: Rules,
     # input and output
     support: Numbers,
 ) -> None:
     """Add weights to the support of votes where two votes are of one surface."""
     for i in range(len(support)):
-        support[i] += weight[i] if is_one_surface(one_px[i], other_px[i], rules) else float32(0)
+        support[i] += weight[i] if is_one_surface(one_px[i], other_px[i]) else float32(0)
 
 
-@compiled_part(void(FLOAT_IMAGE, FLOAT_IMAGE, RULES, *[NUMBERS] * 4))
+@compiled_part(void(FLOAT_IMAGE, FLOAT_IMAGE, *[NUMBERS] * 4))
 def count_votes(
     vote_px: FloatImage,
     weight: FloatImage,
-    rules: Rules,
     # in place
     support: Numbers,
     # output
@@ -374,10 +351,10 @@ def count_votes(
     for one in range(N_VOTES):
         one_px, own = vote_px[one], weight[one]
         support.fill(0)
-        add_where_agreeing(one_px, one_px, own, rules, support)
+        add_where_agreeing(one_px, one_px, own, support)
         for other in range(N_VOTES):
             if other != one:
-                add_where_agreeing(one_px, vote_px[other], weight[other], rules, support)
+                add_where_agreeing(one_px, vote_px[other], weight[other], support)
         for i in range(CHUNK):
             is_best = (support[i] > most[i]) & (own[i] > 0)
             winner_px[i] = one_px[i] if is_best else winner_px[i]
@@ -387,7 +364,7 @@ def count_votes(
     for one in range(N_VOTES):
         one_px, own = vote_px[one], weight[one]
         for i in range(CHUNK):
-            is_supporter = is_one_surface(one_px[i], winner_px[i], rules)
+            is_supporter = is_one_surface(one_px[i], winner_px[i])
             support[i] += own[i] * (one_px[i] - winner_px[i]) if is_supporter else float32(0)
     for i in range(CHUNK):
         winner_px[i] += support[i] / most[i] if most[i] > 0 else float32(0)
@@ -410,10 +387,10 @@ def fill_places(
     for first in range(0, len(place), CHUNK):
         here = place[first : first + CHUNK]
         cast_votes(known, here, scale, rays, first, rules, vote_px, weight)
-        count_votes(vote_px, weight, rules, buffer, winner_px, support, total)
+        count_votes(vote_px, weight, buffer, winner_px, support, total)
         for k in range(len(here)):
             memory_px = vote_px[MEMORY, k]
-            is_remembered = memory_px > 0 and is_one_surface(memory_px, winner_px[k], rules)
+            is_remembered = memory_px > 0 and is_one_surface(memory_px, winner_px[k])
             filled.disparity_px[first + k] = winner_px[k]
             filled.share[first + k] = support[k] / total[k] if total[k] > 0 else float32(0)
             filled.probability[first + k] = fill_probability(support[k] / (total[k] + rules.doubt), is_remembered)
@@ -444,16 +421,15 @@ def paste(
                 inpainted.remembered[row, col] = inpainted.remembered[first_row, first_col]
 
 
-@compiled(int64(FLOAT_IMAGE, FILLED, RAYS, READABLE_IMAGE, RULES, PLACES, int32[::1]))
+@compiled(int64(FLOAT_IMAGE, FILLED, RAYS, READABLE_IMAGE, PLACES, int32[::1]))
 def find_border(
     known_px: FloatImage,
     filled: Filled,
     rays: Rays,
     depth_m: FloatImage,
-    rules: Rules,
     # output
     border: Places,
-    hole: npt.NDArray[np.int32],
+    hole_number: npt.NDArray[np.int32],
 ) -> int:
     """List the hole pixels of the frame in and beside measured working pixels, and the number of the hole of each.
 
@@ -464,7 +440,7 @@ def find_border(
     for k in range(len(filled.place)):
         row, col = filled.place[k]
         own_px, is_unanimous = known_px[row, col], filled.share[k] >= UNANIMOUS
-        if is_unanimous and (own_px == 0 or is_one_surface(own_px, filled.disparity_px[k], rules)):
+        if is_unanimous and (own_px == 0 or is_one_surface(own_px, filled.disparity_px[k])):
             continue
         is_beside = own_px > 0
         for ray in range(len(rays.steps)):
@@ -473,6 +449,6 @@ def find_border(
             continue
         for v in range(2 * row, 2 * row + 2):
             for u in range(2 * col, 2 * col + 2):
-                border[n, 0], border[n, 1], hole[n] = v, u, k
+                border[n, 0], border[n, 1], hole_number[n] = v, u, k
                 n += own_px == 0 or depth_m[v, u] <= 0
     return n

@@ -12,6 +12,8 @@ from .memory import Memory
 from .relocalisation import Landmarks
 from .tracking_camera import Pixels, TrackingCamera
 
+MAX_STORED = 4
+"""Number of stored keyframes, of which the oldest is dropped first."""
 MIN_OVERLAP = 0.6
 """Share of the corners of a view that remain visible; when fewer do, a new view begins."""
 
@@ -41,9 +43,9 @@ class Keyframes:
     A keyframe is stored when the view has changed since the one stored before, and when tracking leaves it.
     """
 
-    def __init__(self, camera: TrackingCamera, max_stored: int) -> None:
+    def __init__(self, camera: TrackingCamera) -> None:
         self._camera = camera
-        self._stored: deque[Keyframe] = deque(maxlen=max_stored)
+        self._stored: deque[Keyframe] = deque(maxlen=MAX_STORED)
         self._T_current_view: FloatArray = np.eye(4)
         self.current: Keyframe | None = None
 
@@ -75,9 +77,9 @@ class Keyframes:
 
     def _leave(self) -> None:
         """Store the current keyframe if more than one frame contributed to its memory."""
-        left = self.current
-        if left is not None and left.T_keyframe_previous is not None and left not in self._stored:
-            self._stored.append(left)
+        leaving = self.current
+        if leaving is not None and leaving.T_keyframe_previous is not None and leaving not in self._stored:
+            self._stored.append(leaving)
 
     def _begin_view(self, keyframe: Keyframe) -> None:
         self._view = keyframe

@@ -17,8 +17,8 @@ VALIDITY_WINDOW_PX = 5
 MAX_SURFACE_SPAN_PX = float32(1)
 """Blocks of two by two pixels whose disparities span less are averaged; others show two surfaces. Adjacent pixels of
 one surface differ by at most as much."""
-STEPS_PER_PX = np.float32(32)
-"""Steps of disparity that speckles are searched in: 16 bits hold `MAX_DISPARITY_PX`."""
+LEVELS_PER_PX = np.float32(32)
+"""Levels per pixel of disparity in the image that speckles are searched in: 16 bits hold `MAX_DISPARITY_PX`."""
 MAX_SPECKLE_PX = 16
 """Largest number of working pixels of a speckle."""
 EXACT_STRIDE_PX, EXACT_PX, EXACT_SHARE = 24, 0.002, 0.9
@@ -78,9 +78,9 @@ def find_speckles(disparity_px: FloatImage) -> GrayImage:
 
     Adjacent pixels are of one surface if they differ by at most `MAX_SURFACE_SPAN_PX`.
     """
-    steps = (disparity_px * STEPS_PER_PX).astype(np.int16)
-    kept, _ = cv2.filterSpeckles(steps.copy(), 0, MAX_SPECKLE_PX, float(MAX_SURFACE_SPAN_PX * STEPS_PER_PX))
-    return np.asarray(cv2.compare(steps, kept, cv2.CMP_NE), np.uint8)
+    levels = (disparity_px * LEVELS_PER_PX).astype(np.int16)
+    kept, _ = cv2.filterSpeckles(levels.copy(), 0, MAX_SPECKLE_PX, float(MAX_SURFACE_SPAN_PX * LEVELS_PER_PX))
+    return np.asarray(cv2.compare(levels, kept, cv2.CMP_NE), np.uint8)
 
 
 @compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE, BYTE_IMAGE))
@@ -118,6 +118,6 @@ def without_near_speckles(disparity_px: FloatImage, speckle: GrayImage) -> Float
     """
     not_background = speckle | ~above(disparity_px, 0)
     background_px = cv2.copyTo(np.full_like(disparity_px, MAX_DISPARITY_PX), not_background, disparity_px.copy())
-    step_px = cv2.subtract(disparity_px, cv2.erode(background_px, SPECKLE_KERNEL))
-    near = speckle & above(np.asarray(step_px, np.float32), float(MAX_SURFACE_SPAN_PX))
+    ahead_px = cv2.subtract(disparity_px, cv2.erode(background_px, SPECKLE_KERNEL))
+    near = speckle & above(np.asarray(ahead_px, np.float32), float(MAX_SURFACE_SPAN_PX))
     return np.asarray(cv2.copyTo(disparity_px, cv2.bitwise_not(near)), np.float32)

@@ -21,6 +21,11 @@ from .smoothing import smooth_guided
 from .upsampling import Estimate, Upsampler, completed
 from .working_resolution import WorkingResolution, default_decimation, require_large
 
+HALVING_MOTION_PX2 = 1.0
+"""Mean squared motion of the image at which the evidence of the memory for fills counts half."""
+MAX_FEATURELESS_FRAMES = 60
+"""Consecutive frames without features (darkness, a covered lens) after which the memory is discarded."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FusedFrame:
@@ -57,10 +62,10 @@ class TemporalCorrector(StreamCorrector):
         decimation = default_decimation(camera) if config.decimation == "auto" else config.decimation
         self._config = config
         self._resolution = WorkingResolution.of(camera, decimation)
-        self._odometry = VisualOdometry(camera, self._resolution, config.odometry)
+        self._odometry = VisualOdometry(camera, self._resolution, config)
         self._forward_warp = ForwardWarp(self._resolution)
         self._upsampler = Upsampler(camera.shape, self._resolution)
-        self._filler = HoleFiller(self._resolution, config.filling)
+        self._filler = HoleFiller(self._resolution, config.shadow_factor)
         compile_all()
         super().__init__(camera)
 
@@ -78,11 +83,11 @@ class TemporalCorrector(StreamCorrector):
         with timer("warp"):
             memory, motion_px2 = self._recall(measurement.gray, tracking)
         with timer("fuse"):
-            fused, updated = fuse(memory, measurement, self._config.fusion)
+            fused, updated = fuse(memory, measurement)
             is_exact = measurement.is_exact and is_steady(memory, measurement)
             fused = fused.as_measured(measurement) if is_exact else fused
         with timer("fill"):
-            evidence = fused.weight * np.float32(1 / (WEIGHT_UNIT * (1 + motion_px2)))
+            evidence = fused.weight * np.float32(1 / (WEIGHT_UNIT * (1 + motion_px2 / HALVING_MOTION_PX2)))
             known = Known(fused.disparity_px, fused.remembered_px, evidence, memory.filled_px)
             inpainted, border = self._filler.fill(known, frame.depth_m)
         with timer("remember"):
@@ -98,7 +103,7 @@ class TemporalCorrector(StreamCorrector):
         with timer("smooth"):
             whole_px = fused.disparity_px + inpainted.disparity_px
             window_px = 1 if aligned.is_exact else config.smoothing_window_px
-            disparity_px = smooth_guided(whole_px, window_px, config.smoothing_noise_px)
+            disparity_px = smooth_guided(whole_px, window_px)
         with timer("confidence"):
             pixel_class = fused.pixel_class | (inpainted.remembered & np.uint8(PixelClass.REMEMBERED))
             confidence = estimate_confidence(
@@ -135,7 +140,7 @@ class TemporalCorrector(StreamCorrector):
         After too many frames without features, they are forgotten.
         """
         featureless = tracking.status is TrackingStatus.NO_FEATURES
-        if featureless and self._featureless_frames < self._config.max_featureless_frames:
+        if featureless and self._featureless_frames < MAX_FEATURELESS_FRAMES:
             self._featureless_frames += 1
             return
         if featureless:

@@ -12,60 +12,40 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
 
 from ..geometry import inverse_rigid, transform
-from ..model import Model
 from ..paper.registration import Features
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
+from .config import TemporalConfig
 from .keyframes import Keyframe, Keyframes
 from .memory import Memory
 from .pose_fit import KnownMotion, PoseFit, fit_pose, project
-from .relocalisation import RelocalisationConfig, Relocaliser
+from .relocalisation import Relocaliser
 from .tracking_camera import Pixels, TrackingCamera
 from .working_resolution import WorkingResolution
 
-NEAR_LEVELS = 1
-"""Halvings of the tracking image where a motion is predicted: the search reaches twice the radius of the window."""
+WIDTH_PX = 320
+"""Largest width of the tracking image, to which the gray image is reduced. More is more accurate and slower."""
+CELL_PX = 16
+"""Side of the grid cells. The best corner of each cell is tracked, so smaller cells give more tracks."""
+WINDOW_PX = 11
+"""Side of the window that is compared around a corner."""
+PYRAMID_LEVELS, NEAR_LEVELS = 2, 1
+"""Halvings of the tracking image, and those where a motion is predicted. Each one doubles the radius of the search."""
 CORNER_PX = 5
 """Side of the neighbourhood of a corner."""
 MIN_EIGENVALUE = np.float32(2e-4)
 """Corners have a larger minimal eigenvalue of the gradient matrix; photon noise stays below."""
 TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 8, 0.03)
-
-
-class FeatureTrackerConfig(Model):
-    """How corners are detected and tracked."""
-
-    width_px: int = Field(default=320, ge=64, le=4_096)
-    """Width of the tracking image, to which the gray image is reduced. More is more accurate and slower."""
-    cell_px: int = Field(default=16, ge=4, le=1_024)
-    """Side of the grid cells. The best corner of each cell is tracked, so smaller cells give more tracks."""
-    window_px: int = Field(default=11, ge=5, le=101)
-    """Side of the window that is compared around a corner."""
-    pyramid_levels: int = Field(default=2, ge=0, le=8)
-    """Halvings of the tracking image. Each one doubles the motion that can be tracked."""
-
-
-class VisualOdometryConfig(Model):
-    """How corners are tracked, and when an estimated motion is accepted."""
-
-    tracker: FeatureTrackerConfig = FeatureTrackerConfig()
-    relocalisation: RelocalisationConfig = RelocalisationConfig()
-    min_tracks: int = Field(default=12, ge=6, le=100_000)
-    """Corners with known depth that must be tracked. An image with fewer corners has no features."""
-    min_inlier_ratio: float = Field(default=0.5, gt=0, le=1)
-    """Fraction of the tracks that must be inliers. Correct motions have 0.74 and more on rendered images, less after
-    large motions on real ones, and wrong ones have 0.1."""
-    inlier_px: float = Field(default=1.0, gt=0)
-    """Reprojection error below which a track is an inlier, in pixels of the tracking image."""
-    max_median_residual_px: float = Field(default=1.5, gt=0)
-    """Largest median reprojection error. Correct motions have at most 1 px, wrong ones at least 14 px."""
-    pose_sigma_m: float = Field(default=0.01, ge=1e-6, le=1e6)
-    """Standard deviation of each coordinate of the motion between two poses of the caller. More trusts the images
-    more."""
-    pose_sigma_deg: float = Field(default=0.3, ge=1e-6, le=1e6)
-    """Standard deviation of the rotation about each axis between two poses of the caller."""
+MIN_TRACKS = 12
+"""Corners with known depth that must be tracked. An image with fewer corners has no features."""
+MIN_INLIER_RATIO = 0.5
+"""Fraction of the tracks that must be inliers. Correct motions have 0.74 and more on rendered images, less after large
+motions on real ones, and wrong ones have 0.1."""
+INLIER_PX = 1.0
+"""Reprojection error below which a track is an inlier, in pixels of the tracking image."""
+MAX_MEDIAN_RESIDUAL_PX = 1.5
+"""Largest median reprojection error. Correct motions have at most 1 px, wrong ones at least 14 px."""
 
 
 class TrackingStatus(StrEnum):
@@ -122,46 +102,7 @@ class TrackingResult:
         }
 
 
-class FeatureTracker:
-    """Detects corners, and tracks them by the pyramidal method of Lucas and Kanade (Bouguet 2000).
-
-    `size` is the width and height of the tracking image.
-    """
-
-    def __init__(self, size: tuple[int, int], config: FeatureTrackerConfig) -> None:
-        self._size = size
-        self._config = config
-
-    def detect(self, gray: GrayImage) -> TrackingImage:
-        """The tracking image and its corners, from a gray image of shape (H, W): the best corner of each cell."""
-        reduced = np.asarray(cv2.resize(gray, self._size, interpolation=cv2.INTER_AREA), np.uint8)
-        return TrackingImage(reduced, find_corners(reduced, self._config.cell_px))
-
-    def track(
-        self, source: GrayImage, target: GrayImage, corners: Pixels, initial: Pixels, pyramid_levels: int
-    ) -> tuple[Pixels, npt.NDArray[np.bool_]]:
-        """Track corners from the source to the target, where the search starts at the initial positions.
-
-        It begins in images that are halved `pyramid_levels` times, or as often as configured if that is less. The
-        result is their positions in the target, shape (N, 2), and which of them were found, shape (N,).
-        """
-        positions, status, _ = cv2.calcOpticalFlowPyrLK(
-            source,
-            target,
-            corners,
-            initial.copy(),
-            winSize=(self._config.window_px, self._config.window_px),
-            maxLevel=min(pyramid_levels, self._config.pyramid_levels),
-            criteria=TERMINATION,
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        )
-        tracked, (width_px, height_px) = np.asarray(positions, np.float32), self._size
-        x, y = tracked.T
-        in_image = (x >= 0) & (x <= width_px - 1) & (y >= 0) & (y <= height_px - 1)
-        return tracked, in_image & (np.ravel(status) > 0)
-
-
-def find_corners(gray: GrayImage, cell_px: int) -> Pixels:
+def find_corners(gray: GrayImage, cell_px: int = CELL_PX) -> Pixels:
     """Column and row of the best corner of each whole cell of `cell_px` pixels a side, shape (N, 2).
 
     Corners are the pixels whose neighbourhood changes most in every direction (Shi and Tomasi 1994).
@@ -176,6 +117,30 @@ def find_corners(gray: GrayImage, cell_px: int) -> Pixels:
     return np.asarray(corners[cells.max(axis=1) > MIN_EIGENVALUE], np.float32)
 
 
+def track_corners(
+    source: GrayImage, target: GrayImage, corners: Pixels, initial: Pixels, pyramid_levels: int = PYRAMID_LEVELS
+) -> tuple[Pixels, npt.NDArray[np.bool_]]:
+    """Track corners between tracking images by the pyramidal method of Lucas and Kanade (Bouguet 2000).
+
+    The search starts at the initial positions, in images that are halved `pyramid_levels` times. The result is their
+    positions in the target, shape (N, 2), and which of them were found, shape (N,).
+    """
+    positions, status, _ = cv2.calcOpticalFlowPyrLK(
+        source,
+        target,
+        corners,
+        initial.copy(),
+        winSize=(WINDOW_PX, WINDOW_PX),
+        maxLevel=pyramid_levels,
+        criteria=TERMINATION,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    tracked, (height_px, width_px) = np.asarray(positions, np.float32), target.shape
+    x, y = tracked.T
+    in_image = (x >= 0) & (x <= width_px - 1) & (y >= 0) & (y <= height_px - 1)
+    return tracked, in_image & (np.ravel(status) > 0)
+
+
 class VisualOdometry:
     """Tracks the camera from keyframe to frame.
 
@@ -184,18 +149,24 @@ class VisualOdometry:
     the tracks fit no rigid motion, the features of the frame are matched with those of the last keyframe, and then with
     those of the stored keyframes, the latest first. A keyframe is stored when the view has changed, and when tracking
     leaves it. Matches are accepted if they fit a rigid motion that the measured depth confirms.
+
+    For each frame, call `track` and then `set_keyframe`, unless the frame shall not become the keyframe.
+
+    Args:
+        camera: Intrinsics of the frames.
+        resolution: That of the memories that the keyframes hold.
+        config: The standard deviations of the motion between poses of the caller.
     """
 
-    def __init__(self, camera: Intrinsics, resolution: WorkingResolution, config: VisualOdometryConfig) -> None:
-        self._config = config
-        self._camera = TrackingCamera.of(camera, config.tracker.width_px, resolution)
-        self._tracker = FeatureTracker(self._camera.size, config.tracker)
-        self._relocaliser = Relocaliser(self._camera, config.relocalisation)
+    def __init__(self, camera: Intrinsics, resolution: WorkingResolution, config: TemporalConfig) -> None:
+        self._pose_sigma_m, self._pose_sigma_rad = config.pose_sigma_m, float(np.radians(config.pose_sigma_deg))
+        self._camera = TrackingCamera.of(camera, WIDTH_PX, resolution)
+        self._relocaliser = Relocaliser(self._camera)
         self.reset()
 
     def reset(self) -> None:
         """Forget all keyframes; the next frame is the first."""
-        self._keyframes = Keyframes(self._camera, self._config.relocalisation.max_keyframes)
+        self._keyframes = Keyframes(self._camera)
 
     @property
     def memory(self) -> Memory | None:
@@ -208,7 +179,7 @@ class VisualOdometry:
 
         The frame is not kept; see `set_keyframe`.
         """
-        image, keyframe = self._tracker.detect(frame.gray), self._keyframes.current
+        image, keyframe = self._tracking_image(frame.gray), self._keyframes.current
         if keyframe is None:
             return TrackingResult(status=TrackingStatus.FIRST_FRAME, image=image)
         lost = TrackingResult(status=TrackingStatus.LOST, image=image, n_tracks=len(keyframe.corners))
@@ -242,6 +213,11 @@ class VisualOdometry:
             )
         )
 
+    def _tracking_image(self, gray: GrayImage) -> TrackingImage:
+        """The tracking image of a gray image of shape (H, W), and its corners."""
+        reduced = np.asarray(cv2.resize(gray, self._camera.size, interpolation=cv2.INTER_AREA), np.uint8)
+        return TrackingImage(reduced, find_corners(reduced))
+
     def _motion(
         self, keyframe: Keyframe, frame: Frame, image: TrackingImage, prior: FloatArray | None
     ) -> PoseFit | None:
@@ -249,12 +225,13 @@ class VisualOdometry:
 
         When the keyframe began without memory, the stored ones come first: one of them may show the same place.
         """
-        config, stored, known = self._config, self._keyframes.stored, None
+        stored, known = self._keyframes.stored, None
         if prior is not None:
-            stored, known = [], KnownMotion(prior, config.pose_sigma_m, float(np.radians(config.pose_sigma_deg)))
-        previous, levels = keyframe.T_keyframe_previous, config.tracker.pyramid_levels
+            stored, known = [], KnownMotion(prior, self._pose_sigma_m, self._pose_sigma_rad)
+        previous = keyframe.T_keyframe_previous
         likely = previous if prior is None else prior
-        predictions = [(prior, NEAR_LEVELS), (previous, NEAR_LEVELS), (likely, levels), (np.eye(4), levels)]
+        predictions = [(prior, NEAR_LEVELS), (previous, NEAR_LEVELS)]
+        predictions += [(likely, PYRAMID_LEVELS), (np.eye(4), PYRAMID_LEVELS)]
         describe = cache(lambda: self._relocaliser.describe(frame.gray))
 
         def recognised(keyframes: list[Keyframe]) -> PoseFit | None:
@@ -275,10 +252,10 @@ class VisualOdometry:
         With each prediction comes the number of halvings of the image in which the search begins.
         """
         for T, levels in predictions:
-            if T is None or len(keyframe.corners) < self._config.min_tracks:
+            if T is None or len(keyframe.corners) < MIN_TRACKS:
                 continue
             initial = project(transform(T, keyframe.points_m), self._camera.intrinsics).astype(np.float32)
-            tracked, found = self._tracker.track(keyframe.gray, image.gray, keyframe.corners, initial, levels)
+            tracked, found = track_corners(keyframe.gray, image.gray, keyframe.corners, initial, levels)
             fit = self._fit(keyframe.points_m[found], tracked[found].astype(np.float64), T, known)
             if fit is not None:
                 return fit
@@ -299,16 +276,15 @@ class VisualOdometry:
         return None
 
     def _has_features(self, image: TrackingImage) -> bool:
-        return len(image.corners) >= self._config.min_tracks
+        return len(image.corners) >= MIN_TRACKS
 
     def _fit(
         self, points_m: FloatArray, observed_px: FloatArray, T_initial: FloatArray, known: KnownMotion | None = None
     ) -> PoseFit | None:
         """The motion that moves points to the pixels where they are observed; None if it is not accepted."""
-        config = self._config
-        if len(points_m) < config.min_tracks:
+        if len(points_m) < MIN_TRACKS:
             return None
-        fit = fit_pose(points_m, observed_px, self._camera.intrinsics, T_initial, config.inlier_px, known)
-        if fit.n_inliers < max(config.min_tracks, config.min_inlier_ratio * len(points_m)):
+        fit = fit_pose(points_m, observed_px, self._camera.intrinsics, T_initial, INLIER_PX, known)
+        if fit.n_inliers < max(MIN_TRACKS, MIN_INLIER_RATIO * len(points_m)):
             return None
-        return fit if fit.median_residual_px <= config.max_median_residual_px else None
+        return fit if fit.median_residual_px <= MAX_MEDIAN_RESIDUAL_PX else None

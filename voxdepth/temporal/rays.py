@@ -16,8 +16,8 @@ Numbers = npt.NDArray[np.float32]
 
 AXES = 4
 ROWS, COLS = (0, -1, -1, -1), (-1, -1, 0, 1)
-"""Steps of the rays before a hole: to the left, to the upper left, upwards, and to the upper right. Those behind it go
-the opposite ways."""
+"""Directions of the rays before a hole: to the left, to the upper left, upwards, and to the upper right. Those behind
+it go the opposite ways."""
 INFINITE, FAR_STEPS = float32(np.inf), float32(1_000_000)
 
 
@@ -64,11 +64,19 @@ def trace(
     # output
     rays: Rays,
 ) -> None:
-    """Find the ends of the rays of all holes before them or, from the last row to the first, behind them.
+    """Find the ends of the rays before all holes or, from the last row to the first, of those behind them.
 
-    Each pixel tells the next ones, of its row and of the next row, what it knows, or else what it was told itself: both
-    have shape (4, w + 2), and begin without ends. The holes of a row start at a number, and the last number is that of
-    all holes.
+    Each pixel tells the next one on every axis where the ray from there ends: at itself if it is known, else where its
+    own ray ends, one step farther. So each row is visited once, whatever the length of the rays.
+
+    Args:
+        known_px: Disparity, shape (h, w); 0 = unknown.
+        place: The holes, in the order of rows.
+        start: Number of the first hole of each row, and then that of all holes, shape (h + 1,).
+        is_backward: Whether the rays are those behind the holes.
+        told: Rays from the pixels of the first row, one column of border on each side, shape (4, w + 2); no ends yet.
+        following: The same from the row after it.
+        rays: Those of the holes, shape (8, N). The first four rows are written, or the last four if `is_backward`.
     """
     height, width = known_px.shape
     first_ray, direction = (AXES, -1) if is_backward else (0, 1)
@@ -141,7 +149,7 @@ def march(
     depth_m: FloatImage,
     focal_baseline_px_m: float,
     border: Places,
-    hole: npt.NDArray[np.int32],
+    hole_number: npt.NDArray[np.int32],
     working_steps: FloatImage,
     # output
     rays: Rays,
@@ -152,7 +160,7 @@ def march(
         sign = 1 if ray < AXES else -1
         down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
         for k in range(len(border)):
-            steps = max(1, 2 * int64(min(working_steps[ray, hole[k]], FAR_STEPS)) - 1)
+            steps = max(1, 2 * int64(min(working_steps[ray, hole_number[k]], FAR_STEPS)) - 1)
             v, u, end_px = border[k, 0] + steps * down, border[k, 1] + steps * right, float32(0)
             while 0 <= v < height and 0 <= u < width:
                 surface_px, surface_m = known_px[np.uintp(v >> 1), np.uintp(u >> 1)], depth_m[np.uintp(v), np.uintp(u)]

@@ -5,37 +5,28 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from pydantic import Field
 
 from ..geometry import transform
-from ..model import Model
 from ..paper.registration import EDGE_PX, PYRAMID_LEVELS, Features, detect, good_matches
 from ..types import FloatArray, FloatImage, GrayImage, resized
 from .memory import Memory
 from .pose_fit import project
 from .tracking_camera import Pixels, TrackingCamera
 
+WIDTH_PX = 640
+"""Width to which larger images are reduced before features are detected."""
+N_FEATURES = 500
+"""Maximum number of features per image. More recognise a smaller overlap, and take longer."""
+MAX_DISTANCE = 40
+"""Largest Hamming distance of the descriptors of a match, which have 256 bits."""
 FAST_THRESHOLD = 10
 """Contrast of a corner, half of OpenCV's default, so that dim and blurred images have features, too."""
 GRID_PX = 8
 """Distance of the pixels at which the depth of memory and measurement is compared, in the tracking image."""
 DEPTH_TOLERANCE, DISPARITY_TOLERANCE_PX = 0.05, 0.5
 """Memory and measurement agree if their disparities differ by at most this share or this many pixels."""
-
-
-class RelocalisationConfig(Model):
-    """How a keyframe is recognised, and how many keyframes are stored."""
-
-    width_px: int = Field(default=640, ge=64, le=4_096)
-    """Width to which larger images are reduced before features are detected."""
-    n_features: int = Field(default=500, ge=10, le=100_000)
-    """Maximum number of features per image. More recognise a smaller overlap, and take longer."""
-    max_distance: int = Field(default=40, ge=0, le=256)
-    """Largest Hamming distance of the descriptors of a match, which have 256 bits."""
-    min_depth_agreement: float = Field(default=0.7, ge=0, le=1)
-    """Share of the remembered surfaces whose depth the frame must confirm. Less accepts less exact motions."""
-    max_keyframes: int = Field(default=4, ge=0, le=1_000)
-    """Number of stored keyframes, of which the oldest is dropped first. With 0, only the last frame is recognised."""
+MIN_DEPTH_AGREEMENT = 0.7
+"""Share of the remembered surfaces whose depth the frame must confirm. Less accepts less exact motions."""
 
 
 class Landmarks(NamedTuple):
@@ -50,12 +41,11 @@ class Landmarks(NamedTuple):
 class Relocaliser:
     """Matches the ORB features of a frame with those of a keyframe (Rublee et al. 2011), and compares their depth."""
 
-    def __init__(self, camera: TrackingCamera, config: RelocalisationConfig) -> None:
+    def __init__(self, camera: TrackingCamera) -> None:
         self._camera = camera
-        self._config = config
-        self._reduced = camera.full.reduced(config.width_px)
+        self._reduced = camera.full.reduced(WIDTH_PX)
         self._orb = cv2.ORB_create(  # type: ignore[attr-defined]
-            nfeatures=config.n_features, nlevels=PYRAMID_LEVELS, edgeThreshold=EDGE_PX, fastThreshold=FAST_THRESHOLD
+            nfeatures=N_FEATURES, nlevels=PYRAMID_LEVELS, edgeThreshold=EDGE_PX, fastThreshold=FAST_THRESHOLD
         )
         columns, rows = (np.arange(GRID_PX // 2, side, GRID_PX, dtype=np.float32) for side in camera.size)
         self._grid: Pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
@@ -77,7 +67,7 @@ class Relocaliser:
 
     def match(self, landmarks: Landmarks, features: Features) -> tuple[FloatArray, FloatArray]:
         """Points of a keyframe, shape (N, 3), and the pixels where a frame seems to show them, shape (N, 2)."""
-        in_keyframe, in_frame = good_matches(landmarks.features, features, self._config.max_distance)
+        in_keyframe, in_frame = good_matches(landmarks.features, features, MAX_DISTANCE)
         return landmarks.points_m[in_keyframe], features.points_px[in_frame].astype(np.float64)
 
     def depth_agrees(self, memory: Memory, depth_m: FloatImage, T_frame_memory: FloatArray) -> bool:
@@ -93,4 +83,4 @@ class Relocaliser:
         expected_px, measured_px = (camera.resolution.focal_baseline_px_m / each for each in (z_m, measured_m))
         tolerance_px = np.maximum(DEPTH_TOLERANCE * measured_px, DISPARITY_TOLERANCE_PX)
         agreeing = abs(expected_px - measured_px) <= tolerance_px
-        return bool(len(agreeing)) and float(agreeing.mean()) >= self._config.min_depth_agreement
+        return bool(len(agreeing)) and float(agreeing.mean()) >= MIN_DEPTH_AGREEMENT

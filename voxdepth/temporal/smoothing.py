@@ -7,14 +7,17 @@ from numba import float32, void
 from ..compiled import FLOAT_IMAGE, compiled
 from ..types import FloatImage
 
+NOISE_PX = 0.3
+"""Standard deviation within the window at which half of the difference to the mean stays. More removes more noise, and
+flattens fine relief."""
 
-def smooth_guided(disparity_px: FloatImage, window_px: int, noise_px: float) -> FloatImage:
+
+def smooth_guided(disparity_px: FloatImage, window_px: int) -> FloatImage:
     """Self-guided filter (He et al. 2013, in one pass): each pixel approaches the mean of its window.
 
     Args:
         disparity_px: Disparity, shape (h, w); 0 = unknown, which stays so.
         window_px: Side of the window; 1 returns the image itself.
-        noise_px: Standard deviation within the window at which half of the difference to the mean stays.
     """
     if window_px == 1:
         return disparity_px
@@ -22,22 +25,21 @@ def smooth_guided(disparity_px: FloatImage, window_px: int, noise_px: float) -> 
     mean = cv2.blur(disparity_px, window)
     mean_square = cv2.sqrBoxFilter(disparity_px, cv2.CV_32F, window)
     smoothed: FloatImage = np.empty_like(disparity_px)
-    _smooth(disparity_px, np.asarray(mean, np.float32), np.asarray(mean_square, np.float32), noise_px**2, smoothed)
+    _smooth(disparity_px, np.asarray(mean, np.float32), np.asarray(mean_square, np.float32), smoothed)
     return smoothed
 
 
-@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32, FLOAT_IMAGE))
+@compiled(void(*[FLOAT_IMAGE] * 4))
 def _smooth(
     disparity_px: FloatImage,
     mean_px: FloatImage,
     mean_square_px2: FloatImage,
-    noise_px2: float,
     # output
     smoothed_px: FloatImage,
 ) -> None:
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):
             variance_px2 = max(mean_square_px2[row, col] - mean_px[row, col] * mean_px[row, col], float32(0))
-            gain = variance_px2 / (variance_px2 + noise_px2)
+            gain = variance_px2 / (variance_px2 + float32(NOISE_PX**2))
             value_px = mean_px[row, col] + gain * (disparity_px[row, col] - mean_px[row, col])
             smoothed_px[row, col] = value_px if disparity_px[row, col] > 0 else float32(0)

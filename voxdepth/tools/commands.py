@@ -1,7 +1,6 @@
 """Commands of the library: they correct recordings, measure speed, check the installation, and open recordings."""
 
 from collections.abc import Iterator, Mapping
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,17 +32,10 @@ if TYPE_CHECKING:
 COMMENT_WIDTH = 110
 SIDES_PX = range(32, 4097)
 """Valid widths and heights of the images that are measured with."""
-N_FRAMES, N_FRAMES_LARGE = 300, 100
-LARGE_PX = (1024, 1024)
-"""Second size of the images that are measured with."""
 NEW = Path(__file__).parent / "new"
 """Files of the library that `new` writes."""
 HOW_TO = ": voxdepth "
 """Part of the lines of these files that say how they are used."""
-
-
-Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING BAG")
-"""Formats of recorded sequences: `auto` and `datasets.DATASET_FORMATS`, which would have to be imported for --help."""
 
 
 def correct(
@@ -54,7 +46,6 @@ def correct(
         Path | None,
         typer.Option(help="TOML file of lines of `voxdepth config` to change, or a result's config.toml."),
     ] = None,
-    format: Annotated[Format, typer.Option(help="Format of the sequence; auto detects it.")] = Format.AUTO,
     record: Annotated[
         Path | None, typer.Option(metavar="FILE.rrd", help="Rerun recording to write or to replace.")
     ] = None,
@@ -64,14 +55,12 @@ def correct(
     within: Within = 20.0,
     units_per_m: UnitsPerM = None,
     baseline: Baseline = None,
-    rosbag2: Annotated[bool, typer.Option("--rosbag2", help="Write a folder of ROS 2 in place of images.")] = False,
 ) -> None:
     """Correct the depth of a recorded sequence; the result appears when it is complete.
 
     Writes depth/NAME.png in 16 bits and millimetres (0 is invalid, farther than 65.535 m is 65535), confidence/NAME.png
-    in 0..255, frames.csv, report.json, and config.toml with everything that the result depends on. A .mcap file and a
-    folder of ROS 2 have the topics depth, source, confidence and camera_info below /voxdepth, with the stamps and
-    coordinate frames of the input.
+    in 0..255, frames.csv, report.json, and config.toml with everything that the result depends on. A .mcap file has
+    topics for depth, source, confidence and camera_info below /voxdepth, with the stamps and frames of the input.
     """
     import time
 
@@ -85,10 +74,10 @@ def correct(
     require_absent(out)
     if record is not None:
         require_installed("rerun")
-    output = _output(out, rosbag2)
+    output = _output(out)
     restrict_opencv()
     topics: dict[str, Any] = {"depth_topic": depth_topic, "gray_topic": gray_topic}
-    dataset = Opener(baseline, within, format=format.value, units_per_m=units_per_m, **topics)(folder)
+    dataset = Opener(baseline, within, units_per_m=units_per_m, **topics)(folder)
     correction = _planned(folder, dataset, spec, frames, output)
     console, start = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
@@ -112,21 +101,16 @@ def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
         raise ToolError(f"--record must name an .rrd file, got {record}")
 
 
-def _output(out: Path, rosbag2: bool) -> "OpenOutput":
-    """Choose what is written by the name of the output and `--rosbag2`; bags need the extra `ros`."""
-    from .output import MCAP, bag_folder, image_folder, mcap_file
+def _output(out: Path) -> "OpenOutput":
+    """Choose what is written by the name of the output; bags need the extra `ros`."""
+    from .output import MCAP, image_folder, mcap_file
 
-    if out.suffix != MCAP and not rosbag2:
+    if out.suffix != MCAP:
         return image_folder
-    if out.suffix == MCAP and rosbag2:
-        raise ToolError(
-            f"--rosbag2 writes a folder, but --out {out} names a file: leave out --rosbag2 for the file, or the suffix "
-            f"{MCAP} for a folder"
-        )
-    if out.suffix == MCAP and out.is_dir():
+    if out.is_dir():
         raise ToolError(f"--out {out} names a file, but is a folder: name a new file, or delete that")
     require_installed("rosbags")
-    return bag_folder if rosbag2 else mcap_file
+    return mcap_file
 
 
 def _planned(
@@ -260,39 +244,25 @@ def bench(
         Path | None, typer.Argument(metavar="DIR", help="A recorded sequence to measure with. Default: drawn frames.")
     ] = None,
     size: Annotated[str | None, typer.Option(help="Image size, as in 160x120. Default: that of the frames.")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Leave out the size 1024x1024.")] = False,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="JSON file for all figures.")] = None,
 ) -> None:
     """Measure how fast the correctors are here, in all and step by step, beside a baseline that equals librealsense."""
-    from json import dumps
-
     from rich.console import Console
 
-    from .benchmark.frames import load_frames
-    from .benchmark.timings import measure, tables
-    from .files import write
+    from .benchmark import N_FRAMES, load_frames, measure, tables
     from .provenance import CORRECTION, Provenance
 
     wanted = parsed_size(size)
     if wanted is not None and not all(side in SIDES_PX for side in wanted):
         sides = f"{SIDES_PX.start} to {SIDES_PX.stop - 1}"
         raise ToolError(f"--size must have {sides} pixels on each side, got {size}")
-    if json is not None and (json.is_dir() or not json.parent.is_dir()):
-        raise ToolError(f"--json must name a file in an existing folder, got {json}")
-    made, console, timings = Provenance.here(CORRECTION), Console(), {}
+    made, console = Provenance.here(CORRECTION), Console()
     loop = load_frames(recording)
     loop = loop if wanted is None else loop.resized(*wanted)
-    for each, frames in [(loop, N_FRAMES)] + ([] if quick else [(loop.resized(*LARGE_PX), N_FRAMES_LARGE)]):
-        with console.status(f"correcting {frames} frames of {each.size} with each method in turn"):
-            timings[each.size] = measure(each, frames)
+    with console.status(f"correcting {N_FRAMES} frames of {loop.size} with each method in turn"):
+        timings = measure(loop, N_FRAMES)
     console.print(*made.lines(), sep="\n", soft_wrap=True, highlight=False)
-    for image_size, methods in timings.items():
-        for table in tables(image_size, methods):
-            table.print(console)
-    if json is not None:
-        found = [{"size": image_size, "methods": methods} for image_size, methods in timings.items()]
-        write(json, f"{dumps({'provenance': vars(made), 'timings': found}, indent=2)}\n".encode())
-        typer.echo(f"all figures are in {json}")
+    for table in tables(loop.size, timings):
+        table.print(console)
 
 
 def view(

@@ -14,7 +14,7 @@ from .options import Baseline, DepthTopic, GrayTopic, UnitsPerM, Within, counter
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from .evaluation.kinds import Opened
+    from .evaluation.recordings import Opened
     from .evaluation.suite import Evaluation, Plan, Requested
 
 OUTER_COMMA = r",(?![^\[]*\])"
@@ -38,7 +38,7 @@ def evaluate(
         typer.Option(
             metavar="A,B,C",
             help=r"Methods by name, perhaps with a setting as in temporal\[fill=all], or your own as "
-            "package.module:factory. Default: all, and the oracle true-pose where a recording has true poses.",
+            "package.module:factory. Default: all.",
         ),
     ] = None,
     frames: Annotated[int, typer.Option(min=1, help="How many of the first frames of each sequence.")] = 30,
@@ -63,7 +63,7 @@ def evaluate(
     Records the shipped sequences below DIR first. Methods are scored by the true depth of a recording that has it, and
     otherwise by measured pixels that are held out: occlusion shadows, wide ones, and patches, each by itself. Holes of
     such a recording are scored by later frames. Writes results.csv, results.parquet and report.html. Exits 1 if a
-    method failed; the oracle does where there is no true pose, and does not count.
+    method failed.
     """
     from rich.console import Console
 
@@ -85,16 +85,14 @@ def evaluate(
 
 def _tell(console: "Console", evaluation: "Evaluation", out: Path) -> None:
     """Write and print the results, and exit with 1 if a method failed."""
-    from .evaluation.methods import ORACLE
     from .evaluation.report import print_results, write_report
 
     write_report(out, evaluation)
     print_results(console, evaluation)
     typer.echo(f"{len(evaluation.results)} results, {evaluation.reused} of them finished before")
     typer.echo(f"results.csv, results.parquet and report.html are in {out}")
-    failed = [result for result in evaluation.failures if result.key.method != ORACLE]
-    if failed:
-        typer.echo(f"{len(failed)} of {len(evaluation.results)} results failed", err=True)
+    if evaluation.failures:
+        typer.echo(f"{len(evaluation.failures)} of {len(evaluation.results)} results failed", err=True)
         raise typer.Exit(1)
 
 
@@ -108,26 +106,24 @@ def _planned(
     out: Path,
 ) -> "Plan":
     """Make the plan, and check it before anything is written."""
-    from .evaluation.methods import METHOD_NAMES, ORACLE, find_methods
+    from .evaluation.methods import METHOD_NAMES, find_methods
     from .evaluation.suite import Plan
 
     if missing := [str(path) for path in data if not path.exists()]:
         raise ToolError(f"there is no {', '.join(missing)}: --data takes folders of recordings and bags")
     requested = _shipped(sequences or ([] if data else ["reference"]), seed)
     requested += [each for folder in data for each in requested_of(folder, opened)]
-    has_poses = any(each.has_poses for each in requested)
-    usual = [name for name in METHOD_NAMES if has_poses or name != ORACLE]
-    chosen = usual if methods is None else [name.strip() for name in re.split(OUTER_COMMA, methods)]
+    chosen = METHOD_NAMES if methods is None else [name.strip() for name in re.split(OUTER_COMMA, methods)]
     return Plan(sequences=requested, methods=find_methods(chosen), frames=frames, out=out)
 
 
 def requested_of(folder: Path, opened: "Opened") -> "list[Requested]":
     """Return what can be compared in a folder: a recording that an extension knows, or each kind of its pixels."""
-    from .evaluation.kinds import kinds_of
+    from .evaluation.recordings import kinds_of
     from .evaluation.suite import judged
 
     known = [found for extension in extensions() if (found := extension.recorded(folder)) is not None]
-    return known or [judged(folder, kind, opened) for kind in kinds_of(folder, opened)]
+    return known or [judged(folder, mask, kind, opened) for mask, kind in kinds_of(folder, opened).items()]
 
 
 def _shipped(names: Sequence[str], seed: int | None) -> "list[Requested]":

@@ -1,4 +1,4 @@
-"""What a correction writes: a folder of images, or a bag of ROS 2."""
+"""What a correction writes: a folder of images, or an MCAP file of ROS 2."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -124,23 +124,16 @@ def image_folder(folder: Path, dataset: Dataset) -> AbstractContextManager[Outpu
 
 
 @contextmanager
-def bag_folder(folder: Path, dataset: Dataset) -> Iterator[Output]:
-    """Open a folder that ROS 2 plays, with an MCAP file in it."""
+def mcap_file(path: Path, dataset: Dataset) -> Iterator[Output]:
+    """Open an MCAP file that ROS 2 plays, in an empty folder, where rosbags writes a whole bag first."""
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-    writer = Writer(folder, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
+    bag = path.with_suffix("")
+    writer = Writer(bag, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
         yield BagTopics(writer, dataset)
-
-
-@contextmanager
-def mcap_file(path: Path, dataset: Dataset) -> Iterator[Output]:
-    """Open the MCAP file of such a folder alone; its folder must be empty."""
-    folder = path.with_suffix("")
-    with bag_folder(folder, dataset) as output:
-        yield output
-    (folder / f"{folder.name}{MCAP}").rename(path)
+    (bag / f"{bag.name}{MCAP}").rename(path)
 
 
 def is_correction(folder: Path) -> bool:

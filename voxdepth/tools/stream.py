@@ -1,4 +1,4 @@
-"""Streams, images, colours and layouts that all Rerun recordings share."""
+"""Streams, images, colours, layouts and stages of the paper's method that all Rerun recordings share."""
 
 import os
 from collections.abc import Callable
@@ -12,14 +12,19 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..colors import FAR_M, SOURCE_COLORS, colored
+from ..geometry import transform
+from ..paper.epochs import Template, VoxDepthDiagnostics
 from ..ros import confidence_levels
-from ..types import CorrectedDepth, FloatImage, GrayImage, Source
+from ..types import CorrectedDepth, FloatArray, FloatImage, GrayImage, Source
 from .output import encode
 
 CENTIMETRE = 100.0
 """Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
 JPEG_QUALITY = 75
 PIPE_BYTES = 1 << 16
+MOST_POINTS = 20_000
+"""Voxels of a cloud that are recorded; of more, every n-th."""
+VOXEL_COLOR, VOXEL_RADIUS_M = (180, 60, 210), 0.05
 REPLACED, REPLACED_COLOR = len(Source), (50, 160, 70)
 """Label and colour of pixels whose measurement gave way to the memory, such as the template of the paper's method."""
 
@@ -153,3 +158,24 @@ def depth_png(depth_m: FloatImage) -> bytes:
 def finite(depth_true_m: FloatImage) -> FloatImage:
     """Return true depth with 0 instead of infinity where there is no surface."""
     return np.where(np.isfinite(depth_true_m), depth_true_m, np.float32(0))
+
+
+def new_template(corrected: CorrectedDepth) -> Template | None:
+    """Return the template of the paper's method if an epoch begins with this frame."""
+    stages = corrected.diagnostics
+    return stages.template if isinstance(stages, VoxDepthDiagnostics) and stages.new_epoch else None
+
+
+def log_warped(log: Log, corrected: CorrectedDepth, far_m: float = FAR_M) -> None:
+    """Record the template as the paper's method warped it for a frame, black if it did not; others record nothing."""
+    stages = corrected.diagnostics
+    if isinstance(stages, VoxDepthDiagnostics):
+        warped_m = stages.warped_template_m
+        shown_m = np.zeros_like(corrected.depth_m) if warped_m is None else warped_m
+        log("colors/warped", depth_colors(shown_m, far_m))
+
+
+def voxel_cloud(template: Template, T_world_cam: FloatArray) -> rr.Points3D:
+    """Return voxels of a template as points in the world, given the pose of its camera, shape (4, 4)."""
+    points_m = transform(T_world_cam, template.voxels.centres_m)
+    return rr.Points3D(points_m[:: -(-len(points_m) // MOST_POINTS) or 1], colors=[VOXEL_COLOR], radii=[VOXEL_RADIUS_M])

@@ -82,8 +82,6 @@ class Table:
     """What a reader must know beside the title."""
     name: str = "table"
     """Stem of its file."""
-    classes: tuple[tuple[str, ...], ...] | None = None
-    """CSS class of every entry, in the shape of `rows`; None if no entry is marked."""
 
     @classmethod
     def of(
@@ -94,18 +92,16 @@ class Table:
         *,
         note: str = "",
         name: str = "table",
-        classes: Sequence[Sequence[str]] | None = None,
     ) -> Self:
         """Build a table from rows of values; a row that is not as long as `columns` is a `ValueError`.
 
-        A plain name stands for a column without a unit. `classes` has the shape of `rows`.
+        A plain name stands for a column without a unit.
         """
         named = tuple(Column(column) if isinstance(column, str) else column for column in columns)
         for row in rows:
             if len(row) != len(named):
                 raise ValueError(f"expected {len(named)} values in a row of {title!r}, got {len(row)}")
-        marks = None if classes is None else tuple(map(tuple, classes))
-        return cls(title=title, columns=named, rows=[list(row) for row in rows], note=note, name=name, classes=marks)
+        return cls(title=title, columns=named, rows=[list(row) for row in rows], note=note, name=name)
 
     @classmethod
     def of_frame(cls, title: str, frame: "pd.DataFrame", *, note: str = "", name: str = "table") -> Self:
@@ -125,12 +121,6 @@ class Table:
     def texts(self) -> list[list[str]]:
         """The values as people read them."""
         return [[c.text(value) for c, value in zip(self.columns, row, strict=True)] for row in self.rows]
-
-    @property
-    def cells(self) -> list[list[tuple[str, str]]]:
-        """Text and CSS class of every entry, for HTML templates."""
-        marks = (("",) * len(self.columns),) * len(self) if self.classes is None else self.classes
-        return [list(zip(texts, row, strict=True)) for texts, row in zip(self.texts, marks, strict=True)]
 
     def column(self, name: str) -> list[Value]:
         """Return the raw values of a column, by its name without the unit."""
@@ -160,10 +150,6 @@ class Table:
         sides = ["---:" if self.is_numeric(place) else "---" for place in range(len(self.columns))]
         rows = [[text.replace("|", "\\|") for text in row] for row in self.texts]
         return "".join(f"| {' | '.join(line)} |\n" for line in (self.headings, sides, *rows))
-
-    def as_json(self) -> dict[str, Any]:
-        """Return what JSON files hold of the table."""
-        return {"name": self.name, "title": self.title, "columns": self.headings, "rows": self.rows}
 
     def print(self, console: "Console") -> None:
         """Print the table, in parts with the first column each where it is wider than the terminal.

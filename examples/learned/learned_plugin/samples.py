@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from voxdepth import Frame, Intrinsics
-from voxdepth.baselines.learned import landing_in
-from voxdepth.baselines.optical_flow import Dis
+from voxdepth.baselines.learned import Dis, landing_in
 from voxdepth.temporal.measurement import measure
 from voxdepth.temporal.working_resolution import WorkingResolution, default_decimation
 from voxdepth.types import FloatArray, FloatImage

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from .groups import NEAR
+from .frames import NEAR
 from .measurements import AS_GIVEN, FILLED, Measurement
 from .methods import is_baseline
 

@@ -14,7 +14,8 @@ import numpy.typing as npt
 from ...datasets import Dataset
 from ...geometry import back_project, transform
 from ...types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
-from .references import Referenced, steps
+from .frames import Reference
+from .references import Referenced, References, steps
 
 LATER_FRAMES = 6
 """Number of later frames whose depth is moved to a frame."""
@@ -58,8 +59,11 @@ class View(NamedTuple):
         return np.where(self.rim[row, col], np.float32(0), self.depth_m[row, col])
 
 
-class LaterFrames:
+class LaterFrames(References):
     """References of all pixels that two or more later frames agree about; holes are those of the sensor."""
+
+    reference = Reference(name="later frames", is_true=False)
+    later_frames = LATER_FRAMES
 
     def __init__(self, dataset: Dataset) -> None:
         self._frames, self._intrinsics = len(dataset), dataset.intrinsics

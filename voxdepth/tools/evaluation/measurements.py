@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from .groups import NEAR
+from .frames import NEAR
 
 FILLED, COMPLETED, AS_GIVEN = "filled", "completed", "as given"
 """Values of `Measurement.on`."""

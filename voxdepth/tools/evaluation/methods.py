@@ -1,10 +1,17 @@
-"""The methods that are compared: correctors by name, and an oracle that exists only here."""
+"""The methods that are compared, and how one is run: warm-up, time per frame, validation of its output, and scores."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
+import cv2
+import numpy as np
+
 from ...corrector_spec import CorrectorFactory, parse_corrector
+from ...errors import PluginError
 from ...registry import (
     AUTHORS,
     CORRECTOR_NAMES,
@@ -15,17 +22,24 @@ from ...registry import (
     installed_names,
     resolve_config,
 )
-from ...types import DepthCorrector, Intrinsics
+from ...soundness import fault_of
+from ...types import CorrectedDepth, DepthCorrector, Intrinsics
 from ..errors import ToolError
+from .frames import EvaluationFrame, Frames, Reference
+from .measurements import Measurement, of_frames
+from .results import Scores, encoded_thumbnail
+from .scoring import Score
 
-ORACLE = "true-pose"
-"""Splats the last frames by their TRUE poses: an upper bound of what memory can achieve, and not a corrector."""
 DEFAULT_FILLED = f"{DEFAULT}[fill=all]"
 """The default method, but with a depth at every pixel, for comparisons that need one."""
-METHOD_NAMES = (*installed_names(), DEFAULT_FILLED, ORACLE)
+METHOD_NAMES = (*installed_names(), DEFAULT_FILLED)
 """All methods that are compared by default: those that need no extra, and those whose extra is installed."""
 WARM_UP_FRAMES = 3
 """Warm-up of a method without a configuration."""
+
+
+class MethodError(Exception):
+    """A method could not be made or closed, or gave no valid depth; the message says what it gave."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +48,6 @@ class Method:
 
     name: str
     make: CorrectorFactory
-    sees_true_pose: bool = False
-    """Whether it is an oracle that is given the true pose of every frame."""
     config: dict[str, Any] | None = None
     """Resolved configuration; None for a method that has none."""
     is_foreign: bool = False
@@ -45,8 +57,8 @@ class Method:
 
 
 def is_baseline(name: str) -> bool:
-    """Whether a method is neither the default method nor the paper's, with any setting, nor the oracle."""
-    return name.partition("[")[0] not in (DEFAULT, PAPER, AUTHORS, ORACLE)
+    """Whether a method is neither the default method nor the paper's, with any setting."""
+    return name.partition("[")[0] not in (DEFAULT, PAPER, AUTHORS)
 
 
 def find_methods(names: Sequence[str]) -> list[Method]:
@@ -63,8 +75,6 @@ def find_method(name: str) -> Method:
     It is the name of a corrector, perhaps with one setting of its configuration as in
     `temporal[fill=all]`, or your own corrector as `package.module:factory`.
     """
-    if name == ORACLE:
-        return Method(name=name, make=_oracle, sees_true_pose=True)
     corrector, setting = parse_corrector(name)
     config = resolve_config(corrector, setting) if setting else config_of(corrector)
     return Method(
@@ -76,7 +86,89 @@ def find_method(name: str) -> Method:
     )
 
 
-def _oracle(intrinsics: Intrinsics) -> DepthCorrector:
-    from ...baselines.pose_splat import PoseSplat
+def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrinsics) -> Scores:
+    """Run a new instance of a method on all frames (at least one) in order, with OpenCV on one thread.
 
-    return PoseSplat(intrinsics)
+    Each frame is read just before it is processed, which is not timed.
+
+    Raises:
+        MethodError: The method raised an exception or gave no valid depth; the message names the frame.
+        ToolError: A frame cannot be read.
+    """
+    cv2.setNumThreads(1)
+    with _instance(method, intrinsics) as corrector:  # The warm-up loads, compiles and caches what is needed.
+        for index, frame in enumerate(islice(frames, method.warm_up_frames)):
+            _processed(corrector, frame, index)
+    score, times_s = Score(reference, intrinsics), []
+    with _instance(method, intrinsics) as corrector:
+        start_s = _other_threads_s()
+        for index, frame in enumerate(frames):
+            corrected, time_s = _processed(corrector, frame, index)
+            times_s.append(time_s)
+            score.add(frame, corrected)
+        background_s = _other_threads_s() - start_s
+    return Scores(
+        measurements=(*score.measurements(), *_latencies(times_s, background_s)),
+        frame_close=score.frame_close,
+        frame_errors_m=score.frame_errors_m,
+        thumbnail=encoded_thumbnail(corrected.depth_m),
+    )
+
+
+def _latencies(times_s: Sequence[float], background_s: float) -> Iterator[Measurement]:
+    """Yield times per frame, and CPU times of other threads per frame."""
+    n = len(times_s)
+    percentiles_ms = [float(value) for value in 1e3 * np.percentile(times_s, (50, 95, 100))]
+    # The two clocks are read one after the other, so their difference may be negative.
+    values_ms = (*percentiles_ms, max(0.0, 1e3 * background_s / n))
+    for name, value_ms in zip(("p50", "p95", "max", "background"), values_ms, strict=True):
+        yield Measurement(*of_frames(f"latency_{name}"), value_ms, "ms", n)
+
+
+def _other_threads_s() -> float:
+    return time.process_time() - time.thread_time()
+
+
+@contextmanager
+def _method_errors(what: str) -> Iterator[None]:
+    """Turn any exception of the block into a `MethodError`: the code of a method may be anybody's."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        told = str(error) if isinstance(error, PluginError) else f"{what}: {type(error).__name__}: {error}"
+        raise MethodError(" ".join(told.split())) from error
+
+
+@contextmanager
+def _instance(method: Method, intrinsics: Intrinsics) -> Iterator[DepthCorrector]:
+    """Make an instance and close it after the block; an error of the block takes precedence."""
+    with _method_errors("it cannot be made"):
+        corrector = method.make(intrinsics)
+    try:
+        yield corrector
+    except BaseException:
+        with suppress(MethodError):
+            _close(corrector)
+        raise
+    _close(corrector)
+
+
+def _close(corrector: DepthCorrector) -> None:
+    """End the threads of a corrector that has some."""
+    with _method_errors("it cannot be closed"):
+        if (close := getattr(corrector, "close", None)) is not None:
+            close()
+
+
+def _processed(corrector: DepthCorrector, evaluated: EvaluationFrame, index: int) -> tuple[CorrectedDepth, float]:
+    """Return the validated output of a method for a frame, whose arrays it may only read, and the time it took [s]."""
+    frame = evaluated.frame
+    for image in (frame.gray, frame.depth_m):
+        image.setflags(write=False)
+    with _method_errors(f"frame {index}"):
+        start = time.perf_counter()
+        corrected = corrector.process(frame)
+        time_s = time.perf_counter() - start
+    if fault := fault_of(corrected, frame.depth_m.shape):
+        raise MethodError(f"frame {index}: {fault}")
+    return corrected, time_s

@@ -8,22 +8,17 @@ from typing import Literal
 import pandas as pd
 
 from ..table import MISSING
-from .groups import ALL, BINS, TRUE_GROUPS
+from .frames import HOLES, MEASURED
 from .intervals import CLOSE, ERROR_CHANGE, LEAD
-from .kinds import HELD_OUT
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames
+from .recordings import HELD_OUT
 from .scoring import (
     BELIEVED,
-    CALIBRATION_RANGE,
+    BELIEVED_RANGE,
     FILL_RATE,
-    FLYING,
     GHOSTS,
-    PHANTOMS,
     PLANE_FIT_RMS,
-    SKY_NEAR,
-    SOURCES,
     STATIC,
-    STATIC_FILLED,
     SURVIVAL,
     Z_ACCURACY,
 )
@@ -31,10 +26,10 @@ from .suite import Evaluation
 
 HIDDEN = "hidden"
 """Stands for the mask of the pixels that methods are given no depth of: holes, or pixels that were held out."""
-HIDDEN_MASKS = (TRUE_GROUPS.hidden, *(kind.name for kind in HELD_OUT))
+HIDDEN_MASKS = (HOLES, *HELD_OUT)
 MILLIMETRES_BELOW_M = 0.1
 """Lengths with a smaller median are shown in millimetres, as at a desk, and others in metres, as in a street."""
-UNITS = {"%": (100, 1), "mm": (1000, 1), "m": (1, 3), "1/m": (1, 4), "dB": (1, 2), "ms": (1, 1), "count": (1, 0)}
+UNITS = {"%": (100, 1), "mm": (1000, 1), "m": (1, 3), "ms": (1, 1)}
 """Factor from the unit of the measurements, and decimal places, by the unit of a quantity."""
 
 
@@ -50,9 +45,8 @@ class Quantity:
     """Whether the lowest or the highest first number is marked; empty for none."""
     digits: int = 0
     """Decimal places beyond those of the unit."""
-    layout: Literal["list", "against raw", "interval"] = "list"
-    """How the numbers are shown: all of them; the second one, which is that of raw depth, and the difference of the
-    first one; or the first one with an interval from the second to the third."""
+    is_interval: bool = False
+    """Whether the second and the third number are the ends of an interval around the first one."""
     short: str = ""
     """Name of its column in the terminal; empty for none."""
 
@@ -64,10 +58,7 @@ class Quantity:
     def text(self, values: Sequence[float]) -> str:
         """Write the numbers as people read them; NaN is missing."""
         texts = [self._number(value) for value in values]
-        if self.layout == "against raw":
-            own, raw = values
-            return MISSING if MISSING in texts else f"{texts[1]} {100 * (own - raw):+.1f}"
-        if self.layout == "interval":
+        if self.is_interval:
             return texts[0] if MISSING in texts else f"{texts[0]} ({texts[1]} to {texts[2]})"
         return MISSING if all(map(isnan, values)) else " / ".join(texts)
 
@@ -99,7 +90,7 @@ def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
     masks = HIDDEN_MASKS if selector.mask == HIDDEN else (selector.mask,)
     found = pd.concat([evaluation.measurements.select(selector._replace(mask=mask)) for mask in masks])
     if selector.mask in ("all", "measured") and selector.metric != "coverage":
-        true = [info.name for info in evaluation.sequences.values() if info.independent == "all"]
+        true = [info.name for info in evaluation.sequences.values() if info.reference.independent == "all"]
         return found[found.index.isin(true, level="sequence")]
     return found
 
@@ -110,16 +101,16 @@ WITHIN_5 = Quantity(
     [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in CLOSE],
     "A pixel that is left empty counts as wrong. The interval is a bootstrap over the frames.",
     best="high",
-    layout="interval",
+    is_interval=True,
     short="within 5 %",
 )
 OVER_BEST = Quantity(
     "That share less that of the best other baseline, within 20 m, with a 95 % interval",
     "%",
     [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in LEAD],
-    "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth, temporal and "
-    "true-pose; the best is compared with the second best, so this ranks nobody.",
-    layout="interval",
+    "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth and "
+    "temporal; the best is compared with the second best, so this ranks nobody.",
+    is_interval=True,
     short="less best other baseline",
 )
 # fmt: off
@@ -131,16 +122,8 @@ QUANTITIES = (
              short="MAE filled"),
     Quantity("MAE of all pixels within 20 m, after completion by the nearest valid", "m", [Selector("mae")],
              best="low", short="MAE all"),
-    Quantity("RMSE of all pixels within 20 m, after completion", "m", [Selector("rmse")], best="low"),
-    Quantity("Median error of all pixels within 20 m, after completion", "m", [Selector("median")], best="low"),
-    Quantity("RMSE of inverse depth, all surfaces, after completion", "1/m", [Selector("inverse_rmse", range=ALL)],
-             best="low"),
     Quantity("MAE in the sensor's holes (held-out pixels where there is no truth), within 20 m, after completion", "m",
              [Selector("mae", HIDDEN)], best="low", short="MAE holes"),
-    Quantity("MAE in holes whose surface was measured correctly in the last 60 frames, within 20 m, completed", "m",
-             [Selector("mae", "holes seen")], "A memory could know these.", best="low"),
-    Quantity("MAE in holes never seen, within 20 m, after completion", "m", [Selector("mae", "holes never seen")],
-             "These can only be guessed.", best="low"),
     Quantity("More than 10 % too far / too near in those holes (held-out pixels), within 20 m, after completion", "%",
              [Selector("too_far", HIDDEN), Selector("too_near", HIDDEN)],
              "Together, because a bias to one side wins either alone.", short="far/near"),
@@ -155,14 +138,12 @@ QUANTITIES = (
              [Selector("coverage", HIDDEN, on=FILLED)], short="coverage of holes"),
     WITHIN_5,
     OVER_BEST,
-    Quantity("Median / mean absolute error of measured pixels within 20 m", "m",
-             [Selector(metric, "measured", on=FILLED) for metric in ("median", "mae")], best="low",
-             short="median/mean error of measured"),
+    Quantity("MAE of measured pixels within 20 m", "m", [Selector("mae", MEASURED, on=FILLED)], best="low",
+             short="mean error of measured"),
     Quantity("Change of the mean error of measured pixels from raw's, within 20 m, with a 95 % interval", "%",
-             [Selector(metric, "measured", on=FILLED) for metric in ERROR_CHANGE],
-             "The interval is a bootstrap over the frames of both.", best="low", layout="interval",
+             [Selector(metric, MEASURED, on=FILLED) for metric in ERROR_CHANGE],
+             "The interval is a bootstrap over the frames of both.", best="low", is_interval=True,
              short="mean against raw's"),
-    Quantity("RMSE of measured pixels within 20 m", "m", [Selector("rmse", "measured", on=FILLED)], best="low"),
     Quantity("Fill rate: pixels with depth in the central 40 % of the width and of the height", "%", [FILL_RATE],
              short="fill rate"),
     Quantity("Z accuracy: signed median error there, of the true distance", "%", [Z_ACCURACY],
@@ -170,35 +151,17 @@ QUANTITIES = (
     Quantity("Plane-fit RMS error there, of the distance", "%", [PLANE_FIT_RMS],
              "Only of frames in which the sensor sees a plane there, such as a wall; n is their number.", best="low",
              digits=1, short="plane-fit RMS"),
-    Quantity(f"Obstacle errors of believed fills: more than 10 % too far / too near, {CALIBRATION_RANGE}", "%",
-             [Selector(metric, BELIEVED, CALIBRATION_RANGE, FILLED) for metric in ("too_far", "too_near")],
+    Quantity(f"Obstacle errors of believed fills: more than 10 % too far / too near, {BELIEVED_RANGE}", "%",
+             [Selector(metric, BELIEVED, BELIEVED_RANGE, FILLED) for metric in ("too_far", "too_near")],
              "Holes (held-out pixels where there is no truth) that a method fills with a confidence of at least 0.5, "
              "or at all if it gives none. Too far hides an obstacle, too near is a phantom."),
-    Quantity("Flying pixels: of those beside depth edges, those that hang in empty space", "%", [FLYING],
-             "Between the nearest and the farthest reference of a window of a 32nd of the width, and not within 5 % of "
-             "any in it.", best="low"),
-    Quantity("Flicker of static pixels within 20 m that the sensor measured in neither frame", "m",
-             [Selector("flicker", STATIC_FILLED, on=FILLED)],
-             "Fills in both frames: the silhouettes that move over measured pixels are left out."),
-    Quantity(f"Flicker by range, {' / '.join(BINS)}", "m",
-             [Selector("flicker", STATIC, name, FILLED) for name in BINS], digits=-1),
-    Quantity("Static pixels within 20 m that gain or lose their depth from frame to frame", "%",
-             [Selector("switched", STATIC, on=FILLED)]),
-    Quantity("Survival: pixels of moving objects within 5 % of the truth, of raw depth, and the method's difference",
-             "%", SURVIVAL, "A hole does not survive. Only sequences with known moving objects have it.", best="high",
-             layout="against raw", short="survival raw, difference"),
-    Quantity("Ghosts: filled pixels nearer to the object that left 5 frames ago than to the background, of raw depth, "
-             "and the method's difference", "%", GHOSTS,
+    Quantity("Survival: pixels of moving objects within 5 % of the truth, by the method / of raw depth", "%", SURVIVAL,
+             "A hole does not survive. Only sequences with known moving objects have it.", best="high",
+             short="survival, raw"),
+    Quantity("Ghosts: filled pixels nearer to the object that left 5 frames ago than to the background, by the method "
+             "/ of raw depth", "%", GHOSTS,
              "Nearer by the geometric mean. A method that leaves such pixels empty has no ghosts: see the sample "
-             "sizes.", best="low", layout="against raw", short="ghosts raw, difference"),
-    Quantity("Sky that a method shows within 20 m", "%", [SKY_NEAR],
-             "Raw depth has some beside near objects. Only sequences with the truth have a known sky."),
-    Quantity("Phantom obstacles", "count", [PHANTOMS],
-             "Blobs of at least 30 px nearer than half the true depth that stay for 5 frames at overlapping places. "
-             "The measure is meant for a camera that hardly moves; n is the number of frames."),
-    Quantity(f"MAE by the source that a method names for a pixel: sensor / memory / inpainted, {CALIBRATION_RANGE}",
-             "m", [Selector("mae", mask, CALIBRATION_RANGE, FILLED) for mask in SOURCES.values()],
-             "The number of pixels of each source is in results.csv.", digits=-1),
+             "sizes.", best="low", short="ghosts, raw"),
 )
 """What the report shows, a table of all methods on all sequences each, and the terminal if it has a short name."""
 # fmt: on

@@ -3,9 +3,11 @@
 Each kind of pixels is judged by itself: a method never gets an image with two kinds held out at once.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -14,6 +16,7 @@ from ...datasets import Dataset
 from ...datasets.images import read_depth_16
 from ...types import ASSUMED_BASELINE_M, FloatImage, Intrinsics, MaskImage
 from ...units import MILLIMETRES, Unit
+from .frames import TRUTH, Reference
 
 TRUE_DEPTH, TRUE_DEPTHS = "depth_true_mm.png", "depth_true"
 """The true depth of the first frame, and the folder of that of all frames."""
@@ -21,8 +24,6 @@ MEDIAN_PX = 5
 """Window of the median that keeps outliers of the sensor from casting shadows and from breaking surfaces."""
 VIRTUAL_WIDTH = 2
 """Width of the virtual camera's image in widths of the real one, because it looks further to the right."""
-WIDENING = 1.4
-"""Width of the shadows of a camera whose depth is aligned to a colour camera beside the pair, in widths of its own."""
 PATCHES, TRIALS = 24, 1000
 """Largest number of patches, and number of places that are tried for them."""
 PATCH_PX, PATCH_IMAGE_PX = (10, 60), 640
@@ -45,22 +46,41 @@ class Referenced(NamedTuple):
     """Pixels of the kind that is judged."""
 
 
-class References(Protocol):
-    """The references of the frames of one recording, which are requested in order of time."""
+class References(ABC):
+    """The references of one kind of pixels in one recording, whose frames are requested in order of time."""
 
+    reference: Reference
+    is_mirrored = False
+    """Whether methods are given mirrored images, in which left and right are exchanged."""
+    later_frames = 0
+    """Number of frames after a frame that its reference is made of."""
+    digest = ""
+    """SHA-256 of the files that references are read from, besides those of the frames."""
+
+    @abstractmethod
     def of(self, index: int, depth_m: FloatImage) -> Referenced:
         """Return the reference of a frame by its index and its measured depth [m], shape (H, W); 0 = invalid."""
 
 
-class Shadows:
+def held_out(name: str) -> Reference:
+    """Return the reference of measured pixels that are held out, such as `patches`."""
+    return Reference(name=f"held-out {name}", hidden=name, is_true=False)
+
+
+class Shadows(References):
     """Occlusion shadows on the right side of near objects, see `shadows`; they move with the scene.
 
     Mirrored, they lie on the left side, where a stereo camera has its own.
     """
 
-    def __init__(self, intrinsics: Intrinsics, widening: float = 1.0) -> None:
-        baseline_m = widening * (intrinsics.baseline_m or ASSUMED_BASELINE_M)
-        self._intrinsics = replace(intrinsics, baseline_m=baseline_m)
+    reference = held_out("shadows")
+    is_mirrored = True
+    widening = 1.0
+    """Baseline of the camera that casts them, in baselines of the recording."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        intrinsics = dataset.intrinsics
+        self._intrinsics = replace(intrinsics, baseline_m=self.widening * (intrinsics.baseline_m or ASSUMED_BASELINE_M))
 
     def of(self, index: int, depth_m: FloatImage) -> Referenced:
         """See `References`."""
@@ -68,7 +88,14 @@ class Shadows:
         return _held_out(depth_m, hidden, hidden)
 
 
-class Patches:
+class WideShadows(Shadows):
+    """Shadows of a camera whose depth is aligned to a colour camera beside the pair."""
+
+    reference = held_out("wide-shadows")
+    widening = 1.4
+
+
+class Patches(References):
     """Ellipses on smooth surfaces, such as a stereo matcher loses where a wall is blank.
 
     The places are drawn once, on the first frame, and stay the same in the image: depth is withheld there in every
@@ -76,15 +103,17 @@ class Patches:
     measured surface.
     """
 
-    def __init__(self, intrinsics: Intrinsics) -> None:
-        self._intrinsics = intrinsics
-        self._places: list[MaskImage] | None = None
+    reference = held_out("patches")
+
+    def __init__(self, dataset: Dataset) -> None:
+        self._intrinsics = dataset.intrinsics
+        self._places: list[MaskImage] = []
 
     def of(self, index: int, depth_m: FloatImage) -> Referenced:
         """See `References`."""
         measured: MaskImage = depth_m > 0
         step = steps(depth_m, self._intrinsics)
-        if self._places is None:
+        if index == 0:
             self._places = self._drawn(measured, step)
         withheld, scored = np.zeros_like(measured), np.zeros_like(measured)
         for place in self._places:
@@ -112,15 +141,18 @@ class Patches:
         return places
 
 
-class TrueHoles:
+class TrueHoles(References):
     """The sensor's own holes in a recording with a true depth.
 
     It is `depth_true_mm.png` for the first frame, or one image in `depth_true/` for each frame, with the name of the
     frame. Both are PNG with 16 bits in millimetres; 0 = unknown.
     """
 
+    reference = TRUTH
+
     def __init__(self, folder: Path, dataset: Dataset) -> None:
         self._folder, self._dataset = folder, dataset
+        self.digest = sha256(b"".join(path.read_bytes() for path in true_depths(folder))).hexdigest()
 
     def of(self, index: int, depth_m: FloatImage) -> Referenced:
         """See `References`."""
@@ -131,6 +163,12 @@ class TrueHoles:
         if path.exists():
             truth_m = Unit(MILLIMETRES).metres(read_depth_16(path, depth_m.shape))
         return Referenced(depth_m, truth_m, np.asarray(depth_m == 0))
+
+
+def true_depths(folder: Path) -> list[Path]:
+    """Return the files of true depth in the folder of a recording."""
+    found = [folder / TRUE_DEPTH, *sorted((folder / TRUE_DEPTHS).glob("*.png"))]
+    return [path for path in found if path.is_file()]
 
 
 def mirrored(intrinsics: Intrinsics) -> Intrinsics:

@@ -1,6 +1,5 @@
 """The output of an evaluation: tables, a page without scripts or external parts, and the terminal output."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -11,9 +10,7 @@ from ..files import write
 from ..page import TEMPLATES, render_page
 from ..provenance import CORRECTION, Provenance
 from ..table import MISSING, Column, Table, write_frame
-from .figures import all_figures, error_maps, range_text
-from .groups import ALL, NEAR
-from .methods import ORACLE
+from .error_maps import error_maps
 from .quantities import QUANTITIES, Quantity, fitted, is_measured, select
 from .suite import Evaluation
 from .verdict import verdict
@@ -21,11 +18,15 @@ from .verdict import verdict
 if TYPE_CHECKING:
     from rich.console import Console
 
-FAILED = "failed"
+FAILED, BEST = "failed", "*"
+"""Text of a method that failed, and mark of the best one of a sequence."""
+ALL_JUDGED = 0.995
+"""Share of the pixels without depth with a reference that is told as all."""
 FOOTNOTE = (
     "surfaces within 20 m; errors of all, and in holes, are after completion by the nearest valid, and far/near is the "
     "share of holes that is more than 10 % off then; within 5 % counts empty pixels as wrong, with a 95 % bootstrap "
-    "interval over frames; survival and ghosts are those of moving objects; times are with OpenCV on one thread"
+    "interval over frames; survival and ghosts are those of moving objects; times are with OpenCV on one thread; "
+    f"{BEST} is the best"
 )
 
 
@@ -42,7 +43,6 @@ def rendered(evaluation: Evaluation) -> str:
         verdict=verdict(evaluation),
         failures=_failure_rows(evaluation),
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
-        figures=all_figures(evaluation),
         error_maps=error_maps(evaluation),
         sequences=_sequence_table(evaluation),
         machine=Provenance.here(CORRECTION),
@@ -54,13 +54,12 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
 
     Methods that failed everywhere are left out, and sequences without a number if another has one.
     """
-    quantity, texts, classes, counts = _shown(evaluation, quantity)
-    methods = [name for name in texts.index if not (texts.loc[name] == FAILED).all()]
+    quantity, texts, sizes = _shown(evaluation, quantity)
+    texts = texts[~(texts == FAILED).all(axis="columns")]
     measured = [name for name in texts if not texts[name].isin([MISSING, FAILED]).all()] or list(texts)
-    rows = [[registry.title(name), *texts.loc[name, measured]] for name in methods]
-    rows.append(["n", *(counts[name] for name in measured)])
-    marks = [["", *classes.loc[name, measured]] for name in methods] + [["", *["n"] * len(measured)]]
-    return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note, classes=marks)
+    rows = [[registry.title(name), *texts.loc[name, measured]] for name in texts.index]
+    rows.append(["n", *(sizes.get(name, MISSING) for name in measured)])
+    return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note)
 
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:
@@ -68,27 +67,27 @@ def print_results(console: "Console", evaluation: Evaluation) -> None:
     console.print(verdict(evaluation), "", sep="\n", soft_wrap=True, markup=False, highlight=False)
     found = [_shown(evaluation, quantity) for quantity in QUANTITIES if quantity.short]
     for info in evaluation.sequences.values():
-        pixels = info.pixels[ALL].get(NEAR, 0)
-        title = f"{info.name}: {info.frames} frames of {info.size}, {pixels:,} pixels within 20 m"
-        console.print(f"{title}, scored by {info.reference_name}", soft_wrap=True, markup=False)
+        title = f"{info.name}: {info.frames} frames of {info.size}, {info.near_pixels:,} pixels within 20 m"
+        judged = f", which judges {info.judged_share:.0%} of those without depth"
+        by = info.reference.name + judged * (info.judged_share < ALL_JUDGED)
+        console.print(f"{title}, scored by {by}", soft_wrap=True, markup=False)
         known = [one for one in found if not one.texts[info.name].isin([MISSING, FAILED]).all()]
         columns = [Column("method"), *(Column(one.quantity.short, one.quantity.unit) for one in known)]
         rows = zip(evaluation.methods, *(one.texts[info.name] for one in known), strict=True)
         Table.of("", columns, list(rows)).print(console)
     console.print(FOOTNOTE, soft_wrap=True)
     for result in evaluation.failures:
-        failed = f"{result.key.sequence}, {result.key.method} failed: {result.error}"
+        failed = f"{result.sequence}, {result.method} failed: {result.error}"
         console.print(failed, soft_wrap=True, markup=False, style="red")
 
 
 class Shown(NamedTuple):
-    """A quantity as people read it, in the unit that fits."""
+    """A quantity as people read it."""
 
     quantity: Quantity
+    """The same in the unit that fits."""
     texts: pd.DataFrame
     """Text of every result (rows: methods; columns: sequences)."""
-    classes: pd.DataFrame
-    """CSS class of every result."""
     sizes: dict[str, str]
     """Sample sizes by sequence."""
 
@@ -96,51 +95,55 @@ class Shown(NamedTuple):
 def _shown(evaluation: Evaluation, quantity: Quantity) -> Shown:
     values, counts = select(evaluation, quantity)
     quantity = fitted(quantity, values)
-    failed = dict.fromkeys(((result.key.sequence, result.key.method) for result in evaluation.failures), FAILED)
-    texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True)) | failed
-    classes = dict.fromkeys(_best(quantity, values[0]), "best") | failed
-    methods, sequences = evaluation.methods, list(dict.fromkeys(result.key.sequence for result in evaluation.results))
-
-    def grid(entries: Mapping[tuple[str, str], str], missing: str) -> pd.DataFrame:
-        return pd.DataFrame([[entries.get((s, m), missing) for s in sequences] for m in methods], methods, sequences)
-
-    sizes = dict.fromkeys(sequences, MISSING)
-    for name, low, high in counts.stack().groupby("sequence").agg(["min", "max"]).astype(int).itertuples(name=None):
-        sizes[name] = range_text(low, high)
-    return Shown(quantity, grid(texts, MISSING), grid(classes, ""), sizes)
+    texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True))
+    texts |= {best: f"{texts[best]} {BEST}" for best in _best(quantity, values[0])}
+    texts |= {(result.sequence, result.method): FAILED for result in evaluation.failures}
+    methods, sequences = evaluation.methods, list(dict.fromkeys(result.sequence for result in evaluation.results))
+    grid = [[texts.get((sequence, method), MISSING) for sequence in sequences] for method in methods]
+    ends = counts.stack().groupby("sequence").agg(["min", "max"]).astype(int)
+    sizes = {str(name): range_text(low, high) for name, low, high in ends.itertuples(name=None)}
+    return Shown(quantity, pd.DataFrame(grid, methods, sequences), sizes)
 
 
 def _best(quantity: Quantity, values: pd.Series) -> list[tuple[str, str]]:
-    """Return sequence and method of the best values of each sequence; none is best where all are equal.
-
-    An oracle does not compete.
-    """
+    """Return sequence and method of the best values of each sequence; none is best where all are equal."""
     if not quantity.best:
         return []
-    competing = values[values.index.get_level_values("method") != ORACLE]
-    low, high = (competing.groupby("sequence").transform(end) for end in ("min", "max"))
+    low, high = (values.groupby("sequence").transform(end) for end in ("min", "max"))
     best = low if quantity.best == "low" else high
-    return list(competing.index[(competing == best) & (low < high)])
+    return list(values.index[(values == best) & (low < high)])
 
 
 def _failure_rows(evaluation: Evaluation) -> list[tuple[str, str, str]]:
     """Return a method, the sequences that it failed on, and why; one row for the same reason."""
     sequences: dict[tuple[str, str], list[str]] = {}
     for result in evaluation.failures:
-        sequences.setdefault((result.key.method, str(result.error)), []).append(result.key.sequence)
+        sequences.setdefault((result.method, str(result.error)), []).append(result.sequence)
     return [(method, ", ".join(names), why) for (method, why), names in sequences.items()]
 
 
 def _sequence_table(evaluation: Evaluation) -> Table:
     rows = [
         {
-            "sequence": info.name, "scored by": info.reference_name, "frames": info.frames, "image [px]": info.size,
+            "sequence": info.name, "scored by": info.reference.name, "frames": info.frames, "image [px]": info.size,
             "focal length [px]": info.camera.fx_px, "baseline [m]": info.camera.baseline_m, "seed": info.seed,
-            "scored pixels": info.pixels[ALL][ALL],
-            "not measured, or held out [%]": 100 * info.pixels[info.hidden][ALL] / max(1, info.pixels[ALL][ALL]),
+            "scored pixels": info.pixels,
+            "not measured, or held out [%]": 100 * info.hidden_pixels / max(1, info.pixels),
             "of those without depth, judged [%]": 100 * info.judged_share,
             "SHA-256": info.digest[:16],
         }
         for info in evaluation.sequences.values()
     ]  # fmt: skip
     return Table.of_frame("Sequences", pd.DataFrame(rows, dtype=object))
+
+
+def count_text(count: int) -> str:
+    """Write a number of pixels as people read it."""
+    if count >= 10**6:
+        return f"{count / 10**6:.1f} M"
+    return f"{count / 1000:.1f} k" if count >= 1000 else str(count)
+
+
+def range_text(low: int, high: int) -> str:
+    """Write the smallest and the largest of some numbers of pixels as people read them."""
+    return " to ".join(dict.fromkeys((count_text(low), count_text(high))))

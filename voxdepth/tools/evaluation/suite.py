@@ -1,32 +1,23 @@
 """All methods on all sequences, one at a time; finished results are reused, and a failure stops nothing else."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from shutil import rmtree
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from ...errors import VoxDepthError
 from ..errors import ToolError
-from ..files import as_tool_error
 from ..locks import locked
 from ..provenance import CORRECTION, EVALUATION_SOURCES, code_digest, processor_name, versions
-from .groups import RANGES
+from .frames import ALL, NEAR, NONE, RANGES, FrameFile, Frames, FrameSource
 from .intervals import close_intervals, error_intervals
-from .kinds import Kind, Opened
 from .measurements import Measurements
-from .methods import Method
-from .result_cache import Key, Result, SequenceInfo, encoded_thumbnail, load, store
-from .running import MethodError, run
-from .sources import DatasetSource, FrameCache, Frames, FrameSource
-
-FRAME_CACHE = ".voxdepth-frames-"
-"""Prefix of the temporary folders of frames, of which a killed run leaves one behind."""
+from .methods import Method, MethodError, run
+from .recordings import Kind, Opened, RecordedSource
+from .results import Result, SequenceInfo, encoded_thumbnail, load, store
 
 
 @dataclass(frozen=True)
@@ -34,17 +25,15 @@ class Requested:
     """A sequence to compare methods on. No two in a plan may have the same name."""
 
     name: str
-    has_poses: bool
-    """Whether the true poses are known, which the oracle needs."""
     open: Callable[[Path, int, Callable[[str], None]], FrameSource]
     """Opens its first frames, which may first be made below the folder of the results; the function that it is given
     hears of it. Here and when frames are read, a `VoxDepthError` says why that fails."""
 
 
-def judged(path: Path, kind: Kind, opened: Opened) -> Requested:
-    """Return one kind of pixels of an existing recording of any format."""
-    name = f"{name_of(path)}-{kind.name}"
-    return Requested(name, has_poses=False, open=lambda out, frames, tell: DatasetSource(name, opened(path), kind))
+def judged(path: Path, mask: str, kind: Kind, opened: Opened) -> Requested:
+    """Return one kind of pixels, with the name of their mask, of an existing recording of any format."""
+    name = f"{name_of(path)}-{mask}"
+    return Requested(name, lambda out, frames, tell: RecordedSource(name, opened(path), kind))
 
 
 def name_of(folder: Path) -> str:
@@ -76,9 +65,7 @@ class Evaluation:
 
     results: tuple[Result, ...]
     """Results by sequence, and by method within."""
-    sequences: dict[str, SequenceInfo]
-    """Descriptions by the name of a sequence; sequences that could not be opened are missing."""
-    reused: int
+    reused: int = 0
     """Number of results that had been finished before."""
 
     @cached_property
@@ -86,32 +73,32 @@ class Evaluation:
         """All measurements as the long table, with one row of the metric `error` per failed result."""
         rows: list[tuple[Any, ...]] = []
         for result in self.results:
-            where = result.key.sequence, result.key.method
+            where = result.sequence, result.method
             if result.error is not None:
                 rows.append((*where, "error", "", "", "", None, "", 0, result.error))
             rows += [(*where, *m, "") for m in result.measurements]
         for info in self.sequences.values():
-            ours = [result for result in self.results if result.key.sequence == info.name and result.frame_close]
-            counts = {result.key.method: result.frame_close for result in ours}
-            found = [*close_intervals(counts, info.hidden)]
-            if info.independent == "all":
-                found += error_intervals({result.key.method: result.frame_errors_m for result in ours})
+            ours = [result for result in self.results if result.sequence == info.name and result.frame_close]
+            found = [*close_intervals({result.method: result.frame_close for result in ours}, info.reference.hidden)]
+            if info.reference.independent == "all":
+                found += error_intervals({result.method: result.frame_errors_m for result in ours})
             rows += [(info.name, method, *m, "") for method, m in found]
         return Measurements(rows)
+
+    @cached_property
+    def sequences(self) -> dict[str, SequenceInfo]:
+        """Descriptions by the name of a sequence; sequences that could not be opened are missing."""
+        return {result.sequence: result.info for result in self.results if result.info is not None}
 
     @property
     def methods(self) -> list[str]:
         """Names of all methods in their order."""
-        return list(dict.fromkeys(result.key.method for result in self.results))
+        return list(dict.fromkeys(result.method for result in self.results))
 
     @property
     def failures(self) -> list[Result]:
         """Results without measurements."""
         return [result for result in self.results if result.error is not None]
-
-    def result(self, sequence: str, method: str) -> Result:
-        """Return the result of one method on one sequence."""
-        return next(result for result in self.results if (result.key.sequence, result.key.method) == (sequence, method))
 
 
 def evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
@@ -124,98 +111,98 @@ def evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
         ToolError: A result cannot be written.
     """
     _require_distinct([requested.name for requested in plan.sequences])
+    results: list[Result] = []
+    reused = 0
     busy = f"another evaluation writes to {plan.out}: wait until it has ended, or use another --out"
     with locked(plan.out, busy):
-        return _evaluate(plan, progress)
-
-
-def _evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
-    for abandoned in plan.out.glob(f"{FRAME_CACHE}*"):
-        rmtree(abandoned, ignore_errors=True)
-    results: list[Result] = []
-    sequences: dict[str, SequenceInfo] = {}
-    reused = 0
-
-    def tell(what: str) -> None:
-        progress(what, len(results))
-
-    for requested in plan.sequences:
-        with _frame_cache(plan.out) as frames:
-            try:
-                source, info, keys, finished = _prepared(plan, requested, frames, tell)
-            except VoxDepthError as error:
-                reason = " ".join(str(error).split())
-                keys = [Key(sequence=requested.name, method=method.name) for method in plan.methods]
-                results += [Result(key=key, error=reason) for key in keys]
-                tell(f"{requested.name}, not opened")
-                continue
-            sequences[requested.name] = info
-            reused += len(finished)
-            for method, key in zip(plan.methods, keys, strict=True):
-                tell(f"{requested.name}, {method.name}")
-                if (result := finished.get(method.name)) is None:
-                    result = Result(key=key, info=info, **_scores(source, method, frames))
-                    store(plan.out, result)
+        for requested in plan.sequences:
+            for result, is_reused in _compared(plan, requested, lambda what: progress(what, len(results))):
                 results.append(result)
-    tell("done")
-    return Evaluation(results=tuple(results), sequences=sequences, reused=reused)
+                reused += is_reused
+    progress("done", len(results))
+    return Evaluation(results=tuple(results), reused=reused)
 
 
-def _prepared(
-    plan: Plan, requested: Requested, frames: FrameCache, tell: Callable[[str], None]
-) -> tuple[FrameSource, SequenceInfo, list[Key], dict[str, Result]]:
-    """Open a sequence; return it with its description, the key of each method, and the finished results by method.
+def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> Iterator[tuple[Result, bool]]:
+    """Yield the result of each method on a sequence, and whether it had been finished before.
 
-    Unless every result is finished, the frames are computed and described.
+    Unless every result is finished, the frames are computed and described first.
     """
     name = requested.name
     tell(f"opening {name}")
-    source = requested.open(plan.out, plan.frames, tell)
+    with FrameFile(plan.out) as frames:
+        try:
+            source = requested.open(plan.out, plan.frames, tell)
+            total = _number_of_frames(plan, source)
+            digest = source.digest(total)
+            keys = {method.name: _key(source, method, total, digest) for method in plan.methods}
+            finished = {method.name: _finished(plan, name, method, keys[method.name]) for method in plan.methods}
+            info = next((result.info for result in finished.values() if result is not None), None)
+            if info is None or None in finished.values():
+                frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
+                info = describe(source, frames, digest)
+        except VoxDepthError as error:
+            reason = " ".join(str(error).split())
+            yield from ((Result(sequence=name, method=method.name, error=reason), False) for method in plan.methods)
+            return
+        for method in plan.methods:
+            tell(f"{name}, {method.name}")
+            result = finished[method.name]
+            if result is None:
+                scores = _scores(source, method, frames)
+                result = Result(sequence=name, method=method.name, key=keys[method.name], info=info, **scores)
+                store(plan.out, result)
+            yield result, finished[method.name] is not None
+
+
+def _number_of_frames(plan: Plan, source: FrameSource) -> int:
     if len(source) == 0:
-        raise ToolError(f"{name!r} holds no whole frame: expected at least one; record it again")
-    total = min(plan.frames, len(source))
-    digest = source.digest(total)
+        raise ToolError(f"{source.name!r} holds no whole frame: expected at least one; record it again")
+    return min(plan.frames, len(source))
+
+
+def _key(source: FrameSource, method: Method, frames: int, digest: str) -> dict[str, Any]:
+    """Return everything that the result of a method on a sequence with a digest depends on, beside both names."""
     made_with = versions(CORRECTION) | {"processor": processor_name()}
     made_with["code"] = code_digest((*EVALUATION_SOURCES, *source.code))
-    of_sequence: dict[str, Any] = {"sequence": name, "frames": total, "seed": source.seed, "digest": digest}
-    keys = [Key(method=one.name, config=one.config, versions=made_with, **of_sequence) for one in plan.methods]
-    own = [key for key, method in zip(keys, plan.methods, strict=True) if not method.is_foreign]
-    finished = {key.method: result for key in own if (result := load(plan.out, key)) is not None}
-    info = next((result.info for result in finished.values()), None)
-    if info is None or len(finished) < len(keys):
-        frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
-        info = describe(source, frames, digest)
-    return source, info, keys, finished
+    return {"frames": frames, "digest": digest, "config": method.config, "versions": made_with}
 
 
-def _scores(source: FrameSource, method: Method, frames: FrameCache) -> dict[str, Any]:
+def _finished(plan: Plan, sequence: str, method: Method, key: dict[str, Any]) -> Result | None:
+    """Return the finished result of a method on a sequence; None if there is none, or the method's code is foreign."""
+    return None if method.is_foreign else load(plan.out, sequence, method.name, key)
+
+
+def _scores(source: FrameSource, method: Method, frames: Frames) -> dict[str, Any]:
     try:
-        return vars(run(method, frames, source.groups, source.intrinsics))
+        return vars(run(method, frames, source.reference, source.intrinsics))
     except (MethodError, ToolError) as error:
         return {"error": str(error)}
 
 
 def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
     """Describe the frames of a sequence, at least one, whose contents have a digest."""
-    groups, counts, holes = source.groups, np.zeros(256, np.int64), 0
-    for index in range(len(frames)):
-        frame = frames[index]
-        counts += np.bincount(frame.labels.ravel(), minlength=256)
+    counts, hidden, holes = np.zeros(256, np.int64), 0, 0
+    for frame in frames:
+        bins = frame.bins()
+        counts += np.bincount(bins.ravel(), minlength=256)
+        hidden += int(np.count_nonzero(frame.hidden & (bins != NONE)))
         holes += int(np.count_nonzero(frame.frame.depth_m == 0))
-    pixels = {mask: {name: int(counts[groups.members(mask, name)].sum()) for name in RANGES} for mask in groups.masks}
     return SequenceInfo(
         name=source.name,
         digest=digest,
         frames=len(frames),
         seed=source.seed,
         camera=source.intrinsics,
-        hidden=groups.hidden,
-        independent=groups.independent,
-        reference_name=groups.reference_name,
-        pixels=pixels,
+        reference=source.reference,
+        pixels=int(counts[list(RANGES[ALL])].sum()),
+        near_pixels=int(counts[list(RANGES[NEAR])].sum()),
+        hidden_pixels=hidden,
         holes=holes,
-        reference=encoded_thumbnail(np.where(np.isfinite(frame.reference_m), frame.reference_m, np.float32(0))),
-        raw=encoded_thumbnail(frame.frame.depth_m),
+        reference_thumbnail=encoded_thumbnail(
+            np.where(np.isfinite(frame.reference_m), frame.reference_m, np.float32(0))
+        ),
+        raw_thumbnail=encoded_thumbnail(frame.frame.depth_m),
     )
 
 
@@ -225,13 +212,3 @@ def _require_distinct(names: Sequence[str]) -> None:
             raise ToolError(f"expected the name of a folder in UTF-8, got {name!a}: rename the folder")
         if names.count(name) > 1:
             raise ToolError(f"two sequences are called {name!r}, whose results would mix: rename a folder")
-
-
-@contextmanager
-def _frame_cache(out: Path) -> Iterator[FrameCache]:
-    """Make an empty temporary cache of frames."""
-    with as_tool_error(f"cannot make a folder in {out}"):
-        out.mkdir(parents=True, exist_ok=True)
-        folder = TemporaryDirectory(dir=out, prefix=FRAME_CACHE, ignore_cleanup_errors=True)
-    with folder as path:
-        yield FrameCache(Path(path))

@@ -1,4 +1,4 @@
-"""Effects of a memory on moving objects: ghosts where an object was, and survival where it is."""
+"""Shares of pixels: ghosts where a moving object was, and survival where it is."""
 
 from dataclasses import dataclass
 

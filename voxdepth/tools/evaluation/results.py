@@ -1,4 +1,4 @@
-"""What is kept of finished work: the result of each method on each sequence."""
+"""What is kept of finished work: the result of each method on each sequence, a file each."""
 
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,31 +13,11 @@ from ...colors import picked
 from ...types import FloatImage, Intrinsics
 from ..files import as_tool_error, write
 from ..output import encode, to_millimetres
-from .groups import ALL
+from .frames import Reference
 from .measurements import Measurement
-from .scoring import METRICS
 
 THUMBNAIL_PX = 240
 """Largest width of the depth image that is kept of the last frame of a sequence."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Key:
-    """Everything that the measurements of a result depend on."""
-
-    sequence: str
-    method: str
-    frames: int = 0
-    """Number of frames; 0 for a sequence that could not be opened, of which nothing else is known either."""
-    seed: int | None = None
-    """Seed of a rendered sequence; None for a measured one."""
-    digest: str = ""
-    """SHA-256 of the images and poses of the sequence."""
-    config: dict[str, Any] | None = None
-    """Configuration of the method; None if it has none."""
-    versions: dict[str, str] = field(default_factory=dict)
-    metrics: tuple[str, ...] = tuple(METRICS)
-    """Names of the metrics of errors, so that a new one is computed for finished results, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,21 +42,21 @@ class SequenceInfo:
     """SHA-256 of its images and poses."""
     frames: int
     seed: int | None
+    """Seed of a rendered sequence; None for a measured one."""
     camera: Intrinsics
-    hidden: str
-    """Mask of the pixels that methods are given no depth of."""
-    independent: str
-    """Mask of the pixels whose reference is not what the methods were given."""
-    reference_name: str
-    """What methods are scored by."""
-    pixels: dict[str, dict[str, int]]
-    """Number of pixels of all frames, by mask and range."""
+    reference: Reference
+    pixels: int
+    """Number of pixels of all frames that have a reference."""
+    near_pixels: int
+    """Number of those within 20 m."""
+    hidden_pixels: int
+    """Number of those that methods are given no depth of."""
     holes: int
     """Number of pixels of all frames that the methods were given no depth of, whether they have a reference or not."""
-    reference: bytes = b""
-    """Thumbnail of the reference depth of the last frame."""
-    raw: bytes = b""
-    """Thumbnail of the depth of the last frame that methods were given."""
+    reference_thumbnail: bytes = b""
+    """Reference depth of the last frame, as `encoded_thumbnail` gives it."""
+    raw_thumbnail: bytes = b""
+    """Depth of the last frame that methods were given."""
 
     @property
     def size(self) -> str:
@@ -86,7 +66,7 @@ class SequenceInfo:
     @property
     def judged_share(self) -> float:
         """Share of the pixels without depth that have a reference, which the results are about."""
-        return self.pixels[self.hidden][ALL] / max(1, self.holes)
+        return self.hidden_pixels / max(1, self.holes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +76,10 @@ class Result(Scores):
     __pydantic_config__ = ConfigDict(
         extra="forbid", ser_json_inf_nan="constants", ser_json_bytes="base64", val_json_bytes="base64"
     )
-    key: Key
+    sequence: str
+    method: str
+    key: dict[str, Any] = field(default_factory=dict)
+    """Everything else that the measurements depend on; empty for a sequence that could not be opened."""
     info: SequenceInfo | None = None
     """Description of the sequence; None if it could not be opened."""
     error: str | None = None
@@ -106,24 +89,24 @@ class Result(Scores):
 STORED = TypeAdapter(Result)
 
 
-def path_of(out: Path, key: Key) -> Path:
+def path_of(out: Path, sequence: str, method: str) -> Path:
     """Return the file of a result below the folder of all results."""
-    return out / "results" / key.sequence / f"{key.method.replace(':', '-').replace('/', '-')}.json"
+    return out / "results" / sequence / f"{method.replace(':', '-').replace('/', '-')}.json"
 
 
-def load(out: Path, key: Key) -> Result | None:
-    """Load the finished result of a key; None if there is none. A file that cannot be read is a `ToolError`."""
-    path = path_of(out, key)
+def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> Result | None:
+    """Load a finished result; None if there is none with this key. A file that cannot be read is a `ToolError`."""
+    path = path_of(out, sequence, method)
     with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValidationError):
         result = STORED.validate_json(path.read_bytes())  # It may be damaged, or of another version.
-        if result.key == key and result.error is None:
+        if (result.method, result.key, result.error) == (method, key, None):
             return result
     return None
 
 
 def store(out: Path, result: Result) -> None:
     """Write the file of a result in one step; a failure is a `ToolError`."""
-    write(path_of(out, result.key), STORED.dump_json(result, indent=1) + b"\n")
+    write(path_of(out, result.sequence, result.method), STORED.dump_json(result, indent=1) + b"\n")
 
 
 def encoded_thumbnail(depth_m: FloatImage) -> bytes:

@@ -1,3 +1,0 @@
-"""The files that come with PyBullet."""
-
-def getDataPath() -> str: ...

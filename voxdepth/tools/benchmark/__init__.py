@@ -1,1 +1,0 @@
-"""Speed of the correctors on this machine: measured and printed, never judged."""

@@ -1,0 +1,139 @@
+"""The frames of a sequence, each with the depth that methods are judged by, and where they are judged."""
+
+import pickle
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Protocol, Self
+
+import numpy as np
+
+from ...metrics import RANGE_BINS_M
+from ...types import FloatImage, Frame, GrayImage, Intrinsics, MaskImage
+from ..files import as_tool_error
+
+BINS = tuple(RANGE_BINS_M)
+"""Ranges of the reference depth, in rising order."""
+ALL, NEAR = "all", "0-20 m"
+RANGES = {ALL: (0, 1, 2, 3, 4), NEAR: (0, 1, 2, 3)} | {name: (index,) for index, name in enumerate(BINS)}
+"""Bins by the name of a range. Most tables are about `NEAR`, the depths that a drone avoids obstacles by."""
+NONE = 255
+"""Bin of a pixel without a reference."""
+HOLES = "holes"
+"""Mask of the pixels that the sensor has no depth for."""
+MEASURED, OCCLUDED = "measured", "occluded"
+"""Masks of the pixels whose depth methods are given, and of those that the second camera does not see."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """What methods are judged by in a sequence."""
+
+    name: str
+    """Such as `the truth`."""
+    hidden: str = HOLES
+    """Mask of the pixels that methods are given no depth of, which tables about filling are about."""
+    is_true: bool
+    """Whether it is the true depth, and not a measurement, which flickers itself."""
+
+    @property
+    def independent(self) -> str:
+        """Mask of the pixels whose reference is not what the methods were given."""
+        return ALL if self.hidden == HOLES else self.hidden
+
+
+TRUTH = Reference(name="the truth", is_true=True)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluationFrame:
+    """A frame with its reference. Methods see only `frame`."""
+
+    frame: Frame
+    reference_m: FloatImage
+    """True or measured depth [m], shape (H, W), float32; 0 = unknown, +inf = no surface."""
+    hidden: MaskImage
+    """Pixels that methods are given no depth of and are judged by, shape (H, W)."""
+    static: MaskImage
+    """Pixels that show the same surface as in the frame before, shape (H, W)."""
+    occluded: MaskImage | None = None
+    """Pixels that the second camera does not see, shape (H, W); None if they are unknown."""
+    moving: MaskImage | None = None
+    """Pixels of moving objects, shape (H, W); None if there are none or they are unknown."""
+    departed_m: FloatImage | None = None
+    """Depth of the moving object that left a pixel some frames ago [m], shape (H, W); 0 elsewhere."""
+
+    def bins(self) -> GrayImage:
+        """Return the index into `BINS` of each pixel, shape (H, W); `NONE` where the reference depth is 0 or +inf."""
+        starts_m = [start_m for start_m, _ in RANGE_BINS_M.values()]
+        bins = np.digitize(self.reference_m, starts_m[1:]).astype(np.uint8)
+        bins[~((self.reference_m > 0) & (self.reference_m < np.inf))] = NONE
+        return bins
+
+    def masks(self, hidden: str) -> dict[str, MaskImage]:
+        """Return the masks that a frame has but `ALL`, where `hidden` is the name of the hidden pixels."""
+        masks = {MEASURED: ~self.hidden, hidden: self.hidden}
+        return masks if self.occluded is None else masks | {OCCLUDED: self.occluded}
+
+
+class FrameFile:
+    """Frames of one sequence in a file without a name: they are computed once, and only one is in memory.
+
+    A megapixel takes 11 MB, or 16 MB where things move.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file = TemporaryFile(dir=folder)  # noqa: SIM115 - `__exit__` closes it.
+        self._frames = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def fill(self, frames: Iterable[EvaluationFrame], progress: Callable[[int], None] = lambda count: None) -> None:
+        """Write frames and pass their number to `progress`; a frame that cannot be written is a `ToolError`."""
+        for index, frame in enumerate(frames):
+            with as_tool_error(f"cannot keep frame {index}"):
+                pickle.dump(frame, self._file)
+                self._file.flush()
+            self._frames = index + 1
+            progress(self._frames)
+
+    def __len__(self) -> int:
+        return self._frames
+
+    def __iter__(self) -> Iterator[EvaluationFrame]:
+        """Read the frames; one iteration at a time."""
+        self._file.seek(0)
+        for _ in range(self._frames):
+            yield pickle.load(self._file)  # noqa: S301 - Nobody else writes to a file without a name.
+
+
+Frames = FrameFile | list[EvaluationFrame]
+"""Frames that can be read repeatedly."""
+Code = Sequence[tuple[str, str]]
+"""Packages and patterns of their files, see `code_digest`."""
+
+
+class FrameSource(Protocol):
+    """An open sequence that methods can be compared on."""
+
+    name: str
+    seed: int | None
+    """Seed of a rendered sequence; None for a measured one."""
+    reference: Reference
+    intrinsics: Intrinsics
+    code: Code
+    """What the frames depend on, beside the recording and the library."""
+
+    def __len__(self) -> int:
+        """Return the number of whole frames."""
+
+    def digest(self, frames: int) -> str:
+        """Return a SHA-256 of all that the first frames are made of."""
+
+    def frames(self, frames: int) -> Iterator[EvaluationFrame]:
+        """Read the first frames with their references."""
