@@ -1,7 +1,6 @@
 """The confidence of fills: the share of them that is right, by corrector and source, in training sequences."""
 
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -42,14 +41,11 @@ def fit_all(context: ExperimentContext) -> Findings:
             for name, corrector in correctors.items():  # All sizes count alike.
                 counts[name] += factor**2 * counted(corrector.process(frame_of(capture)), capture)
     fitted = {name: fit(of) for name, of in counts.items()}
-    tables: dict[str, dict[str, Any]] = {
-        name: fills.model_dump(exclude_defaults=True) for name, fills in fitted.items()
-    }
     text = (
         f"# Written by `voxdepth experiment confidence`: {context.frames} frames of each of\n"
-        f"# {', '.join(context.sequences)}, seed {context.seed}.\n{tomli_w.dumps(tables)}"
+        f"# {', '.join(context.sequences)}, seed {context.seed}.\n{tomli_w.dumps(fitted)}"
     )
-    shares = pd.DataFrame({name: fills.model_dump() for name, fills in fitted.items()}).T
+    shares = pd.DataFrame(fitted, index=["memory", "inpainted"]).T.fillna(0.0)
     return Findings(
         table=shares.rename_axis("corrector").reset_index(),
         notes=(f"A depth counts where the truth is a surface. The confidences that are used are in voxdepth/{FILE}.",),
@@ -70,11 +66,11 @@ def counted(corrected: CorrectedDepth, capture: Capture) -> FloatArray:
 
 
 def fit(counts: FloatArray) -> Fills:
-    """The share of correct pixels of each source of fills; 0 for a source without pixels."""
+    """The share of correct pixels of each source of fills that has some."""
     n, correct = counts
     shares = correct / np.maximum(n, 1)
-    memory, inpainted = (round(float(shares[source]), DIGITS) for source in (Source.MEMORY, Source.INPAINTED))
-    return Fills(memory=memory, inpainted=inpainted)
+    fills = {source.name.lower(): round(float(shares[source]), DIGITS) for source in (Source.MEMORY, Source.INPAINTED)}
+    return {source: share for source, share in fills.items() if share}
 
 
 CONFIDENCE = Experiment(

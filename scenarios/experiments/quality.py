@@ -6,10 +6,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth.registry import AUTHORS, PAPER, installed_names, title
-from voxdepth.tools.evaluation.frames import ALL
-from voxdepth.tools.evaluation.measurements import Selector
+from voxdepth.tools.evaluation.measurements import select
 from voxdepth.tools.evaluation.methods import find_methods
-from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
+from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR, SETTLED_RMSE
 from voxdepth.tools.evaluation.suite import Plan, evaluate
 from voxdepth.tools.figure import panels, plotted
 
@@ -38,9 +37,9 @@ PAPER_M_RMSE = pd.DataFrame.from_dict({
     "sim-PLF": (157.95, 159.15, 178.70, 178.38),
     "sim-PLW": (169.79, 164.79, 177.59, 178.87),
 }, orient="index", columns=PAPER_METHODS)  # fmt: skip
-"""Printed without a unit; see `voxdepth.metrics.m_rmse_u16_wrap` for why so many lie just below 180."""
+"""Printed without a unit: the authors square differences in 16 bits, by which unrelated images score 179.96."""
 PSNR, MASKED = "PSNR [dB]", "masked RMSE [m]"
-SELECTORS = {PSNR: Selector("psnr16_mm_settled", range=ALL), MASKED: Selector("rmse_settled", "occluded")}
+SELECTORS = {PSNR: SETTLED_PSNR, MASKED: SETTLED_RMSE}
 
 
 def compare(context: ExperimentContext) -> Findings:
@@ -55,7 +54,7 @@ def compare(context: ExperimentContext) -> Findings:
         raise ScenarioError(f"{failed.method} failed on {failed.sequence}: {failed.error}")
     blocks = {}
     for metric, selector in SELECTORS.items():
-        found = evaluation.measurements.select(selector).unstack("method").reindex(list(context.sequences))
+        found = select(evaluation.measurements, selector).unstack("method").reindex(list(context.sequences))
         ours = found["value"].reindex(columns=METHODS.values()).set_axis(METHODS, axis="columns")
         printed = PAPER_PSNR_DB if metric == PSNR else PAPER_PSNR_DB.iloc[:0]
         n = found["n"].max(axis="columns").fillna(0).astype(int)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from voxdepth.errors import no_such
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import Provenance
-from voxdepth.tools.table import Table
+from voxdepth.tools.table import Table, csv_of
 
 from ..errors import ScenarioError
 from ..provenance import SIMULATION
@@ -42,7 +42,11 @@ def run(experiment: Experiment, context: ExperimentContext, command: str, consol
         "notes": findings.notes,
     }
     table = Table.of_frame(f"{experiment.name}: {experiment.question}", findings.table)
-    files = {"table.csv": table.csv(), "result.json": f"{json.dumps(result, indent=1)}\n".encode(), **findings.files}
+    files = {
+        "table.csv": csv_of(findings.table),
+        "result.json": f"{json.dumps(result, indent=1)}\n".encode(),
+        **findings.files,
+    }
     for name, content in files.items():
         write(context.out / experiment.name / name, content)
     table.print(console)
