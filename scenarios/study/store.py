@@ -111,7 +111,8 @@ class StudyData:
         return [spec for key, spec in self.runs.items() if key not in self.records]
 
 
-class Cell(Model):
+@dataclass(frozen=True, kw_only=True)
+class Cell:
     """The runs of an arm at one level of the axis in one scenario, which differ in their seed alone."""
 
     scenario: str
@@ -171,7 +172,7 @@ def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool)
         ScenarioError: It belongs to another version or study, or it contains runs and `resume` is not set.
         ToolError: Another process flies the study, or the folder cannot be written.
     """
-    look = f"voxdepth study report {folder} --progress"
+    look = f"voxdepth study report {folder}"
     busy = f"another process is flying the study: wait for it, or look at it with {look}"
     with locked(folder, busy):
         if not (folder / MANIFEST).exists():
