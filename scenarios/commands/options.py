@@ -28,5 +28,4 @@ def given(options: Mapping[str, Any], size: str | None) -> dict[str, Any]:
     from ..config import images_of
 
     changes = {key: getattr(value, "value", value) for key, value in options.items() if value is not None}
-    width_and_height = parsed_size(size)
-    return changes if width_and_height is None else changes | images_of(*width_and_height)
+    return changes if size is None else changes | images_of(*parsed_size(size))
