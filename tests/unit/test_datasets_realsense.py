@@ -67,9 +67,6 @@ def test_the_depth_scale_is_taken_from_the_metadata(tmp_path: Path, scale: float
         (["000000", "000001", "000003"], {"fps": 10}, [0, 0.1, 0.3]),
         (["1", "2", "10"], {}, [1 / 30, 2 / 30, 10 / 30]),
         (["frame_1", "frame_2"], {}, [1 / 30, 2 / 30]),
-        (["1305031102.25", "1305031102.5"], {}, [1305031102.25, 1305031102.5]),
-        (["1545304876500.5", "1545304876600.5"], {}, [1545304876.5005, 1545304876.6005]),
-        (["1545304876500000", "1545304876600000"], {}, [1545304876.5, 1545304876.6]),
         (["1545304876500000000", "1545304876600000000"], {}, [1545304876.5, 1545304876.6]),
     ],
 )
@@ -136,9 +133,7 @@ def test_images_that_are_not_aligned_are_refused(tmp_path: Path) -> None:
         ([], [], "got none among 0 and 0"),
         (["100.0"], ["200.0"], "got none among 1 and 1"),
         (["1"], ["1699187734.5"], "same numbers or times .* got none among 1 and 1"),
-        (["a"], ["a"], r"expected names that differ in one number or time only, got a\.png"),
         (["a1", "b1"], ["1"], r"got a1\.png and b1\.png .*each camera into a folder"),
-        (["1", "01"], ["1"], "have one number"),
     ],
 )
 def test_images_that_cannot_be_matched_are_refused(
