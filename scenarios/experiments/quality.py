@@ -6,10 +6,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth.registry import AUTHORS, PAPER, installed_names
-from voxdepth.tools.evaluation.frames import ALL
-from voxdepth.tools.evaluation.measurements import Selector
+from voxdepth.tools.evaluation.measurements import Selector, select
 from voxdepth.tools.evaluation.methods import find_methods
-from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
+from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR, SETTLED_RMSE
 from voxdepth.tools.evaluation.suite import Plan, evaluate
 from voxdepth.tools.figure import panels, plotted
 
@@ -50,8 +49,8 @@ PAPER_M_RMSE = pd.DataFrame.from_dict({
 """Printed without a unit: the authors square differences in 16 bits, by which unrelated images score 179.96."""
 PSNR, MASKED = "PSNR after warm-up", "masked RMSE after warm-up"
 METRICS: dict[tuple[str, str], tuple[Selector, pd.DataFrame]] = {
-    (PSNR, "dB"): (Selector("psnr16_mm_settled", range=ALL), PAPER_PSNR_DB),
-    (MASKED, "m"): (Selector("rmse_settled", "occluded"), PAPER_M_RMSE.iloc[:0]),
+    (PSNR, "dB"): (SETTLED_PSNR, PAPER_PSNR_DB),
+    (MASKED, "m"): (SETTLED_RMSE, PAPER_M_RMSE.iloc[:0]),
 }
 """The selected measurement and the paper's numbers of each block of rows, by its name and unit."""
 
@@ -71,7 +70,7 @@ def quality(context: ExperimentContext) -> Findings:
     for failed in evaluation.failures:
         raise ScenarioError(f"{failed.method} failed on {failed.sequence}: {failed.error}")
     blocks = {
-        name: _block(evaluation.measurements.select(selector), printed, context.sequences)
+        name: _block(select(evaluation.measurements, selector), printed, context.sequences)
         for name, (selector, printed) in METRICS.items()
     }
     table = pd.concat(blocks, names=["metric", "unit", "sequence"])

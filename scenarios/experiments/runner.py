@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from voxdepth.errors import no_such
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import Provenance
-from voxdepth.tools.table import Table
+from voxdepth.tools.table import Table, csv_of
 
 from ..errors import ScenarioError
 from ..provenance import SIMULATION
@@ -50,7 +50,7 @@ def run(experiment: Experiment, context: ExperimentContext, command: str) -> Fin
         "notes": findings.notes,
     }
     files = {
-        "table.csv": Table.of_frame("", findings.table).csv(),
+        "table.csv": csv_of(findings.table),
         "figure.png": findings.figure,
         "result.json": f"{json.dumps(result, indent=1)}\n".encode(),
         **findings.files,

@@ -12,7 +12,7 @@ import pydantic
 from pydantic import Field
 
 from sim.depth_noise import SensorModelName
-from swarm.task import DEFAULT_CONTROLLER
+from swarm.config import DEFAULT_CONTROLLER
 from voxdepth import registry
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import VoxDepthError
@@ -108,8 +108,6 @@ class Arm(Model):
                 f"arm {self.name!r}: the sensor model 'noisy' needs theta, and no other has one; got depth "
                 f"{self.depth!r} with theta {list(self.theta)}"
             )
-        if len(set(self.theta)) < len(self.theta):
-            raise ValueError(f"arm {self.name!r}: every theta may be named once, got {list(self.theta)}")
         if taken := [key for key in self.changes if _is_set_by(key, OWN_KEYS)]:
             raise ValueError(
                 f"arm {self.name!r}: changes must not set {taken[0]}; use the arm's depth, theta, corrector or size"
@@ -183,7 +181,7 @@ class Study(Model):
     def levels_of(self, arm: Arm) -> tuple[float | None, ...]:
         """Return the levels that an arm flies, from the easiest on; a single None for an arm without any."""
         if self.axis is None:
-            return tuple(sorted(arm.theta)) or (None,)
+            return tuple(sorted(set(arm.theta))) or (None,)
         return tuple(level for level in self.axis.levels if level in (arm.levels or self.axis.levels))
 
     def _check_axis(self) -> None:
@@ -338,16 +336,14 @@ def versions_of(specs: Iterable[RunSpec]) -> dict[str, str]:
     return simulation_versions() | {name: own for run in runs.values() for name, own in sources_of(run).items()}
 
 
-def by_importance(study: Study, specs: Iterable[RunSpec], waiting: Iterable[RunSpec]) -> list[RunSpec]:
+def by_importance(study: Study, waiting: Iterable[RunSpec]) -> list[RunSpec]:
     """Return the waiting runs, those of the declared comparison first, so that a study that stops early has these.
 
-    `specs` are all of the study: a run that arms share is one of the comparison, whichever of them names it. A gain
-    is declared on whole curves and their reference, so that all runs of a seed go together.
+    A gain is declared on whole curves and their reference, so that all runs of a seed go together.
     """
     declared = study.declared
     compared = () if declared is None or declared.endpoint == GAIN else (declared.arm, declared.against)
-    keys = {spec.key for spec in specs if spec.arm in compared}
-    return sorted(waiting, key=lambda spec: spec.key not in keys)
+    return sorted(waiting, key=lambda spec: spec.arm not in compared)
 
 
 def identity(study: Study, specs: Sequence[RunSpec]) -> tuple[object, ...]:

@@ -4,7 +4,6 @@ A few streams are tried with every run of the tests. `make fuzz EXAMPLES=20000 S
 """
 
 import os
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -21,22 +20,7 @@ from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, So
 
 EXAMPLES = int(os.environ.get("VOXDEPTH_FUZZ_EXAMPLES") or 1500)
 SEED = int(os.environ.get("VOXDEPTH_FUZZ_SEED") or 0)
-CPU_LIMIT_S = 5.0
-"""Processor time that one stream may take [s]. It does not depend on what else the machine does."""
 REFUSED = (VoxDepthError, TypeError, ValueError)
-
-
-@pytest.fixture(scope="session")
-def compiled() -> None:
-    """Compile the loops of all correctors, which takes longer than a stream may."""
-    camera = Intrinsics.from_hfov(width_px=48, height_px=32, hfov_deg=80, baseline_m=0.1)
-    rng = np.random.default_rng(0)
-    for name in installed_names():
-        corrector = create_corrector(name, camera)
-        for k in range(3):
-            gray = rng.integers(0, 256, camera.shape, np.uint8)
-            depth_m = rng.choice(np.float32([0, 5, 6]), camera.shape)
-            corrector.process(Frame(stamp_s=float(k), gray=gray, depth_m=depth_m))
 
 
 def require_clear(error: BaseException) -> None:
@@ -250,7 +234,6 @@ def fed(corrector: DepthCorrector, given: Given) -> tuple[Frame, CorrectedDepth]
 
 @pytest.mark.filterwarnings("ignore:the median of depth_m is")
 @pytest.mark.slow
-@pytest.mark.usefixtures("compiled")
 @hypothesis.seed(SEED)
 @settings(
     max_examples=EXAMPLES,
@@ -263,16 +246,18 @@ def fed(corrector: DepthCorrector, given: Given) -> tuple[Frame, CorrectedDepth]
 )
 @given(streams())
 def test_a_stream_is_corrected_and_refused_frames_leave_no_trace(stream: Stream) -> None:
-    begin_s = time.process_time()
     try:
         corrector = create_corrector(stream.corrector, stream.camera)
     except VoxDepthError as error:
         return require_clear(error)
-    done = [fed(corrector, given) for given in stream.frames]
-    assert time.process_time() - begin_s < CPU_LIMIT_S
-    accepted = [each for each in done if each is not None]
-    for frame, corrected in accepted:
-        require_usable(corrected, frame)
-    if len(accepted) < len(done):
+    accepted, refused = [], False
+    for one in stream.frames:
+        done = fed(corrector, one)
+        if done is None:
+            refused = True
+        else:
+            require_usable(done[1], done[0])
+            accepted.append(done)
+    if refused and accepted:
         alone = create_corrector(stream.corrector, stream.camera)
         assert [bits(alone.process(frame)) for frame, _ in accepted] == [bits(result) for _, result in accepted]

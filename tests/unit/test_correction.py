@@ -20,7 +20,7 @@ from voxdepth.paper.epochs import EpochEnd, Phase, VoxDepthDiagnostics
 from voxdepth.paper.registration import Registration, RegistrationStatus
 from voxdepth.ros import confidence_levels
 from voxdepth.soundness import fault_of
-from voxdepth.tools.correction import Correction, CorrectionConfig
+from voxdepth.tools.correction import Correction
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.output import to_millimetres
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
@@ -100,15 +100,15 @@ def whole_corrector(**changes: Any) -> SimpleNamespace:
 
 def planned(dataset: Frames | None = None, make: Callable[[], Any] = Remembering, frames: int = N_FRAMES) -> Correction:
     """A correction of the first frames of a dataset."""
-    config = CorrectionConfig(
-        corrector="remembering",
-        folder="walk",
-        format="tum",
-        intrinsics={"fx_px": 14.5, "width_px": 24},
-        versions={"numpy": "2"},
-        config={"window_frames": 10, "odometry": {"max_step_m": 0.5}},
-    )
-    return Correction(config=config, dataset=dataset or Frames(), frames=frames, corrector=make())
+    made_from = {
+        "corrector": "remembering",
+        "folder": "walk",
+        "format": "tum",
+        "intrinsics": {"fx_px": 14.5, "width_px": 24},
+        "versions": {"numpy": "2"},
+        "config": {"window_frames": 10, "odometry": {"max_step_m": 0.5}},
+    }
+    return Correction(made_from=made_from, dataset=dataset or Frames(), frames=frames, corrector=make())
 
 
 def ignore(done: int) -> None:

@@ -16,7 +16,6 @@ from tests.evaluation_clips import evaluation_of, held_out_info, info_of, result
 from tests.pages import require_self_contained
 from voxdepth.registry import title
 from voxdepth.tools.evaluation.error_maps import error_map, error_maps
-from voxdepth.tools.evaluation.frames import RANGES
 from voxdepth.tools.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, Selector, of_frames
 from voxdepth.tools.evaluation.quantities import QUANTITIES, is_measured
 from voxdepth.tools.evaluation.report import method_table, print_results, rendered
@@ -29,9 +28,8 @@ NASTY = "<script>alert('x')</script>"
 
 def result(sequence: str, method: str, mae: float, n: int = 1000, **given: Any) -> Result:
     figures = [
-        *(Measurement("mae", "all", name, "completed", mae, "m", n) for name in RANGES),
+        Measurement("mae", "all", "0-20 m", "completed", mae, "m", n),
         Measurement("mae", "holes", "0-20 m", "completed", 2 * mae, "m", n),
-        Measurement("psnr16_mm_settled", "all", "all", "completed", 20 - mae, "dB", 2),
         Measurement("latency_p50", "frames", "frames", "frames", 3.0, "ms", 2),
         Measurement("latency_p95", "frames", "frames", "frames", 4.0, "ms", 2),
     ]
@@ -95,11 +93,11 @@ def test_a_failed_method_has_no_number_and_is_in_no_sample_size_and_missing_figu
 
 
 def test_results_are_tidy(done: Evaluation, tmp_path: Path) -> None:
-    write_frame(tmp_path / "results", done.measurements.frame)
+    write_frame(tmp_path / "results", done.measurements)
     with (tmp_path / "results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == MEASUREMENT_COLUMNS
-    assert len(rows) == 5 * (len(RANGES) + 4) + 1
+    assert len(rows) == 5 * 4 + 1
     (failed,) = (row for row in rows if row["error"])
     assert (failed["method"], failed["metric"], failed["value"]) == ("bad", "error", "")
 

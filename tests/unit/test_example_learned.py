@@ -82,6 +82,24 @@ def test_the_trained_network_corrects_by_its_name(tmp_path: Path, monkeypatch: p
     assert latency_s("retrained") == latency_s("learned")
 
 
+@needs_runtime
+def test_only_a_whole_network_of_the_same_inputs_is_not_trained_again(tmp_path: Path) -> None:
+    train = import_module("learned_plugin.train")
+    inputs = train.digest_of_inputs(0, 3, 3000)
+    shutil.copy(FOLDER / "corrector.onnx", tmp_path)
+    card = (FOLDER / "corrector.toml").read_text()
+    (tmp_path / "corrector.toml").write_text(f'inputs = "{inputs}"\n{card}')
+    train.train(seed=0, flights=3, steps=3000, out=tmp_path)  # It makes no clip, and needs no PyTorch.
+    assert {file.name for file in tmp_path.iterdir()} == {"corrector.onnx", "corrector.toml"}
+    for others in ((1, 3, 3000), (0, 2, 3000), (0, 3, 2999)):
+        assert not train.is_finished(tmp_path, train.digest_of_inputs(*others))
+    damaged = tmp_path / "damaged"
+    damaged.mkdir()
+    shutil.copy(tmp_path / "corrector.toml", damaged)
+    (damaged / "corrector.onnx").write_bytes(b"")
+    assert not train.is_finished(damaged, inputs)
+
+
 @pytest.mark.slow
 def test_two_steps_give_the_same_network_twice(sample: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("torch")
@@ -90,5 +108,6 @@ def test_two_steps_give_the_same_network_twice(sample: Any, tmp_path: Path, monk
     monkeypatch.setattr(train, "samples", lambda folder, flights: [sample])
     for name in ("first", "second"):
         train.train(seed=5, flights=1, steps=2, out=tmp_path / name)
+        assert train.is_finished(tmp_path / name, train.digest_of_inputs(5, 1, 2))
     first, second = ((tmp_path / name / "corrector.onnx").read_bytes() for name in ("first", "second"))
     assert first == second

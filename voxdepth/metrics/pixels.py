@@ -1,4 +1,4 @@
-"""Which pixels are judged, whether images fit together, bins of range, and which depths count as right."""
+"""Which pixels are judged, whether images fit together, and which depths count as right."""
 
 from dataclasses import fields
 from typing import Any, Self
@@ -8,15 +8,6 @@ import numpy.typing as npt
 
 from ..errors import FrameError
 from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, MaskImage
-
-RANGE_BINS_M: dict[str, tuple[float, float]] = {
-    "0-2 m": (0.0, 2.0),
-    "2-5 m": (2.0, 5.0),
-    "5-10 m": (5.0, 10.0),
-    "10-20 m": (10.0, 20.0),
-    "20+ m": (20.0, np.inf),
-}
-"""Lower bound (inclusive) and upper bound (exclusive) of the true depth of each bin [m]."""
 
 
 class Addable:

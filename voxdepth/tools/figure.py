@@ -2,10 +2,9 @@
 
 import base64
 import io
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -15,8 +14,6 @@ if TYPE_CHECKING:
 DPI = 110
 PANEL_IN = (5.2, 3.8)
 """Width and height of a panel."""
-MARKERS = "os^vD<>phX*dP8"
-"""Marker of the k-th line or point."""
 N_COLORS = 20
 """Number of colours of lines that are told apart: ten strong ones, and then ten pale ones."""
 LEGEND_COLUMNS = 8
@@ -25,8 +22,6 @@ LETTERS_PER_IN = 14
 """Letters of a legend that fit into an inch; a line and the gaps around it take as much as 7."""
 LEGEND_ROW_IN, LEGEND_MARGIN_IN = 0.175, 0.25
 """Height of a row of a shared legend, and of what is around it."""
-FEW_DECADES, SOME_DECADES = 1.0, 3.0
-"""Axes of up to so many decades have ticks at equal distances, or at 1, 2 and 5; longer ones have powers of ten."""
 INVISIBLE = "\N{ZERO WIDTH SPACE}"
 
 Draw = Callable[["Axes"], None]
@@ -95,29 +90,6 @@ def line_color(k: int) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def label_axes(axes: "Axes", title: str, x: str, y: str) -> None:
-    """Set the title, both axis labels (with their units) and a grid."""
-    axes.set_title(title, fontsize=9, parse_math=False)
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(alpha=0.3)
-
-
-def log_scale(axes: "Axes", name: Literal["x", "y"]) -> None:
-    """Make an axis logarithmic once all is drawn; its ticks are plain numbers that do not touch each other."""
-    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
-
-    axes.set(**{f"{name}scale": "log"})
-    (low, high), axis = getattr(axes, f"get_{name}lim")(), getattr(axes, f"{name}axis")
-    decades = math.log10(high / low)
-    if decades <= FEW_DECADES:
-        axis.set_major_locator(MaxNLocator(5))
-    else:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades <= SOME_DECADES else (1,)))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
-
-
 def plotted(frame: "pd.DataFrame", title: str, x: str, y: str, **style: Any) -> Draw:
     """Return a panel with a line, or with `kind="bar"` a bar of each group, for every column of a frame.
 
@@ -129,7 +101,9 @@ def plotted(frame: "pd.DataFrame", title: str, x: str, y: str, **style: Any) -> 
         frame.rename(columns=lambda name: legend_label(str(name))).plot(
             ax=axes, fontsize=7, legend=False, **looks | style
         )
-        label_axes(axes, title, x, y)
+        axes.set_title(title, fontsize=9, parse_math=False)
+        axes.set(xlabel=x, ylabel=y)
+        axes.grid(alpha=0.3)
         if len(frame.columns) > 1:
             axes.legend(fontsize=7)
 

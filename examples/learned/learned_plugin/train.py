@@ -4,6 +4,7 @@ Run `python -m learned_plugin.train`, and `retrained` corrects by that network.
 """
 
 import hashlib
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -11,10 +12,11 @@ import cv2
 import tomli_w
 import typer
 
-from scenarios.provenance import SENSOR_SOURCES
-from voxdepth.networks import FORMAT
+from scenarios.provenance import SENSOR_SOURCES, SIMULATION
+from voxdepth.errors import ConfigError
+from voxdepth.networks import FORMAT, load, read_card
 from voxdepth.tools.files import write
-from voxdepth.tools.provenance import code_digest
+from voxdepth.tools.provenance import code_digest, versions
 
 from . import NAME, WEIGHTS
 from .clips import samples
@@ -35,8 +37,11 @@ def train(
 ) -> None:
     """Make the clips that are missing, train, and write the network and its card.
 
-    A GPU is used where PyTorch finds one.
+    A training whose inputs have not changed is not repeated. A GPU is used where PyTorch finds one.
     """
+    digest = digest_of_inputs(seed, flights, steps)
+    if is_finished(out, digest):
+        return print(f"{out} has the network of these inputs")
     from .export import exported
     from .learning import learned
 
@@ -45,10 +50,25 @@ def train(
     network, loss = learned(data, seed, steps)
     content = exported(network)
     write(out / f"{NAME}.onnx", content)
-    card = {"format": FORMAT, "sha256": hashlib.sha256(content).hexdigest()}
+    card = {"format": FORMAT, "sha256": hashlib.sha256(content).hexdigest(), "inputs": digest}
     card |= {"seed": seed, "flights": flights, "steps": steps, "final_loss": loss}
     write(out / f"{NAME}.toml", tomli_w.dumps(card).encode())
-    print(f"{out} has the network, with a loss of {loss:.3f}")
+    return print(f"{out} has the network, with a loss of {loss:.3f}")
+
+
+def digest_of_inputs(*options: int) -> str:
+    """SHA-256 of all that determines the weights on one machine: the options, the code and the packages."""
+    facts = [options, code_digest((*CLIP_SOURCES, (PLUGIN, "*.py"))), versions((*SIMULATION, "torch", "onnx"))]
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+
+
+def is_finished(folder: Path, digest: str) -> bool:
+    """Whether the folder has the whole network of the inputs with that digest."""
+    try:
+        load(NAME, folder)
+        return read_card(folder / f"{NAME}.toml").get("inputs") == digest
+    except ConfigError:
+        return False
 
 
 if __name__ == "__main__":

@@ -9,18 +9,13 @@ import pandas as pd
 
 from ..table import MISSING
 from .frames import HOLES, MEASURED
-from .intervals import CLOSE, ERROR_CHANGE, LEAD
-from .measurements import AS_GIVEN, FILLED, Selector, of_frames
+from .intervals import CLOSE, LEAD
+from .measurements import AS_GIVEN, FILLED, Selector, of_frames, select
 from .recordings import HELD_OUT
 from .scoring import (
-    BELIEVED,
-    BELIEVED_RANGE,
-    FILL_RATE,
     GHOSTS,
-    PLANE_FIT_RMS,
     STATIC,
     SURVIVAL,
-    Z_ACCURACY,
 )
 from .suite import Evaluation
 
@@ -43,8 +38,6 @@ class Quantity:
     note: str = ""
     best: Literal["low", "high", ""] = ""
     """Whether the lowest or the highest first number is marked; empty for none."""
-    digits: int = 0
-    """Decimal places beyond those of the unit."""
     is_interval: bool = False
     """Whether the second and the third number are the ends of an interval around the first one."""
     short: str = ""
@@ -64,7 +57,7 @@ class Quantity:
 
     def _number(self, value: float) -> str:
         factor, places = UNITS[self.unit]
-        return MISSING if isnan(value) else f"{factor * value:.{places + self.digits}f}"
+        return MISSING if isnan(value) else f"{factor * value:.{places}f}"
 
 
 def fitted(quantity: Quantity, values: pd.DataFrame) -> Quantity:
@@ -73,7 +66,7 @@ def fitted(quantity: Quantity, values: pd.DataFrame) -> Quantity:
     return replace(quantity, unit="mm") if is_small else quantity
 
 
-def select(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame]:
+def numbers_of(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return values and sample sizes, one column per selector, by sequence and method; empty if there are none."""
     parts = [_select(evaluation, selector) for selector in quantity.selectors]
     values, counts = (pd.concat([part[name] for part in parts], axis=1, keys=range(len(parts))) for name in parts[0])
@@ -82,13 +75,13 @@ def select(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd
 
 def is_measured(evaluation: Evaluation, quantity: Quantity) -> bool:
     """Return whether any method has a number of a quantity in any sequence."""
-    return bool(select(evaluation, quantity)[0].notna().any(axis=None))
+    return bool(numbers_of(evaluation, quantity)[0].notna().any(axis=None))
 
 
 def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
     """Select measurements, but no errors of measured pixels where these are the reference: methods were given them."""
     masks = HIDDEN_MASKS if selector.mask == HIDDEN else (selector.mask,)
-    found = pd.concat([evaluation.measurements.select(selector._replace(mask=mask)) for mask in masks])
+    found = pd.concat([select(evaluation.measurements, selector._replace(mask=mask)) for mask in masks])
     if selector.mask in ("all", "measured") and selector.metric != "coverage":
         true = [info.name for info in evaluation.sequences.values() if info.reference.independent == "all"]
         return found[found.index.isin(true, level="sequence")]
@@ -140,21 +133,6 @@ QUANTITIES = (
     OVER_BEST,
     Quantity("MAE of measured pixels within 20 m", "m", [Selector("mae", MEASURED, on=FILLED)], best="low",
              short="mean error of measured"),
-    Quantity("Change of the mean error of measured pixels from raw's, within 20 m, with a 95 % interval", "%",
-             [Selector(metric, MEASURED, on=FILLED) for metric in ERROR_CHANGE],
-             "The interval is a bootstrap over the frames of both.", best="low", is_interval=True,
-             short="mean against raw's"),
-    Quantity("Fill rate: pixels with depth in the central 40 % of the width and of the height", "%", [FILL_RATE],
-             short="fill rate"),
-    Quantity("Z accuracy: signed median error there, of the true distance", "%", [Z_ACCURACY],
-             "Above 0 is too far. Only sequences with the truth have it.", digits=1, short="Z accuracy"),
-    Quantity("Plane-fit RMS error there, of the distance", "%", [PLANE_FIT_RMS],
-             "Only of frames in which the sensor sees a plane there, such as a wall; n is their number.", best="low",
-             digits=1, short="plane-fit RMS"),
-    Quantity(f"Obstacle errors of believed fills: more than 10 % too far / too near, {BELIEVED_RANGE}", "%",
-             [Selector(metric, BELIEVED, BELIEVED_RANGE, FILLED) for metric in ("too_far", "too_near")],
-             "Holes (held-out pixels where there is no truth) that a method fills with a confidence of at least 0.5, "
-             "or at all if it gives none. Too far hides an obstacle, too near is a phantom."),
     Quantity("Survival: pixels of moving objects within 5 % of the truth, by the method / of raw depth", "%", SURVIVAL,
              "A hole does not survive. Only sequences with known moving objects have it.", best="high",
              short="survival, raw"),

@@ -11,9 +11,8 @@ from ..page import TEMPLATES, render_page
 from ..provenance import CORRECTION, Provenance
 from ..table import MISSING, Column, Table, write_frame
 from .error_maps import error_maps
-from .quantities import QUANTITIES, Quantity, fitted, is_measured, select
+from .quantities import QUANTITIES, Quantity, fitted, is_measured, numbers_of
 from .suite import Evaluation
-from .verdict import verdict
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,7 +31,7 @@ FOOTNOTE = (
 
 def write_report(out: Path, evaluation: Evaluation) -> None:
     """Write `results.csv`, `results.parquet` and `report.html`, each in one step; a failure is a `ToolError`."""
-    write_frame(out / "results", evaluation.measurements.frame)
+    write_frame(out / "results", evaluation.measurements)
     write(out / "report.html", rendered(evaluation).encode())
 
 
@@ -40,7 +39,6 @@ def rendered(evaluation: Evaluation) -> str:
     """Return the text of the page."""
     return render_page(
         TEMPLATES / "report.html.j2",
-        verdict=verdict(evaluation),
         failures=_failure_rows(evaluation),
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
         error_maps=error_maps(evaluation),
@@ -63,8 +61,7 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
 
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:
-    """Print the verdict and a table for each sequence, and say which methods failed."""
-    console.print(verdict(evaluation), "", sep="\n", soft_wrap=True, markup=False, highlight=False)
+    """Print a table for each sequence, and say which methods failed."""
     found = [_shown(evaluation, quantity) for quantity in QUANTITIES if quantity.short]
     for info in evaluation.sequences.values():
         title = f"{info.name}: {info.frames} frames of {info.size}, {info.near_pixels:,} pixels within 20 m"
@@ -93,7 +90,7 @@ class Shown(NamedTuple):
 
 
 def _shown(evaluation: Evaluation, quantity: Quantity) -> Shown:
-    values, counts = select(evaluation, quantity)
+    values, counts = numbers_of(evaluation, quantity)
     quantity = fitted(quantity, values)
     texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True))
     texts |= {best: f"{texts[best]} {BEST}" for best in _best(quantity, values[0])}

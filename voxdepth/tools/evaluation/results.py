@@ -27,8 +27,6 @@ class Scores:
     measurements: tuple[Measurement, ...] = ()
     frame_close: tuple[tuple[int, int], ...] = ()
     """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
-    frame_errors_m: tuple[tuple[float, int], ...] = ()
-    """Sum of the absolute errors of measured pixels within 20 m of every frame [m], and number of these pixels."""
     thumbnail: bytes = b""
     """Depth of the last frame, as `encoded_thumbnail` gives it."""
 
