@@ -93,12 +93,6 @@ def test_a_calibration_that_makes_no_sense_is_refused(folder: Path, text: str, m
     assert "calibration.toml" in str(caught.value)
 
 
-def test_intrinsics_of_another_size_are_refused_when_a_frame_is_read(folder: Path) -> None:
-    given = Intrinsics(fx_px=3, fy_px=3, cx_px=4, cy_px=3, width_px=9, height_px=6)
-    with pytest.raises(DatasetError, match=r"expected 9x6 pixels in .*000000\.png, as the camera's intrinsics say"):
-        open_dataset(folder, intrinsics=given)[0]
-
-
 def test_an_empty_folder_is_told_what_every_format_needs(tmp_path: Path) -> None:
     with pytest.raises(DatasetError) as caught:
         open_dataset(tmp_path)
