@@ -119,7 +119,7 @@ def scores_of(
 def info_of(name: str, **changes: Any) -> SequenceInfo:
     """The description of a made-up sequence with the truth."""
     values: dict[str, Any] = {
-        "name": name, "digest": "d", "frames": 2, "seed": 0, "camera": CAMERA.scaled(12, 9), "reference": TRUTH,
+        "name": name, "frames": 2, "seed": 0, "camera": CAMERA.scaled(12, 9), "reference": TRUTH,
         "pixels": 1000, "near_pixels": 1000, "hidden_pixels": 1000, "holes": 1000,
         "reference_thumbnail": encoded_thumbnail(np.full((9, 12), 3, np.float32)),
         "raw_thumbnail": encoded_thumbnail(np.zeros((9, 12), np.float32)),

@@ -12,20 +12,10 @@ from ..figure import Picture, image_shown, panels
 from .results import SequenceInfo, decoded_thumbnail
 from .suite import Evaluation
 
-SHOWN = ("voxdepth", "temporal", "realsense", "lmeds", "ip-basic", "global-smoother", "learned")
-"""Methods that are shown where more took part; if none of these did, the first ones that did."""
 COLUMNS, WIDTH_IN = 4, 2.6
 """Images side by side, and the width of each."""
 ERROR_SHARE = 0.08
 """End of the scale of errors, as a share of that of the depth beside them."""
-
-
-def shown_methods(evaluation: Evaluation) -> list[str]:
-    """Return the methods that error maps are drawn of beside raw depth: all if they are few."""
-    present = [name for name in evaluation.methods if name != "raw"]
-    if len(present) <= len(SHOWN):
-        return present
-    return [name for name in SHOWN if name in present] or present[: len(SHOWN)]
 
 
 def error_maps(evaluation: Evaluation) -> list[Picture]:
@@ -37,9 +27,9 @@ def error_maps(evaluation: Evaluation) -> list[Picture]:
 def _error_map_of(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     """Draw raw and corrected depth of the last frame of a sequence, each with its error map, and the reference."""
     reference_m = decoded_thumbnail(info.reference_thumbnail)
-    thumbnails = {result.method: result.thumbnail for result in evaluation.results if result.sequence == info.name}
+    done = [one for one in evaluation.results if one.sequence == info.name and one.thumbnail and one.method != "raw"]
     shown = {"raw, as given to the methods": info.raw_thumbnail}
-    shown |= {registry.title(name): thumbnails[name] for name in shown_methods(evaluation) if thumbnails.get(name)}
+    shown |= {registry.title(result.method): result.thumbnail for result in done}
     far_m = far_end_m([reference_m, decoded_thumbnail(info.raw_thumbnail)])
     end_m = ERROR_SHARE * far_m
     ramp_m = np.tile(np.linspace(-end_m, end_m, 240, dtype=np.float32), (24, 1))

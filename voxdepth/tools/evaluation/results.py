@@ -36,8 +36,6 @@ class SequenceInfo:
     """The part of a sequence that methods were compared on."""
 
     name: str
-    digest: str
-    """SHA-256 of its images and poses."""
     frames: int
     seed: int | None
     """Seed of a rendered sequence; None for a measured one."""

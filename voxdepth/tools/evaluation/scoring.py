@@ -77,10 +77,8 @@ class Score:
             self._sums[FILLED][mask] += filled
             if mask == self._reference.hidden:
                 self.frame_close += ((filled.close, filled.pixels),)
-            is_whole = _is_complete(filled)
-            self._sums[COMPLETED][mask] += (
-                filled if is_whole else Sums.of(completed_m, frame.reference_m, pixels & near)
-            )
+            completed = filled if _is_complete(filled) else Sums.of(completed_m, frame.reference_m, pixels & near)
+            self._sums[COMPLETED][mask] += completed
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Without the truth the depth itself, and not its error, should stay the same."""
