@@ -7,11 +7,11 @@ import numpy as np
 from voxdepth.types import FloatArray
 
 from . import rules
+from .config import MissionConfig
 from .controllers import Agent, Role
 from .mapping_pilot import MappingPilot
 from .pilot import Decision, Pilot, Situation
 from .rules import Corridor
-from .task import MissionConfig
 from .vectors import length
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -22,17 +22,16 @@ TRACK_STEP_M, LOOP_M = 0.2, 0.3
 
 def create_agent(role: Role, config: MissionConfig) -> Agent:
     """Create the controller that ships with this package."""
-    pilot = create_pilot(role, config) if config.rules.avoidance else _blind_pilot(role, config)
+    pilot = create_pilot(role, config)
     return Leader(role, config, pilot) if role.leads else Follower(role, config, pilot)
 
 
 def create_pilot(role: Role, config: MissionConfig) -> Pilot:
-    """Create the control layer that avoids what the camera shows."""
-    return MappingPilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m, role.camera)
-
-
-def _blind_pilot(role: Role, config: MissionConfig) -> Pilot:
-    return Pilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m)
+    """Create the control layer, which avoids what the camera shows unless the rules of the mission switch that off."""
+    heading_rad, radius_m = role.team.heading_rad, role.radius_m
+    if config.rules.avoidance:
+        return MappingPilot(config.pilot, config.control_hz, heading_rad, radius_m, role.camera)
+    return Pilot(config.pilot, config.control_hz, heading_rad, radius_m)
 
 
 class Leader:

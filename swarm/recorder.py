@@ -14,9 +14,6 @@ from .types import Outcome
 class Recorder:
     """Receives everything that happens in a mission and discards it; subclasses override the calls that they need."""
 
-    wants_all = False
-    """Whether a learning episode makes gray images and metrics for it, which takes more time."""
-
     def start(self, world: World, teams: Sequence[Team]) -> None:
         """Receive the world before the first step, and the swarms."""
 

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -37,10 +36,7 @@ def confidence(context: ExperimentContext) -> Findings:
     if context.seed is None:
         context = replace(context, seed=TRAINING_SEED)
     fitted = {name: fit(counts) for name, counts in count(context).items()}
-    tables: dict[str, dict[str, Any]] = {
-        name: fills.model_dump(exclude_defaults=True) for name, fills in fitted.items()
-    }
-    shares = pd.DataFrame({name: fills.model_dump() for name, fills in fitted.items()}).T
+    shares = pd.DataFrame(fitted, index=["memory", "inpainted"]).T.fillna(0.0)
     return Findings(
         table=shares.rename_axis("corrector").reset_index(),
         notes=(
@@ -53,7 +49,7 @@ def confidence(context: ExperimentContext) -> Findings:
         ),
         files={
             FILE: f"# Written by `voxdepth experiment confidence`: {context.frames} frames of each of\n"
-            f"# {', '.join(context.sequences)}, seed {context.seed}.\n{tomli_w.dumps(tables)}".encode()
+            f"# {', '.join(context.sequences)}, seed {context.seed}.\n{tomli_w.dumps(fitted)}".encode()
         },
     )
 
@@ -84,8 +80,8 @@ def counted(corrected: CorrectedDepth, capture: Capture) -> FloatArray:
 
 
 def fit(counts: FloatArray) -> Fills:
-    """The share of correct pixels of each source of fills; 0 for a source without pixels."""
+    """The share of correct pixels of each source of fills that has some."""
     n, correct = counts
     shares = correct / np.maximum(n, 1)
-    memory, inpainted = (round(float(shares[source]), DIGITS) for source in (Source.MEMORY, Source.INPAINTED))
-    return Fills(memory=memory, inpainted=inpainted)
+    fills = {source.name.lower(): round(float(shares[source]), DIGITS) for source in (Source.MEMORY, Source.INPAINTED)}
+    return {source: share for source, share in fills.items() if share}

@@ -24,7 +24,7 @@ from swarm.pilot import Decision
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Outcome
-from swarm.voxel_map import STATES
+from swarm.voxel_map import STATES, VOXEL_M
 from voxdepth.colors import FAR_M
 from voxdepth.geometry import back_project, transform
 from voxdepth.tools.files import as_tool_error
@@ -98,8 +98,6 @@ class MissionRecorder(Recorder):
         image_every: Every n-th capture of a drone is recorded with its images and its map.
         has_stages: Whether the correctors are the paper's method, whose stages the layout shows.
     """
-
-    wants_all = True
 
     def __init__(
         self, path: Path, rig: RigConfig, *, recording_id: str, title: str, image_every: int, has_stages: bool = False
@@ -320,7 +318,7 @@ class MissionRecorder(Recorder):
         if (self._maps[drone] - 1) % self._image_every != 0:
             return
         rows, cols = costs.state.shape
-        side_m, entity, T = costs.voxel_m, f"world/map/{drone}", costs.T_odom_world
+        side_m, entity, T = VOXEL_M, f"world/map/{drone}", costs.T_odom_world
         middle_m = costs.origin_m + side_m / 2 * np.array([cols, rows])
         down = np.linalg.inv(T) @ pose(np.diag([1.0, -1.0, -1.0]), np.array([*middle_m, 0.0]))
         camera = rr.Pinhole(

@@ -12,7 +12,7 @@ import pydantic
 from pydantic import Field
 
 from sim.depth_noise import SensorModelName
-from swarm.task import DEFAULT_CONTROLLER
+from swarm.config import DEFAULT_CONTROLLER
 from voxdepth import registry
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import VoxDepthError

@@ -26,10 +26,10 @@ def differences(before: RunRecord, now: RunRecord) -> list[str]:
     """Return the names of what differs between two results of one run; empty if they are the same.
 
     Numbers are the same within `TOLERANCE`, errors of depth within `DEPTH_TOLERANCE`; the outcome, names and the drones
-    that touched something must be equal. Names that only `now` has are of a later version.
+    that touched something must be equal. Names that only one of them has are of another version.
     """
     a, b = _flat(before), _flat(now)
-    return [name for name, value in a.items() if name not in b or not _is_same(name, value, b[name])]
+    return [name for name, value in a.items() if name in b and not _is_same(name, value, b[name])]
 
 
 def _flat(record: RunRecord) -> dict[str, object]:

@@ -122,6 +122,12 @@ class Cell(Model):
     keys: dict[int, str]
     """Their keys by seed."""
 
+    @pydantic.field_validator("run", mode="before")
+    @classmethod
+    def _leave_out_former_settings(cls, run: Any) -> Run:
+        """Read a run without the settings that have become constants since it was flown."""
+        return run if isinstance(run, Run) else Run.model_validate_json(json.dumps(run), extra="ignore")
+
     def spec(self, seed: int) -> RunSpec:
         """Return the run with a seed."""
         run = self.run.model_copy(update={"seed": seed})

@@ -21,9 +21,9 @@ from sim.scenes import CitySpec
 from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher
 from sim.world import World
+from swarm.config import MissionConfig
 from swarm.mapping_pilot import MappingPilot
 from swarm.mission import Mission
-from swarm.task import MissionConfig
 from tests.helpers import camera_at
 from tests.realsense_files import SoftwareCamera
 from voxdepth import TemporalCorrector

@@ -1,6 +1,7 @@
 """`voxdepth experiment` as a user meets it, and what each experiment finds on a few tiny frames."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import pandas as pd
@@ -9,7 +10,6 @@ from typer.testing import CliRunner, Result
 
 from scenarios.experiments.runner import find_experiments
 from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
-from voxdepth.calibration import read
 from voxdepth.networks import has_runtime
 from voxdepth.tools.cli import create_app
 
@@ -43,8 +43,8 @@ def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
         assert stored["provenance"]["processor"]
         assert 10_000 < (out / name / "figure.png").stat().st_size < 500_000
     table = pd.read_csv(out / "quality" / "table.csv")
-    pd.testing.assert_series_equal(table["VD (paper)"], pd.Series([17.10, None, 177.61, 17.10], name="VD (paper)"))
-    assert table["n"][0] > table["n"][1] > table["n"][2] == FRAMES, "all pixels, occluded pixels, and frames"
+    pd.testing.assert_series_equal(table["VD (paper)"], pd.Series([17.10, None], name="VD (paper)"))
+    assert table["n"][0] > table["n"][1] > 0, "all pixels, and occluded pixels"
     assert table[["VD", "VD-code", "RS", "GS", *DEEP_SMOOTH]].notna().all(axis=None)
 
 
@@ -56,4 +56,6 @@ def test_confidence_is_fitted_where_there_are_fills_and_its_file_can_be_read(out
     assert not shares.loc["raw"].any() and shares.loc["telea", "inpainted"] > 0
     ((name, content),) = result.files.items()
     (tmp_path / name).write_bytes(content)
-    assert {of: fills.inpainted for of, fills in read(tmp_path / name).items()} == dict(shares["inpainted"])
+    assert {
+        of: fills.get("inpainted", 0) for of, fills in tomllib.loads((tmp_path / name).read_text()).items()
+    } == dict(shares["inpainted"])

@@ -72,7 +72,7 @@ def test_without_the_testbed_its_commands_say_how_to_get_it() -> None:
         assert "run make setup in a clone of the project's repository" in line
 
 
-SIMULATOR = ("pybullet", "open3d", "gymnasium", "pettingzoo", "warp")
+SIMULATOR = ("pybullet", "open3d", "gymnasium", "warp")
 WITHOUT = """
 import sys
 

@@ -44,7 +44,7 @@ def test_table_figure_and_report_are_written(tmp_path: Path) -> None:
     stored = json.loads((folder / "result.json").read_text())
     assert (stored["seed"], stored["frames"], stored["width_px"]) == (7, 4, 160)
     assert stored["command"] == "voxdepth experiment stub"
-    assert stored["provenance"]["processor"] and "numpy" in stored["provenance"]["versions"]
+    assert stored["provenance"]["machine"] and "numpy" in stored["provenance"]["versions"]
     assert stored["notes"] == ["a note"]
 
 

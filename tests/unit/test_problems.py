@@ -97,11 +97,11 @@ def test_all_problems_of_a_file_are_told_at_once(load: Any, text: str, told: lis
 
 def test_all_problems_of_the_settings_of_a_corrector_are_told_at_once() -> None:
     with pytest.raises(ConfigError) as error:
-        resolve_config("voxdepth", {"motion": "per_frme", "median_size_pix": 3, "voxels": {"size": 1}})
+        resolve_config("voxdepth", {"device": "cudda", "median_size_pix": 3, "voxels": {"size": 1}})
     for told in (
         "unknown key 'median_size_pix' (did you mean median_size_px?)",
         "3 problems: unknown key 'voxels.size'",
-        "motion: expected 'constant' or 'per_frame', got 'per_frme' (did you mean per_frame?)",
+        "device: expected 'cpu', 'cuda' or 'warp-cpu', got 'cudda' (did you mean cuda?)",
         "`voxdepth config voxdepth` prints all",
     ):
         assert told in str(error.value)

@@ -54,11 +54,8 @@ def test_a_flight_counts_epochs_and_warns_if_frames_mostly_pass_through(
     run = load_run("city", 3, changes)
     finished = fly_and_write(run, tmp_path, record=False)
     share = finished.result.metrics["corrector_phase_passthrough_share"]
-    assert [share, share] == [one["corrector_phase_passthrough_share"] for one in finished.result.drones]
     assert share == (window - 1) / 5
-    ended = "corrector_epoch_ends_max_frames"
-    assert [one[ended] for one in finished.result.drones] == [ends, ends]
-    assert finished.result.metrics[ended] == 2 * ends
+    assert finished.result.metrics["corrector_epoch_ends_max_frames"] == 2 * ends
     console = Console(file=io.StringIO(), width=200)
     print_summary(console, finished, run)
     printed = console.file.getvalue()  # type: ignore[attr-defined]

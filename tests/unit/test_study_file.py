@@ -25,7 +25,7 @@ depth = "truth"
 corrector = "raw"
 size = "96x64"
 seeds = 2
-changes = { "mission.pilot.evidence.min_confidence" = 1 }
+changes = { "mission.pilot.min_confidence" = 1 }
 [[arms]]
 name = "b"
 depth = "noisy"
@@ -49,7 +49,7 @@ def test_a_study_has_every_run_once_and_whole_pairs_first(tmp_path: Path) -> Non
     ]  # fmt: skip
     first, second = specs[0].run.scenario, specs[1].run.scenario
     assert (first.rig.width_px, first.rig.height_px) == (96, 64)
-    assert first.mission.pilot.evidence.min_confidence == 1
+    assert first.mission.pilot.min_confidence == 1
     assert (second.rig.depth, second.rig.noise.scale.theta) == ("noisy", 0.5)
 
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.temporal_scenes import depth_of
 from voxdepth import TemporalConfig, TemporalCorrector
 from voxdepth.temporal import filling
 from voxdepth.temporal.filling import HoleFiller, Known
@@ -34,7 +35,7 @@ class Result:
             np.asarray(votes.get(name, 0) * (known_px == 0), np.float32) for name in ("memory", "seen", "previous")
         ]
         self.inpainted, self.border = HoleFiller(resolution, shadow_factor).fill(
-            Known(known_px, *others), FULL.depth(full_px)
+            Known(known_px, *others), depth_of(FULL, full_px)
         )
         self.disparity_px = np.kron(known_px + self.inpainted.disparity_px, np.ones((decimation,) * 2))
         self.probability = np.kron(self.inpainted.probability, np.ones((decimation,) * 2))
@@ -136,7 +137,8 @@ class TestDiscontinuities:
         measured_px = np.where(edge > COL, FAR_PX, NEAR_PX)
         hole = (edge - 7 <= COL) & (edge > COL)
         frames = [
-            Frame(stamp_s=k / 30, gray=texture(), depth_m=FULL.depth(with_holes(measured_px, hole))) for k in range(3)
+            Frame(stamp_s=k / 30, gray=texture(), depth_m=depth_of(FULL, with_holes(measured_px, hole)))
+            for k in range(3)
         ]
         corrector = TemporalCorrector(CAMERA, TemporalConfig(decimation=2))
         shown_px = FULL.disparity([corrector.process(frame) for frame in frames][-1].depth_m)
@@ -216,7 +218,7 @@ class TestBadInput:
     @DECIMATIONS
     def test_a_corner_is_continued_by_little(self, decimation: int) -> None:
         measured_px = with_holes(FAR_PX, (ROW >= 20) | (COL >= 20))
-        frame = Frame(stamp_s=0, gray=texture(), depth_m=FULL.depth(measured_px))
+        frame = Frame(stamp_s=0, gray=texture(), depth_m=depth_of(FULL, measured_px))
         shown = TemporalCorrector(CAMERA, TemporalConfig(decimation=decimation)).process(frame).depth_m > 0
         assert 400 <= np.count_nonzero(shown) < 2000
 

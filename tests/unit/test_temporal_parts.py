@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.temporal_scenes import CAMERA, ROOM, frame_of, pose, render
+from tests.temporal_scenes import CAMERA, ROOM, depth_of, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.confidence import UNANIMOUS_FILL, estimate_confidence
 from voxdepth.temporal.forward_warp import ForwardWarp
@@ -14,7 +14,7 @@ from voxdepth.temporal.fusion import PixelClass
 from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import NOISE_PX, smooth_guided
-from voxdepth.temporal.upsampling import Estimate, Shown, Upsampler
+from voxdepth.temporal.upsampling import Estimate, Shown, show
 from voxdepth.temporal.working_resolution import (
     MAX_DISPARITY_PX,
     MAX_FULL_RESOLUTION_PX,
@@ -28,7 +28,7 @@ ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=
 
 def measurement_of(full_px: FloatImage, decimation: int, camera: Intrinsics = CAMERA) -> Measurement:
     resolution = WorkingResolution.of(camera, decimation)
-    frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=resolution.depth(full_px))
+    frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=depth_of(resolution, full_px))
     return measure(frame, resolution)
 
 
@@ -114,7 +114,7 @@ class TestMeasurement:
 def shown_from(full_px: FloatImage, estimate: Estimate, camera: Intrinsics = CAMERA) -> Shown:
     """The output from estimates at half resolution, by a measurement at full resolution."""
     resolution = WorkingResolution.of(camera, 2)
-    return Upsampler(camera.shape, resolution).show(resolution.depth(full_px), estimate)
+    return show(depth_of(resolution, full_px), estimate, resolution)
 
 
 def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage, camera: Intrinsics = CAMERA) -> FloatImage:
@@ -199,7 +199,7 @@ class TestUpsampling:
         kind = rng.integers(0, len(PixelClass), CAMERA.shape).astype(np.uint8)
         confidence = rng.choice(np.array([0.1, 0.49, 0.5, 0.51, 0.9], np.float32), CAMERA.shape)
         estimate = Estimate(constant(8), kind, confidence)
-        shown = Upsampler(CAMERA.shape, resolution).show(constant(0), estimate, 0.5)
+        shown = show(constant(0), estimate, resolution, 0.5)
         hidden = np.isin(kind, [PixelClass.UNMEASURED, PixelClass.MEASURED]) & (estimate.confidence < 0.5)
         np.testing.assert_array_equal(shown.source == Source.INVALID, hidden)
         np.testing.assert_array_equal(shown.depth_m == 0, hidden)

@@ -1,14 +1,12 @@
 """Metrics of depth against the true depth, over explicit masks. The true depth never reaches a corrector."""
 
-from .flicker import Changes, Flicker
-from .paper import m_rmse_u16_wrap, psnr_minmax8
+from .flicker import Flicker
 from .pixels import is_correct
 from .shares import Share, ghost_share, survival
 from .sums import TOO_FAR, DepthErrors, Sums, depth_errors
 
 __all__ = [
     "TOO_FAR",
-    "Changes",
     "DepthErrors",
     "Flicker",
     "Share",
@@ -16,7 +14,5 @@ __all__ = [
     "depth_errors",
     "ghost_share",
     "is_correct",
-    "m_rmse_u16_wrap",
-    "psnr_minmax8",
     "survival",
 ]

@@ -47,41 +47,30 @@ ESTIMATE_TYPE = named_tuple(Estimate, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 SHOWN_TYPE = named_tuple(Shown, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
-class Upsampler:
-    """Makes the output for frames of one size from the working pixels."""
+def show(
+    measured_m: FloatImage, estimate: Estimate, resolution: WorkingResolution, min_fill_confidence: float = 0.0
+) -> Shown:
+    """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
 
-    def __init__(self, shape: tuple[int, int], resolution: WorkingResolution) -> None:
-        self._shape = shape
-        self._resolution = resolution
+    At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
+    measurement if it is of the same surface, and otherwise takes its working pixel without interpolation.
 
-    def show(self, measured_m: FloatImage, estimate: Estimate, min_fill_confidence: float = 0.0) -> Shown:
-        """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
-
-        At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
-        measurement if it is of the same surface, and otherwise takes its working pixel without interpolation.
-
-        Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
-        """
-        shown = Shown(*(np.empty(self._shape, kind) for kind in (np.float32, np.uint8, np.float32)))
-        measured_m, resolution = np.ascontiguousarray(measured_m), self._resolution
-        focal_baseline_px_m = resolution.focal_baseline_px_m
-        disparity_px = estimate.disparity_px
-        if resolution.decimation == 2:
-            span_px = cv2.morphologyEx(estimate.disparity_px, cv2.MORPH_GRADIENT, KERNEL)
-            size = 2 * resolution.width_px, 2 * resolution.height_px
-            disparity_px = np.asarray(cv2.resize(disparity_px, size, interpolation=cv2.INTER_LINEAR), np.float32)
-            _separate(measured_m, estimate, np.asarray(span_px, np.float32), focal_baseline_px_m, disparity_px)
-        show = _SHOW[resolution.decimation]
-        show(measured_m, disparity_px, estimate, focal_baseline_px_m, min_fill_confidence, shown)
-        height, width = disparity_px.shape
-        for image in shown:  # A last odd row or column has no working pixel.
-            image[height:] = image[height - 1]
-            image[:, width:] = image[:, width - 1 : width]
-        return shown
-
-    def show_pixels(self, place: Places, estimate: Estimate, min_fill_confidence: float, shown: Shown) -> None:
-        """Show the estimates of single pixels, shape (1, N), none of which is measured, instead of what is shown."""
-        _show_pixels(place, estimate, self._resolution.focal_baseline_px_m, min_fill_confidence, shown)
+    Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
+    """
+    shown = Shown(*(np.empty(measured_m.shape, kind) for kind in (np.float32, np.uint8, np.float32)))
+    measured_m, disparity_px = np.ascontiguousarray(measured_m), estimate.disparity_px
+    focal_baseline_px_m = resolution.focal_baseline_px_m
+    if resolution.decimation == 2:
+        span_px = cv2.morphologyEx(estimate.disparity_px, cv2.MORPH_GRADIENT, KERNEL)
+        size = 2 * resolution.width_px, 2 * resolution.height_px
+        disparity_px = np.asarray(cv2.resize(disparity_px, size, interpolation=cv2.INTER_LINEAR), np.float32)
+        _separate(measured_m, estimate, np.asarray(span_px, np.float32), focal_baseline_px_m, disparity_px)
+    _SHOW[resolution.decimation](measured_m, disparity_px, estimate, focal_baseline_px_m, min_fill_confidence, shown)
+    height, width = disparity_px.shape
+    for image in shown:  # A last odd row or column has no working pixel.
+        image[height:] = image[height - 1]
+        image[:, width:] = image[:, width - 1 : width]
+    return shown
 
 
 def completed(shown: Shown) -> Shown:
@@ -171,7 +160,7 @@ _SHOW = {decimation: _shower(decimation) for decimation in (1, 2)}
 
 
 @compiled(void(PLACES, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
-def _show_pixels(
+def show_pixels(
     place: Places,
     estimate: Estimate,
     focal_baseline_px_m: float,
@@ -179,7 +168,7 @@ def _show_pixels(
     # input and output
     shown: Shown,
 ) -> None:
-    """See `Upsampler.show_pixels`."""
+    """Show the estimates of single pixels, shape (1, N), none of which is measured, instead of what is shown."""
     for k in range(len(place)):
         depth_m = depth_of(estimate.disparity_px[0, k], focal_baseline_px_m)
         pixel_class, confidence = estimate.pixel_class[0, k], estimate.confidence[0, k]

@@ -7,9 +7,7 @@ import numpy as np
 
 from ...geometry import fill_from_nearest
 from ...metrics import Flicker, Share, Sums, ghost_share, survival
-from ...metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
 from ...types import CorrectedDepth, FloatImage
-from ..output import to_millimetres
 from .frames import ALL, MEASURED, NEAR, OCCLUDED, EvaluationFrame, Reference
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector
 
@@ -30,12 +28,9 @@ METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
 }
 """Unit of each metric of errors, and how it follows from the sums. A new metric is one line here, and one in
 `quantities.py` for its table in the report. `too_far` and `too_near` are off by more than 10 %."""
-SETTLED_PSNR = Selector("psnr16_mm_settled", range=ALL)
+SETTLED_PSNR, PEAK16_M = Selector("psnr16_mm_settled", range=ALL), 65.535
+"""The paper's PSNR, and its peak: the largest pixel of 16 bits in millimetres [m]."""
 SETTLED_RMSE = Selector("rmse_settled", OCCLUDED)
-"""PSNR and error without the warm-up, of rendered sequences."""
-M_RMSE = Selector("m_rmse_u16_wrap", OCCLUDED, ALL, AS_GIVEN)
-STRETCHED_PSNR = Selector("psnr_minmax8", range=ALL, on=AS_GIVEN)
-"""Masked error [1] and PSNR [dB] by the arithmetic of the paper's authors: means over the frames of these sequences."""
 
 
 class Score:
@@ -47,7 +42,6 @@ class Score:
         self._flicker = Flicker()
         self._shares: defaultdict[Selector, Share] = defaultdict(Share)
         self._settled: defaultdict[Selector, Sums] = defaultdict(Sums)
-        self._series: defaultdict[Selector, list[float | None]] = defaultdict(list)
         self.frame_close: tuple[tuple[int, int], ...] = ()
         """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
 
@@ -58,7 +52,7 @@ class Score:
         self._add_sums(frame, depth_m, completed_m)
         self._add_flicker(frame, depth_m)
         self._add_shares(frame, depth_m)
-        self._add_paper(frame, depth_m, completed_m)
+        self._add_settled(frame, completed_m)
 
     def measurements(self) -> list[Measurement]:
         """Return everything that is known after the last frame; measurements of no pixel are left out."""
@@ -66,7 +60,6 @@ class Score:
             *(m for mask in (ALL, *self._sums[FILLED]) for m in self._measured_errors(mask)),
             *self._measured_flicker(),
             *(Measurement(*of, share.value, "share", share.of) for of, share in self._shares.items() if share.of),
-            *self._measured_series(),
             *self._measured_settled(),
         ]
 
@@ -91,23 +84,12 @@ class Score:
                 self._shares[SURVIVAL[k]] += survival(given_m, frame.reference_m, frame.moving)
                 self._shares[GHOSTS[k]] += ghost_share(given_m, frame.reference_m, frame.departed_m)
 
-    def _add_paper(self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage) -> None:
-        """Score a rendered frame by the paper's peak, and by the arithmetic of its authors.
-
-        A pixel without a surface counts as 0 mm.
-        """
-        if frame.occluded is None:
-            return
-        known = frame.known()
-        if len(self.frame_close) > SETTLED_FRAMES:
-            # Surfaces that an image in 16 bits and millimetres can hold.
-            in_16_bits = known & (frame.reference_m <= np.float32(PEAK16_M))
+    def _add_settled(self, frame: EvaluationFrame, completed_m: FloatImage) -> None:
+        """Score the surfaces of a rendered frame within the paper's peak, and the occluded ones, after the warm-up."""
+        if frame.occluded is not None and len(self.frame_close) > SETTLED_FRAMES:
+            in_16_bits = frame.known() & (frame.reference_m <= np.float32(PEAK16_M))
             self._settled[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
             self._settled[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, frame.occluded & frame.near())
-        depth_mm = to_millimetres(depth_m)
-        reference_mm = to_millimetres(np.where(known, frame.reference_m, np.float32(0)))
-        self._series[M_RMSE].append(m_rmse_u16_wrap(depth_mm, reference_mm, frame.occluded & known))
-        self._series[STRETCHED_PSNR].append(psnr_minmax8(depth_mm, reference_mm))
 
     def _measured_errors(self, mask: str) -> Iterator[Measurement]:
         parts = (MEASURED, self._reference.hidden) if mask == ALL else (mask,)
@@ -123,15 +105,8 @@ class Score:
                 yield Measurement(metric, mask, NEAR, on, value, unit, sums.filled)
 
     def _measured_flicker(self) -> Iterator[Measurement]:
-        if (changes := self._flicker.total).pixels:
-            yield Measurement("flicker", STATIC, NEAR, FILLED, changes.mean_change_m, "m", changes.changes)
-
-    def _measured_series(self) -> Iterator[Measurement]:
-        """Yield the mean over the frames of which a value is known."""
-        for selector, values in self._series.items():
-            if known := [value for value in values if value is not None]:
-                unit = "1" if selector == M_RMSE else "dB"
-                yield Measurement(*selector, float(np.mean(known)), unit, len(known))
+        if n := self._flicker.changes:
+            yield Measurement("flicker", STATIC, NEAR, FILLED, self._flicker.mean_change_m, "m", n)
 
     def _measured_settled(self) -> Iterator[Measurement]:
         """Yield the errors of completed pixels after the warm-up."""
