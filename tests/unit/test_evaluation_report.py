@@ -68,7 +68,7 @@ def test_the_best_is_marked_in_each_sequence(done: Evaluation) -> None:
     table = method_table(done, mae())
     assert table.headings == ["method", "sim-MB", "other"]
     assert [row(table, name) for name in ("raw", "good", "bad", "n")] == [
-        ["0.500", "0.200 *"], ["0.300 *", "0.400"], ["failed", "9.000"], ["1.0 k to 2.0 k", "1.0 k"]
+        ["0.500", "0.200 *"], ["0.300 *", "0.400"], ["failed", "9.000"], ["1,000 to 2,000", "1,000"]
     ]  # fmt: skip
 
 

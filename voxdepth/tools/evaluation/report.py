@@ -102,13 +102,6 @@ def _sequence_table(evaluation: Evaluation) -> Table:
     return Table.of_frame("Sequences", pd.DataFrame(rows, dtype=object))
 
 
-def count_text(count: int) -> str:
-    """Write a number of pixels as people read it."""
-    if count >= 10**6:
-        return f"{count / 10**6:.1f} M"
-    return f"{count / 1000:.1f} k" if count >= 1000 else str(count)
-
-
 def range_text(low: int, high: int) -> str:
-    """Write the smallest and the largest of some numbers of pixels as people read them."""
-    return " to ".join(dict.fromkeys((count_text(low), count_text(high))))
+    """Write the smallest and the largest of some numbers of pixels."""
+    return f"{low:,}" if low == high else f"{low:,} to {high:,}"
