@@ -71,7 +71,6 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     assert values(tmp_path / "elsewhere") == before, "bit for bit"
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_a_baseline_that_is_assumed_is_told_once_although_every_kind_opens_the_recording(
     folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -86,7 +85,6 @@ def test_a_baseline_that_is_assumed_is_told_once_although_every_kind_opens_the_r
     assert f"as baseline_m in {calibration}\n" in done.stderr
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_an_interrupted_evaluation_goes_on(
     folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,11 +15,10 @@ from rich.console import Console
 from tests.evaluation_clips import evaluation_of, held_out_info, info_of, result_of
 from tests.pages import require_self_contained
 from voxdepth.registry import title
-from voxdepth.tools.evaluation.error_maps import error_map, error_maps
 from voxdepth.tools.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, Selector, of_frames
 from voxdepth.tools.evaluation.quantities import QUANTITIES, is_measured
 from voxdepth.tools.evaluation.report import method_table, print_results, rendered
-from voxdepth.tools.evaluation.results import Result, encoded_thumbnail
+from voxdepth.tools.evaluation.results import Result
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.tools.table import Table, write_frame
 
@@ -33,8 +32,7 @@ def result(sequence: str, method: str, mae: float, n: int = 1000, **given: Any) 
         Measurement("latency_p50", "frames", "frames", "frames", 3.0, "ms", 2),
         Measurement("latency_p95", "frames", "frames", "frames", 4.0, "ms", 2),
     ]
-    thumbnail = encoded_thumbnail(np.full((9, 12), 3, np.float32))
-    return result_of(sequence, method, *figures, thumbnail=thumbnail, **given)
+    return result_of(sequence, method, *figures, **given)
 
 
 @pytest.fixture(scope="module")
@@ -102,23 +100,6 @@ def test_results_are_tidy(done: Evaluation, tmp_path: Path) -> None:
     assert (failed["method"], failed["metric"], failed["value"]) == ("bad", "error", "")
 
 
-def test_error_maps_tell_too_near_from_nothing_and_cut_to_the_scale() -> None:
-    depth_m = np.array([[1, 0, 9, 3, 4]], np.float32)
-    reference_m = np.array([[4, 4, 4, 0, 4]], np.float32)
-    blue, black, red, grey, white = [0, 0, 1], [0, 0, 0], [1, 0, 0], [0.7] * 3, [1, 1, 1]
-    np.testing.assert_allclose(error_map(depth_m, reference_m, 2.0), [[blue, black, red, grey, white]], atol=0.01)
-
-
-def test_error_maps_have_the_scale_of_their_scene_and_none_is_of_no_pixel() -> None:
-    near = info_of("near", reference_thumbnail=encoded_thumbnail(np.full((9, 12), 0.7, np.float32)))
-    empty = info_of("empty", reference_thumbnail=encoded_thumbnail(np.zeros((9, 12), np.float32)))
-    infos = {"near": near, "empty": empty, "far": info_of("far")}
-    near_map, far_map = error_maps(evaluation_of(*(result(name, "raw", 0.5, info=infos[name]) for name in infos)))
-    assert [near_map.title, far_map.title] == ["near, frame 1", "far, frame 1"]
-    assert "blue at 1 m and beyond" in near_map.caption and "up to 0.08 m and more" in near_map.caption
-    assert "up to 0.4 m and more" in far_map.caption
-
-
 def test_the_page_loads_nothing_and_runs_nothing(html: str) -> None:
     require_self_contained(html)
     assert "alert(&#39;x&#39;)" in html, "what a method says is shown, not run"
@@ -130,7 +111,6 @@ def test_the_page_has_every_table_and_what_it_was_measured_on(done: Evaluation, 
     for quantity in QUANTITIES:
         assert (f"<h3>{escape(quantity.heading)}</h3>" in html) == is_measured(done, quantity), quantity.title
         assert re.search(r"\[.+\]", quantity.heading), "with its unit"
-    assert html.count("<img ") == 2
     for words in ("Failures", "one thread", np.__version__, "12x9"):
         assert words in html, words
 
@@ -138,7 +118,6 @@ def test_the_page_has_every_table_and_what_it_was_measured_on(done: Evaluation, 
 def test_a_page_of_failures_alone_is_a_page(done: Evaluation) -> None:
     html = rendered(Evaluation(results=(replace(done.results[2], info=None),)))
     assert "Failures" in html
-    assert "<img" not in html
 
 
 def test_without_the_truth_pixels_that_were_given_rank_nobody() -> None:
@@ -156,11 +135,6 @@ def test_nobody_is_best_where_all_are_equal_or_where_each_is_compared_with_anoth
     assert [row(method_table(equal, mae()), name) for name in ("one", "two")] == [["0.500"]] * 2
     (lead,) = (quantity for quantity in QUANTITIES if "best other" in quantity.title)
     assert not lead.best
-
-
-def test_names_are_drawn_as_they_are() -> None:
-    odd = evaluation_of(*(result(r"a$\frac$", name, 0.5) for name in (r"m$\frac$", "_hidden")))
-    assert all(picture.png for picture in error_maps(odd))
 
 
 def test_time_in_a_thread_of_its_own_is_shown_apart() -> None:

@@ -10,7 +10,6 @@ from ..files import write
 from ..page import TEMPLATES, render_page
 from ..provenance import Provenance
 from ..table import MISSING, Table, write_frame
-from .error_maps import error_maps
 from .quantities import HEADLINES, QUANTITIES, Quantity, fitted, is_measured, numbers_of
 from .suite import Evaluation
 
@@ -33,7 +32,6 @@ def rendered(evaluation: Evaluation) -> str:
         TEMPLATES / "report.html.j2",
         failures=_failure_rows(evaluation),
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
-        error_maps=error_maps(evaluation),
         sequences=_sequence_table(evaluation),
         machine=Provenance.here().lines(),
     )

@@ -18,7 +18,7 @@ from .intervals import close_intervals
 from .measurements import long_table
 from .methods import Method, MethodError, run
 from .recordings import Kind, Opened, RecordedSource
-from .results import Result, SequenceInfo, encoded_thumbnail, load, store
+from .results import Result, SequenceInfo, load, store
 
 
 @dataclass(frozen=True)
@@ -191,8 +191,6 @@ def describe(source: FrameSource, frames: Frames) -> SequenceInfo:
         near_pixels=near_pixels,
         hidden_pixels=hidden_pixels,
         holes=holes,
-        reference_thumbnail=encoded_thumbnail(np.where(frame.known(), frame.reference_m, np.float32(0))),
-        raw_thumbnail=encoded_thumbnail(frame.frame.depth_m),
     )
 
 
