@@ -7,9 +7,9 @@ PYTHONPATH=examples voxdepth run mine.toml
 import numpy as np
 
 from sim.types import VelocityCommand
+from swarm.config import MissionConfig
 from swarm.controllers import Role
 from swarm.pilot import Decision, Situation
-from swarm.task import MissionConfig
 
 
 class Straight:

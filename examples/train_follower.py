@@ -36,10 +36,8 @@ import numpy.typing as npt
 from sim.frames import yaw_from_quaternion
 from sim.types import Capture
 from swarm.agents import create_agent
-from swarm.environments.episode import Episode
+from swarm.environments.gym_env import LeaderFollowerEnv
 from swarm.environments.learner import Observation, heading_frame
-from swarm.environments.task import SMALL_RIG, LearningTask
-from swarm.gym import STREETS
 from swarm.recorder import Recorder
 from swarm.types import Outcome
 from voxdepth.baselines.single_frame import Raw
@@ -97,16 +95,16 @@ def act(model: nn.Module, seen: Array) -> Array:
 class Teacher:
     """What the controller of this project would do in the place of a follower."""
 
-    def __init__(self, task: LearningTask, episode: Episode, truth: "Truth") -> None:
-        role = episode.roles[1]
-        self._agent = create_agent(role, task.mission)
-        self._speed_m_s = task.mission.follower_speed_m_s
-        self._turn_rad = task.mission.pilot.yaw_rate_rad_s / task.mission.control_hz
-        self._episode, self._truth = episode, truth
+    def __init__(self, env: LeaderFollowerEnv, truth: "Truth") -> None:
+        mission = env.task.mission
+        self._agent = create_agent(env.role, mission)
+        self._speed_m_s = mission.follower_speed_m_s
+        self._turn_rad = mission.pilot.yaw_rate_rad_s / mission.control_hz
+        self._env, self._truth = env, truth
 
     def action(self) -> Array:
         """Return its action for the present step."""
-        known = self._episode.situation(1)
+        known = self._env.situation()
         assert known.percept is not None, "an episode begins with an image"
         known = replace(known, percept=replace(known.percept, corrected=self._truth.corrected))
         command = self._agent.decide(known).command
@@ -128,22 +126,23 @@ class Truth(Recorder):
         self.corrected = self._raw.process(frame)
 
 
-def task_of(depth: str, corrector: str) -> LearningTask:
-    """Return the task of a follower."""
-    rig = SMALL_RIG.model_copy(update={"depth": depth})
-    return LearningTask.of(**STREETS, observation="nearness", rig=rig, corrector=corrector)
+def environment(depth: str, corrector: str, recorder: Recorder | None = None) -> LeaderFollowerEnv:
+    """Return the environment of a follower."""
+    return LeaderFollowerEnv(observation="nearness", depth=depth, corrector=corrector, recorder=recorder)
 
 
 def taught(model: nn.Module | None, seed: int, blind: bool, rng: np.random.Generator) -> list[tuple[Array, Array]]:
     """Fly an episode by the network, or by the teacher without one; return inputs with the actions of the teacher."""
-    task, truth, eyes, steps = task_of("fitted", "raw"), Truth(), Eyes(blind), []
-    with closing(Episode(task, [1], seed=seed, recorder=truth)) as episode:
-        teacher = Teacher(task, episode, truth)
-        while episode.outcome is None:
-            (seen, mirrored), wanted = eyes(episode.observe(1)), teacher.action()
+    truth, eyes, steps = Truth(), Eyes(blind), []
+    with closing(environment("fitted", "raw", truth)) as env:
+        observation, info = env.reset(seed=seed)
+        teacher = Teacher(env, truth)
+        while "outcome" not in info:
+            (seen, mirrored), wanted = eyes(observation), teacher.action()
             steps += [(seen, wanted), (mirrored, wanted * ASIDE[1])]
             flown = wanted if model is None else act(model, seen)
-            episode.step({1: flown + rng.normal(0, [0.1, 0.3, 0.1, 0.2])})  # Errors to recover from.
+            noisy = flown + rng.normal(0, [0.1, 0.3, 0.1, 0.2])  # Errors to recover from.
+            observation, *_, info = env.step(noisy)
     return steps
 
 
@@ -159,7 +158,7 @@ def train(options: argparse.Namespace, seed: int, blind: bool) -> str:
         for world in range(first, first + EPISODES):
             steps += taught(model, world, blind, rng)
         model = fitted(model, steps)
-        outcomes = flown(model, task_of("fitted", "raw"), range(900_000, 900_010), blind)
+        outcomes = flown(model, environment("fitted", "raw"), range(900_000, 900_010), blind)
         curve.append((len(steps) // 2, outcomes["success"] / outcomes.total()))
         print(f"{name}: {curve[-1][0]} steps, {100 * curve[-1][1]:.0f} % arrive", flush=True)
         torch.save(model.state_dict(), options.out / f"{name}.pt")
@@ -180,15 +179,15 @@ def fitted(model: nn.Module | None, steps: Sequence[tuple[Array, Array]]) -> nn.
     return model
 
 
-def flown(model: nn.Module, task: LearningTask, seeds: Sequence[int], blind: bool) -> Counter[str]:
+def flown(model: nn.Module, env: LeaderFollowerEnv, seeds: Sequence[int], blind: bool) -> Counter[str]:
     """Count how episodes of a follower end."""
     outcomes = Counter[str]()
-    for seed in seeds:
-        eyes = Eyes(blind)
-        with closing(Episode(task, [1], seed=seed)) as episode:
-            while episode.outcome is None:
-                episode.step({1: act(model, eyes(episode.observe(1))[0])})
-            outcomes[episode.outcome.value] += 1
+    with closing(env):
+        for seed in seeds:
+            eyes, (observation, info) = Eyes(blind), env.reset(seed=seed)
+            while "outcome" not in info:
+                observation, *_, info = env.step(act(model, eyes(observation)[0]))
+            outcomes[info["outcome"]] += 1
     return outcomes
 
 
@@ -199,7 +198,7 @@ def test(options: argparse.Namespace, path: Path) -> Counter[str]:
     model = network(state["0.weight"].shape[1])
     model.load_state_dict(state)
     seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + options.worlds)
-    return flown(model, task_of(options.depth, options.corrector), seeds, path.stem.startswith("blind"))
+    return flown(model, environment(options.depth, options.corrector), seeds, path.stem.startswith("blind"))
 
 
 def draw(out: Path) -> None:

@@ -6,7 +6,7 @@ import pydantic
 from pydantic import Field
 
 from sim.depth_noise import SensorModelName
-from swarm.compose import MissionSetup
+from swarm.config import MissionSetup
 from voxdepth import registry
 from voxdepth.model import Model
 

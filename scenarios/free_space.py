@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarm.braking import BrakingConfig
-from swarm.evidence import EvidenceConfig, InverseSensorModel
+from swarm.approach import stopping_speed_m_s
+from swarm.evidence import InverseSensorModel
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.datasets import Dataset
 from voxdepth.tools.table import Column, Table
@@ -26,8 +26,7 @@ def horizons(dataset: Dataset, correctors: Sequence[str]) -> Table:
         dataset: The recording.
         correctors: Names of correctors, which may have settings.
     """
-    evidence, braking = EvidenceConfig(), BrakingConfig()
-    reader = InverseSensorModel(dataset.intrinsics, evidence)
+    reader = InverseSensorModel(dataset.intrinsics)
     ahead = reader.rays_cam[..., 2] >= np.cos(np.radians(AHEAD_DEG))
     rows = []
     for name in correctors:
@@ -36,8 +35,8 @@ def horizons(dataset: Dataset, correctors: Sequence[str]) -> Table:
         free_m = [float(reader.read(depth).free_m[ahead].min()) for depth in depths]
         low_m, median_m, high_m = np.quantile(free_m, (0.1, 0.5, 0.9)).tolist()
         proven_share = float(np.mean(np.greater(free_m, 0)))
-        rows.append((name, 100 * proven_share, low_m, median_m, high_m, float(braking.speed_m_s(median_m))))
+        rows.append((name, 100 * proven_share, low_m, median_m, high_m, float(stopping_speed_m_s(median_m))))
     ranges = (Column(name, "m", ".2f") for name in ("10 % of frames", "median", "90 %"))
     columns = [Column("corrector"), Column("frames with any", "%", ".0f"), *ranges, Column("safe speed", "m/s", ".2f")]
     note = f"Range to which all within {AHEAD_DEG:g} degrees of the optical axis is proven free by one image."
-    return Table.of("Provable horizon", columns, rows, note=note, name="horizon")
+    return Table.of("Provable horizon", columns, rows, note=note)

@@ -9,12 +9,11 @@ import numpy as np
 
 from sim.types import VelocityCommand
 from voxdepth.plugins import Plugin, load
-from voxdepth.types import FloatArray
+from voxdepth.types import FloatArray, Intrinsics
 
+from .config import DEFAULT_CONTROLLER, MissionConfig
 from .pilot import Decision, Situation
-from .task import DEFAULT_CONTROLLER, MissionConfig
 from .team import Team
-from .types import OnboardCamera
 
 
 class Agent(Protocol):
@@ -35,7 +34,8 @@ class Role:
     """Swarm of the drone."""
     radius_m: float
     """Radius of the collision sphere of every drone."""
-    camera: OnboardCamera
+    camera: Intrinsics
+    """Camera of every drone."""
 
     @property
     def leads(self) -> bool:

@@ -1,7 +1,6 @@
 """A cost map: a layer of a drone's voxel map at the height at which it flies, and paths through it."""
 
 import math
-from collections.abc import Callable
 from functools import cache, cached_property
 from typing import NamedTuple
 
@@ -13,11 +12,13 @@ from scipy.sparse.csgraph import dijkstra
 
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
-from .nearby import ApproachLimits
-from .voxel_map import FREE, OCCUPIED, UNKNOWN, MapConfig
+from .approach import ApproachLimits, stopping_speed_m_s
+from .voxel_map import BLACKLISTED, FREE, OCCUPIED, UNKNOWN, UNOBSERVABLE, VOXEL_M
 
 Indices = npt.NDArray[np.signedinteger]
 NO_DISCS: FloatArray = np.empty((0, 3))
+COSTS = {FREE: 1.0, UNKNOWN: 2.5, UNOBSERVABLE: 12.0, BLACKLISTED: 30.0, OCCUPIED: 30.0}
+"""Cost of a path per metre through space of each state."""
 BEYOND_COST = 1.5
 """Cost of a path per metre beyond the map."""
 HYSTERESIS = 0.7
@@ -71,8 +72,8 @@ class CostMap:
     """What is known of the air through which a drone flies at its height, and what paths through it cost.
 
     `half_width_m` is the clearance that it needs, from its centre to what is not free. Places are in the frame of the
-    drone's odometry, to which `T_odom_world` leads from that of the world. Paths are planned around `drones_m`, discs
-    (x, y, radius) of shape (n, 3), which are no part of the map.
+    drone's odometry, to which `T_odom_world` leads from that of the world. The sides of the map are at least `reach_m`
+    away. Paths are planned around `drones_m`, discs (x, y, radius) of shape (n, 3), which are no part of the map.
     """
 
     def __init__(
@@ -80,25 +81,36 @@ class CostMap:
         state: npt.NDArray[np.uint8],
         origin_m: FloatArray,
         half_width_m: float,
-        config: MapConfig,
-        T_odom_world: FloatArray | None = None,
+        *,
+        reach_m: float,
+        T_odom_world: FloatArray,
         drones_m: FloatArray = NO_DISCS,
     ) -> None:
-        self.T_odom_world = np.eye(4) if T_odom_world is None else T_odom_world
+        self.T_odom_world = T_odom_world
         self.state = state
         """Worst state of each cell, shape (rows along y, columns along x): one of `voxel_map.STATES`."""
         self.origin_m = origin_m
         """Corner (x, y) of the first cell, shape (2,)."""
-        self.voxel_m = config.voxel_m
-        """Side of a cell."""
-        self._config = config
-        self._half_width = half_width_m / config.voxel_m
+        self._reach_m = reach_m
+        self._half_width = half_width_m / VOXEL_M
         self._clearance = _clearance(state)
         self._taken, self._passage = state, self._clearance
         """State and clearance with the other drones as surfaces."""
         if len(drones_m):
-            self._taken = _with_discs(state, (drones_m - [*origin_m, 0.0]) / config.voxel_m)
+            self._taken = _with_discs(state, (drones_m - [*origin_m, 0.0]) / VOXEL_M)
             self._passage = _clearance(self._taken)
+
+    def place(self, world_m: FloatArray) -> FloatArray:
+        """Return places of the world, shape (..., 3), in the frame of the odometry."""
+        return np.asarray(self.to_odom(world_m) + self.T_odom_world[:3, 3])
+
+    def to_odom(self, world: FloatArray) -> FloatArray:
+        """Return vectors of the world, shape (..., 3), in the frame of the odometry."""
+        return np.asarray(world @ self.T_odom_world[:3, :3].T)
+
+    def to_world(self, odom: FloatArray) -> FloatArray:
+        """Return vectors in the frame of the odometry, shape (..., 3), in that of the world."""
+        return np.asarray(odom @ self.T_odom_world[:3, :3])
 
     def state_at(self, at_m: FloatArray) -> int:
         """Return the state of the cell at a position (x, y); beyond the map, nothing is known."""
@@ -109,7 +121,7 @@ class CostMap:
 
     def clearance_m(self, places_m: FloatArray) -> FloatArray:
         """Return the distance from each position (x, y), shape (..., 2), to the nearest space that is not free."""
-        return self.voxel_m * np.maximum(_look_up(self._clearance, self._cells(places_m)), 0)
+        return VOXEL_M * np.maximum(_look_up(self._clearance, self._cells(places_m)), 0)
 
     def fits(self, places_m: FloatArray) -> MaskImage:
         """Return whether a drone has its whole width at each position (x, y), shape (..., 2), where no other one is."""
@@ -119,24 +131,17 @@ class CostMap:
         """Return how far a drone may plan to fly from a position in a direction of length 1 (x, y)."""
         return float(self._free_lengths_m(self._passage, at_m, along[None, :2], longest_m)[0])
 
-    def safe_velocity(
-        self,
-        wanted_m_s: FloatArray,
-        at_m: FloatArray,
-        limits: ApproachLimits,
-        stopping_speed: Callable[[FloatArray], FloatArray],
-    ) -> FloatArray:
+    def safe_velocity(self, wanted_m_s: FloatArray, at_m: FloatArray, limits: ApproachLimits) -> FloatArray:
         """Turn and shorten a velocity (x, y) so that a drone at a position can stop within free space.
 
-        `stopping_speed` is the braking curve. Directions beside the wanted one also respect the limits towards other
-        drones, which the wanted one does already. A direction that keeps `GOOD_ENOUGH` of the speed is not compared
-        with further ones.
+        Directions beside the wanted one also respect the limits towards other drones, which the wanted one does
+        already. A direction that keeps `GOOD_ENOUGH` of the speed is not compared with further ones.
         """
         speed = math.sqrt(float(wanted_m_s[0]) ** 2 + float(wanted_m_s[1]) ** 2)
         x, y = (wanted_m_s / max(speed, 1e-9)).tolist()
         directions = SIDESTEPS @ np.array([[x, y], [-y, x]])
-        free_m = self._free_lengths_m(self._clearance, at_m, directions, self._config.reach_m)
-        allowed_m_s = np.minimum(stopping_speed(free_m), speed)
+        free_m = self._free_lengths_m(self._clearance, at_m, directions, self._reach_m)
+        allowed_m_s = np.minimum(stopping_speed_m_s(free_m), speed)
         share = directions @ limits.towards.T
         with np.errstate(divide="ignore", invalid="ignore"):
             approach_m_s = np.where(share > 1e-3, np.maximum(limits.speed_m_s / share, 0), np.inf)
@@ -153,7 +158,7 @@ class CostMap:
     def way_out(self, at_m: FloatArray) -> FloatArray:
         """Return what a drone misses to its width at a position, as a vector (x, y) to a more open side if one is."""
         here_m = self.clearance_m(at_m)
-        missing_m = self.voxel_m * self._half_width - here_m
+        missing_m = VOXEL_M * self._half_width - here_m
         if missing_m <= 0:
             return np.zeros(2)
         ahead_m = self.clearance_m(at_m[:2] + ESCAPE_M * COMPASS)
@@ -165,13 +170,14 @@ class CostMap:
 
         The path that was chosen `before` is a little cheaper, so that a drone does not hesitate between two paths.
         """
-        c, shape, side_m = self._config, self._blocked.shape, PATH_CELLS * self.voxel_m
-        cost = np.array([1, c.unseen_price, c.vain_price, c.surface_price, c.surface_price])[self._blocked]
+        shape, side_m = self._blocked.shape, PATH_CELLS * VOXEL_M
+        cost = np.array([COSTS[state] for state in range(len(COSTS))])[self._blocked]
         if before is not None:
             rows, cols = np.floor((before.points_m - self.origin_m) / side_m).astype(np.intp).T[::-1]
             inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
             cost[rows[inside], cols[inside]] *= HYSTERESIS
-        rows, cols = _cheapest_path(cost, self._cost_to_go(target_m), *self._path_cell(at_m))
+        col, row = np.floor((at_m[:2] - self.origin_m) / side_m).astype(int).tolist()
+        rows, cols = _cheapest_path(cost, self._cost_to_go(target_m), row, col)
         points_m = self.origin_m + side_m * (np.column_stack([cols, rows]) + 0.5)
         nearby = min(len(rows) - 1, round(CLEAR_M / side_m))
         is_clear = (_is_free_between(self._blocked, rows[0], cols[0], rows[k], cols[k]) for k in range(nearby, 0, -1))
@@ -186,7 +192,7 @@ class CostMap:
 
     def _cells(self, places_m: FloatArray) -> FloatArray:
         """Return positions (x, y), shape (..., 2), in cells, whose middles have whole numbers."""
-        return (places_m[..., :2] - self.origin_m) / self.voxel_m - 0.5
+        return (places_m[..., :2] - self.origin_m) / VOXEL_M - 0.5
 
     def _free_lengths_m(
         self, clearance: FloatImage, at_m: FloatArray, directions: FloatArray, longest_m: float
@@ -196,20 +202,15 @@ class CostMap:
         A drone that stands too narrow may leave in directions in which the clearance grows.
         """
         start = self._cells(at_m)
-        ahead = STEP_CELLS * np.arange(1, math.ceil(longest_m / self.voxel_m / STEP_CELLS) + 1)
+        ahead = STEP_CELLS * np.arange(1, math.ceil(longest_m / VOXEL_M / STEP_CELLS) + 1)
         least = _look_up(clearance, start) + ESCAPE_SLOPE * (ahead - 2 * STEP_CELLS)
         found = _look_up(clearance, start + ahead[:, None] * directions[:, None])
         is_narrow = found < np.minimum(least, self._half_width)
-        return np.where(is_narrow.any(axis=1), self.voxel_m * STEP_CELLS * is_narrow.argmax(axis=1), longest_m)
-
-    def _path_cell(self, at_m: FloatArray) -> tuple[int, int]:
-        """Return row and column of the cell of a path at a position; of the nearest one if it is beyond the map."""
-        col, row = np.floor((at_m[:2] - self.origin_m) / (PATH_CELLS * self.voxel_m)).astype(int).tolist()
-        return int(np.clip(row, 0, self._blocked.shape[0] - 1)), int(np.clip(col, 0, self._blocked.shape[1] - 1))
+        return np.where(is_narrow.any(axis=1), VOXEL_M * STEP_CELLS * is_narrow.argmax(axis=1), longest_m)
 
     def _cost_to_go(self, target_m: FloatArray) -> FloatImage:
         """Return the cost that is left at the target, or at each cell of the sides if it lies beyond them."""
-        (rows, cols), side_m = self._blocked.shape, PATH_CELLS * self.voxel_m
+        (rows, cols), side_m = self._blocked.shape, PATH_CELLS * VOXEL_M
         left = np.full((rows, cols), np.inf, np.float32)
         x, y = (target_m[:2] - self.origin_m) / side_m - 0.5
         if -0.5 <= x < cols - 0.5 and -0.5 <= y < rows - 0.5:

@@ -4,9 +4,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
 
-from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics
 
 SAMPLED_ROWS = 120
@@ -14,46 +12,30 @@ SAMPLED_ROWS = 120
 NO_DEPTH = np.float32(np.inf)
 """In place of the depths of pixels that are left out."""
 
+CELL_DEG = 5.0
+"""Angle that a cell of the image covers in its middle."""
+MIN_CONFIDENCE = 0.5
+"""Pixels of at least this confidence are trusted by default: they are more likely right than not."""
+MIN_TRUSTED_SHARE = 0.6
+"""Share of the pixels of a cell that must be trusted; a cell with fewer proves no free space."""
+MAX_HIDDEN_M = 0.1
+"""Width of the part of a cell without trusted pixels up to which the cell is free: it may show the edge of a wall
+beside which the drone looks past, and is wider the farther away that is."""
+FREE_SHARE = 0.1
+"""Quantile of the trusted depths up to which a cell is free, if it shows no surface before that; 0 would let one noisy
+pixel decide."""
+DISPARITY_ERROR_PX = 0.35
+"""Error of the matched disparity, which shortens the free depth. It is a share of a pixel of the images that were
+matched; they may be larger than the depth image."""
+MIN_SURFACE_CONFIDENCE = 0.1
+"""Pixels of at least this confidence show a surface: free space must be proven, and a surface need not. A doubtful
+depth says that something may be near."""
+SURFACE_SHARE = 0.08
+"""Quantile of these depths at which a cell shows a surface."""
+HOLE_RANGE_M = 40.0
+"""Range up to which a hole is free where holes are free space."""
+
 Holes = Literal["free", "evidenced"]
-
-
-class EvidenceConfig(Model):
-    """What a drone takes as a proof of free space, and of a surface.
-
-    Free space must be proven, and a surface need not: a doubtful depth says that something may be near.
-    """
-
-    cell_deg: float = Field(default=5.0, gt=0.5, le=45)
-    """Angle that a cell of the image covers in its middle."""
-    min_confidence: float = Field(default=0.5, ge=0, le=1)
-    """Pixels of at least this confidence are trusted: they are more likely right than not."""
-    min_trusted_share: float = Field(default=0.6, gt=0, le=1)
-    """Share of the pixels of a cell that must be trusted; a cell with fewer proves no free space."""
-    max_hidden_m: float = Field(default=0.1, gt=0)
-    """Width of the part of a cell without trusted pixels up to which the cell is free: it may show the edge of a wall
-    beside which the drone looks past, and is wider the farther away that is."""
-    free_percentile: float = Field(default=10.0, ge=0, le=100)
-    """Percentile of the trusted depths up to which a cell is free, if it shows no surface before that; 0 would let one
-    noisy pixel decide."""
-    disparity_error_px: float = Field(default=0.35, ge=0)
-    """Error of the matched disparity, which shortens the free depth. It is a share of a pixel of the images that were
-    matched; they may be larger than the depth image."""
-    min_surface_confidence: float = Field(default=0.1, ge=0, le=1)
-    """Pixels of at least this confidence show a surface."""
-    surface_percentile: float = Field(default=8.0, ge=0, le=100)
-    """Percentile of these depths at which a cell shows a surface."""
-
-    free_range_m: float = Field(default=40.0, gt=0)
-    """Range up to which a hole is free where holes are free space."""
-
-    @model_validator(mode="after")
-    def _check(self) -> "EvidenceConfig":
-        if self.min_surface_confidence > self.min_confidence:
-            raise ValueError(
-                "a surface needs no more confidence than free space, got min_surface_confidence "
-                f"{self.min_surface_confidence} above min_confidence {self.min_confidence}"
-            )
-        return self
 
 
 class Evidence(NamedTuple):
@@ -70,13 +52,29 @@ class InverseSensorModel:
 
     With `evidenced` holes, free space needs trusted depth. With `free` ones, every depth is trusted, and a hole is free
     space, as a planner takes it that ray-casts a pixel without depth to its largest range (EGO-Planner, RA-L 2021).
+
+    Args:
+        intrinsics: Camera of the images.
+        holes: What pixels without trusted depth are.
+        min_confidence: Pixels of at least this confidence are trusted.
+        disparity_error_px: See `DISPARITY_ERROR_PX`; 0 for true depth.
     """
 
-    def __init__(self, intrinsics: Intrinsics, config: EvidenceConfig, holes: Holes = "evidenced") -> None:
-        self._config, i = config, intrinsics
-        self._holes_are_free = holes == "free"
-        self.row_edges = _edges(i.height_px, i.fy_px, config.cell_deg)
-        self.col_edges = _edges(i.width_px, i.fx_px, config.cell_deg)
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        *,
+        holes: Holes = "evidenced",
+        min_confidence: float = MIN_CONFIDENCE,
+        disparity_error_px: float = DISPARITY_ERROR_PX,
+    ) -> None:
+        self._holes_are_free, self._min_confidence = holes == "free", np.float32(min_confidence)
+        self._disparity_error_px = disparity_error_px
+        self.camera = i = intrinsics
+        self.row_edges = _edges(i.height_px, i.fy_px)
+        self.col_edges = _edges(i.width_px, i.fx_px)
+        self.cell_of_row, self.cell_of_col = _cells(self.row_edges), _cells(self.col_edges)
+        """Row or column of cells to which each row or column of pixels belongs, shape (H,) or (W,)."""
         narrowest_px = min(np.diff(edges).min() for edges in (self.row_edges, self.col_edges))
         self._step = int(max(1, min(i.height_px // SAMPLED_ROWS, narrowest_px)))
         self._pixels = self._pixels_of_cells(i)
@@ -87,31 +85,29 @@ class InverseSensorModel:
         rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1)
         self.rays_cam: FloatArray = rays / self._ray_length[..., None]
         """Unit vector through the middle of each cell, camera frame, shape (rows, cols, 3)."""
-        self._focal_baseline_px_m = i.focal_baseline_px_m
 
     def range_of_error(self, error_m: float) -> float:
         """Return the range at which the error of the disparity is an error of the depth of `error_m` [m]."""
-        return float(np.sqrt(error_m * self._focal_baseline_px_m / max(self._config.disparity_error_px, 1e-6)))
+        return float(np.sqrt(error_m * self.camera.focal_baseline_px_m / max(self._disparity_error_px, 1e-6)))
 
     def read(self, corrected: CorrectedDepth) -> Evidence:
         """Return the evidence of an image; where it has no depth and no confidence, nothing is proven."""
-        c = self._config
         depth_m, confidence = (
             image[:: self._step, :: self._step] for image in (corrected.depth_m, corrected.confidence)
         )
         if self._holes_are_free:
-            depth_m = np.where(depth_m > 0, depth_m, np.float32(c.free_range_m))
+            depth_m = np.where(depth_m > 0, depth_m, np.float32(HOLE_RANGE_M))
             confidence = np.ones_like(depth_m)
-        shown_m = np.where((depth_m > 0) & (confidence >= np.float32(c.min_surface_confidence)), depth_m, NO_DEPTH)
-        trusted_m = np.where(confidence >= np.float32(c.min_confidence), shown_m, NO_DEPTH)
-        surface_m, _ = self._quantile(shown_m, c.surface_percentile / 100)
-        free_m, n_trusted = self._quantile(trusted_m, c.free_percentile / 100)
-        is_trusted = (n_trusted > 0) & (n_trusted >= c.min_trusted_share * self._n_pixels)
+        shown_m = np.where((depth_m > 0) & (confidence >= np.float32(MIN_SURFACE_CONFIDENCE)), depth_m, NO_DEPTH)
+        trusted_m = np.where(confidence >= self._min_confidence, shown_m, NO_DEPTH)
+        surface_m, _ = self._quantile(shown_m, SURFACE_SHARE)
+        free_m, n_trusted = self._quantile(trusted_m, FREE_SHARE)
+        is_trusted = (n_trusted > 0) & (n_trusted >= MIN_TRUSTED_SHARE * self._n_pixels)
         with np.errstate(divide="ignore"):  # Cells that are trusted as a whole hide nothing.
-            seen_m = c.max_hidden_m / float(np.radians(c.cell_deg)) / (1 - n_trusted / self._n_pixels)
+            seen_m = MAX_HIDDEN_M / float(np.radians(CELL_DEG)) / (1 - n_trusted / self._n_pixels)
         free_m = np.where(is_trusted, np.minimum(np.minimum(free_m, surface_m), seen_m.astype(np.float32)), 0)
         # f B / (f B / z + s): the free depth if the disparity was too small by s.
-        free_m /= 1 + free_m * np.float32(c.disparity_error_px / self._focal_baseline_px_m)
+        free_m /= 1 + free_m * np.float32(self._disparity_error_px / self.camera.focal_baseline_px_m)
         return Evidence(free_m * self._ray_length, surface_m * self._ray_length)
 
     def _pixels_of_cells(self, camera: Intrinsics) -> npt.NDArray[np.int64]:
@@ -130,10 +126,15 @@ class InverseSensorModel:
         return np.take_along_axis(cells, nth[..., None], axis=-1)[..., 0], n
 
 
-def _edges(n_px: int, focal_px: float, cell_deg: float) -> npt.NDArray[np.int64]:
+def _edges(n_px: int, focal_px: float) -> npt.NDArray[np.int64]:
     """Return the first pixel of each cell along a side of the image, and the number of pixels."""
-    n_cells = max(1, round(n_px / (focal_px * float(np.radians(cell_deg)))))
+    n_cells = max(1, round(n_px / (focal_px * float(np.radians(CELL_DEG)))))
     return np.linspace(0, n_px, min(n_cells, n_px) + 1).round().astype(np.int64)
+
+
+def _cells(edges: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the number of the cell of each pixel along a side of the image."""
+    return np.repeat(np.arange(len(edges) - 1), np.diff(edges))
 
 
 def _members(edges: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

@@ -11,17 +11,29 @@ import numpy as np
 
 from sim.types import VelocityCommand
 from voxdepth.geometry import inverse_rigid
-from voxdepth.types import FloatArray
+from voxdepth.types import FloatArray, Intrinsics
 
+from .approach import (
+    DECEL_M_S2,
+    DRONE_GAP_M,
+    RESPONSE_S,
+    ApproachLimits,
+    clamp_to_limits,
+    level_limits,
+    shortened,
+)
 from .cost_map import NO_DISCS, CostMap, PlannedPath
 from .errors import MissionError
-from .evidence import Evidence, InverseSensorModel
-from .nearby import ApproachLimits, clamp_to_limits, level_limits, shortened
+from .evidence import InverseSensorModel
 from .pilot import Decision, Pilot, PilotConfig, Situation
-from .types import OnboardCamera, Percept
+from .types import Percept
 from .vectors import length
-from .voxel_map import VoxelMap
+from .voxel_map import HEIGHT_M, VoxelMap
 
+START_RADIUS_M = 1.6
+"""Space around the start that counts as free."""
+KEEP_ABOVE_M = 0.15
+"""Gap that a drone keeps above and below to everything that is not known to be free."""
 TARGET_AHEAD_S = 3.0
 """A drone without a target wants to get where its wanted velocity leads in this time."""
 AHEAD_M = 1.0
@@ -46,31 +58,6 @@ STANDS_M_S, WANTS_TO_FLY_M_S = 0.15, 0.4
 """A drone stands if it is slower than the first and wants to be faster than the second."""
 
 
-class LocalMap(NamedTuple):
-    """The map around a drone since its newest image."""
-
-    stamp_s: float
-    """Time of the image."""
-    at_m: FloatArray
-    """Position of the drone when it processed the image, in the frame of the odometry, shape (3,)."""
-    costs: CostMap
-    R_odom_world: FloatArray
-    origin_m: FloatArray
-    """Origin of the world in the frame of the odometry, shape (3,)."""
-
-    def place(self, world_m: FloatArray) -> FloatArray:
-        """Return places of the world, shape (..., 3), in the frame of the odometry."""
-        return np.asarray(self.to_odom(world_m) + self.origin_m)
-
-    def to_odom(self, world: FloatArray) -> FloatArray:
-        """Return vectors of the world, shape (..., 3), in the frame of the odometry."""
-        return np.asarray(world @ self.R_odom_world.T)
-
-    def to_world(self, odom: FloatArray) -> FloatArray:
-        """Return vectors in the frame of the odometry, shape (..., 3), in that of the world."""
-        return np.asarray(odom @ self.R_odom_world)
-
-
 class Rotation(NamedTuple):
     """A turn by which a drone looks around."""
 
@@ -83,18 +70,21 @@ class MappingPilot(Pilot):
     """Flies within known-free space only, and explores what it must know to go on."""
 
     def __init__(
-        self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float, camera: OnboardCamera
+        self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float, camera: Intrinsics
     ) -> None:
         super().__init__(config, control_hz, start_yaw_rad, radius_m)
-        self._sensor = InverseSensorModel(camera.intrinsics, config.evidence, config.holes)
-        self._voxels = VoxelMap(config.map, self._sensor, camera.intrinsics)
-        self._half_width_m, self._half_height_m = radius_m + config.keep_m, radius_m + config.keep_above_m
-        if 2 * self._half_height_m > config.map.height_m:
+        self._sensor = InverseSensorModel(camera, holes=config.holes, min_confidence=config.min_confidence)
+        self._voxels = VoxelMap(config.map, self._sensor)
+        self._half_width_m, self._half_height_m = radius_m + config.keep_m, radius_m + KEEP_ABOVE_M
+        if 2 * self._half_height_m > HEIGHT_M:
             raise MissionError(
-                f"a drone of radius {radius_m} m that keeps {config.keep_above_m} m above and below does not fit "
-                f"into a map of height_m = {config.map.height_m}: make it at least {2 * self._half_height_m:g}"
+                f"a drone of radius {radius_m} m that keeps {KEEP_ABOVE_M} m above and below does not fit into a map "
+                f"that is {HEIGHT_M} m high: make airframe.radius_m at most {HEIGHT_M / 2 - KEEP_ABOVE_M:g}"
             )
-        self._local: LocalMap | None = None
+        self._mapped_s = -np.inf
+        """Time of the newest image in the map."""
+        self._costs: CostMap | None = None
+        """The map at the height at which the drone flies; None before the first image."""
         self._path: PlannedPath | None = None
         """The path by the newest image; None until one is needed."""
         self._path_before: PlannedPath | None = None
@@ -118,56 +108,56 @@ class MappingPilot(Pilot):
         percept, own, time_s = situation.percept, situation.own, situation.time_s
         if percept is None:
             return self._hover(wanted_m_s)
-        if self._local is None or percept.stamp_s > self._local.stamp_s:
-            evidence = self._sensor.read(percept.corrected)
-            self._local, self._path = self._mapped(evidence, percept, situation), None
-        local = self._local
-        at_m, wanted = local.place(own.position_m), local.to_odom(wanted_m_s)
-        target = at_m + TARGET_AHEAD_S * wanted if target_m is None else local.place(target_m)
-        direction, look = self._directions(local, at_m, wanted, target)
-        velocity = self._safe_velocity(local, situation, at_m, direction, wanted, target)
+        if self._costs is None or percept.stamp_s > self._mapped_s:
+            self._costs, self._path = self._mapped(percept, situation), None
+        costs = self._costs
+        at_m, wanted = costs.place(own.position_m), costs.to_odom(wanted_m_s)
+        target = at_m + TARGET_AHEAD_S * wanted if target_m is None else costs.place(target_m)
+        direction, look = self._directions(costs, at_m, wanted, target)
+        velocity = self._safe_velocity(costs, situation, at_m, direction, wanted, target)
         self._recover(time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
         if look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
             look_along, speed = look_at_m - own.position_m, np.inf
         else:
-            look_along, speed = local.to_world(np.array([*look, 0.0])), length(wanted_m_s)
+            look_along, speed = costs.to_world(np.array([*look, 0.0])), length(wanted_m_s)
         is_rotating = self._is_rotating(time_s, at_m)
         yaw_rad = self._heading.turn() if is_rotating else self._heading.turn_towards(look_along, speed)
         return Decision(
-            command=VelocityCommand(velocity_m_s=local.to_world(velocity), yaw_rad=yaw_rad),
+            command=VelocityCommand(velocity_m_s=costs.to_world(velocity), yaw_rad=yaw_rad),
             wanted_velocity_m_s=wanted_m_s,
             state=_state(wanted, direction, velocity),
-            direction=local.to_world(np.array([*direction, 0.0])),
-            view=local.costs,
+            direction=costs.to_world(np.array([*direction, 0.0])),
+            view=costs,
         )
 
     def first_free(self, places_m: FloatArray) -> int:
         """Return the index of the first place, of shape (n, 3), where the drone fits; the last one if there is none."""
-        if self._local is None:
+        if self._costs is None:
             return 0
-        fits = self._local.costs.fits(self._local.place(places_m))
+        fits = self._costs.fits(self._costs.place(places_m))
         return int(fits.argmax()) if fits.any() else len(places_m) - 1
 
-    def _mapped(self, evidence: Evidence, percept: Percept, situation: Situation) -> LocalMap:
+    def _mapped(self, percept: Percept, situation: Situation) -> CostMap:
         """Add the evidence of an image to the voxel map, and return the map at the height at which the drone flies."""
-        own, others, before = situation.own, situation.neighbours, self._local
-        stamp_s, T = percept.stamp_s, percept.T_odom_cam @ inverse_rigid(percept.T_world_cam)
+        own, others, stamp_s = situation.own, situation.neighbours, percept.stamp_s
+        T = percept.T_odom_cam @ inverse_rigid(percept.T_world_cam)
         age_s = situation.time_s - stamp_s
         now_m, then_m = np.vstack([own.position_m, others.position_m]), others.position_m - age_s * others.velocity_m_s
         places_m, in_image_m = (world_m @ T[:3, :3].T + T[:3, 3] for world_m in (now_m, then_m))
         at_m = places_m[0]
-        if before is None:
-            self._voxels.start(at_m, stamp_s)
-        elif self._has_jumped(before, stamp_s, at_m, own.velocity_m_s):
-            radius_m = min(float(before.costs.clearance_m(before.at_m)), self._config.map.start_radius_m)
-            self._voxels.start_again(at_m, radius_m, self._half_height_m, stamp_s)
-            self._path_before = None
-        self._voxels.update(evidence, percept.T_odom_cam, in_image_m, stamp_s)
+        if self._costs is None:
+            self._voxels.start(at_m, START_RADIUS_M, stamp_s)
+        self._voxels.update(self._sensor.read(percept.corrected), percept.T_odom_cam, in_image_m, stamp_s)
         self._voxels.mark_free(places_m, self._radius_m, self._half_height_m, stamp_s)
-        layer, origin_m = self._voxels.layer(*self._band(at_m), stamp_s), self._voxels.origin_m[:2]
-        discs_m = self._slow_drones(at_m, places_m[1:], others.velocity_m_s)
-        costs = CostMap(layer, origin_m, self._half_width_m, self._config.map, T, discs_m)
-        return LocalMap(stamp_s, at_m, costs, T[:3, :3], T[:3, 3])
+        self._mapped_s = stamp_s
+        return CostMap(
+            self._voxels.layer(*self._band(at_m), stamp_s),
+            self._voxels.origin_m[:2],
+            self._half_width_m,
+            reach_m=self._config.map.reach_m,
+            T_odom_world=T,
+            drones_m=self._slow_drones(at_m, places_m[1:], others.velocity_m_s),
+        )
 
     def _slow_drones(self, at_m: FloatArray, drones_m: FloatArray, velocities_m_s: FloatArray) -> FloatArray:
         """Return the discs (x, y, radius) that slow drones take at the height of this one, shape (n, 3).
@@ -177,33 +167,28 @@ class MappingPilot(Pilot):
         slow_m = drones_m[(velocities_m_s**2).sum(axis=1) < SLOW_M_S**2]
         if not len(slow_m):
             return NO_DISCS
-        kept_m = 2 * self._radius_m + self._config.nearby.drone_clearance_m
+        kept_m = 2 * self._radius_m + DRONE_GAP_M
         radius_m = np.sqrt(np.maximum(kept_m**2 - (slow_m[:, 2] - at_m[2]) ** 2, 0)) - self._half_width_m
         return np.asarray(np.column_stack([slow_m[:, :2], radius_m])[radius_m > 0])
 
-    def _has_jumped(self, before: LocalMap, stamp_s: float, at_m: FloatArray, velocity_m_s: FloatArray) -> bool:
-        """Return whether the odometry moved farther since the last image than the drone can have flown."""
-        slack_m = self._config.map.max_jump_m + length(velocity_m_s) * (stamp_s - before.stamp_s)
-        return length(at_m - before.at_m) > slack_m
-
     def _directions(
-        self, local: LocalMap, at_m: FloatArray, wanted: FloatArray, target_m: FloatArray
+        self, costs: CostMap, at_m: FloatArray, wanted: FloatArray, target_m: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the directions (x, y) to fly and to look: straight ahead if that is free, or along a path."""
         speed, left_m = length(wanted[:2]), length(target_m[:2] - at_m[:2])
         if speed < 1e-3:
             return np.zeros(2), np.zeros(2)
-        c, straight = self._config, wanted[:2] / speed
-        needed_m = c.response_s * speed + speed**2 / (2 * c.braking.decel_m_s2) + AHEAD_M
-        if local.costs.free_length_m(at_m, straight, needed_m) >= min(needed_m, left_m):
+        straight = wanted[:2] / speed
+        needed_m = RESPONSE_S * speed + speed**2 / (2 * DECEL_M_S2) + AHEAD_M
+        if costs.free_length_m(at_m, straight, needed_m) >= min(needed_m, left_m):
             return straight, straight
         if self._path is None:
-            self._path = self._path_before = local.costs.plan(at_m, target_m, self._path_before)
+            self._path = self._path_before = costs.plan(at_m, target_m, self._path_before)
         return self._path.direction(at_m[:2], straight), self._path.look(at_m[:2], straight)
 
     def _safe_velocity(
         self,
-        local: LocalMap,
+        costs: CostMap,
         situation: Situation,
         at_m: FloatArray,
         direction: FloatArray,
@@ -216,29 +201,28 @@ class MappingPilot(Pilot):
         frame of the odometry.
         """
         drones, left_m = self._drone_limits(situation), target[2] - at_m[2]
-        all_limits = ApproachLimits(local.to_odom(drones.towards), drones.speed_m_s)
-        level = _making_room(length(wanted[:2]) * direction, local.costs.way_out(at_m))
+        all_limits = ApproachLimits(costs.to_odom(drones.towards), drones.speed_m_s)
+        level = _making_room(length(wanted[:2]) * direction, costs.way_out(at_m))
         velocity = clamp_to_limits(np.array([*level, _climb(wanted[2], left_m)]), all_limits)
-        climb_m_s = self._safe_climb(local, at_m, velocity[2], left_m)
+        climb_m_s = self._safe_climb(at_m, velocity[2], left_m)
         limits = level_limits(all_limits, climb_m_s)
         level = clamp_to_limits(velocity[:2], limits)
-        reacted_m = at_m + self._config.response_s * local.to_odom(situation.own.velocity_m_s)
-        level = local.costs.safe_velocity(level, reacted_m, limits, self._config.braking.speed_m_s)
+        reacted_m = at_m + RESPONSE_S * costs.to_odom(situation.own.velocity_m_s)
+        level = costs.safe_velocity(level, reacted_m, limits)
         return shortened(np.array([*level, climb_m_s]), all_limits)
 
-    def _safe_climb(self, local: LocalMap, at_m: FloatArray, climb_m_s: float, left_m: float) -> float:
+    def _safe_climb(self, at_m: FloatArray, climb_m_s: float, left_m: float) -> float:
         """Return a climb, or a descent, if the space where the drone gets within a second is free, or else 0.
 
         The map is low: on the way to its target, with `left_m` to climb, a drone may also be slower.
         """
         if abs(climb_m_s) < STANDS_UP_M_S:
             return climb_m_s
-        low_m, high_m = self._band(at_m)
+        here_m = self._band(at_m)
         for share in CLIMB_SHARES if climb_m_s * left_m > 0 else CLIMB_SHARES[:1]:
             slower_m_s = share * climb_m_s
-            if self._voxels.is_column_free(
-                at_m, low_m + min(slower_m_s, 0), high_m + max(slower_m_s, 0), local.stamp_s
-            ):
+            low_m, high_m = here_m[0] + min(slower_m_s, 0), here_m[1] + max(slower_m_s, 0)
+            if self._voxels.is_column_free(at_m, low_m, high_m, self._mapped_s):
                 return slower_m_s
         return 0.0
 

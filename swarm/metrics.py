@@ -9,18 +9,17 @@ import numpy as np
 from sim.types import Capture, Contact, DroneState
 from sim.world import World
 from voxdepth.metrics import DepthErrors, depth_errors
-from voxdepth.types import CorrectedDepth, Diagnostics, FloatArray, MaskImage
+from voxdepth.types import CorrectedDepth, Diagnostics, FloatArray
 
+from .approach import DECEL_M_S2, RESPONSE_S
 from .errors import MissionError
-from .pilot import Decision, PilotConfig
+from .pilot import Decision
 from .team import Team, positions_of
 from .types import MetricValue, Trajectory
 from .vectors import length
 
 EVALUATED_RANGE_M = 20.0
 """Depth errors are evaluated on pixels up to this true depth."""
-MIN_SPEED_M_S = 0.1
-"""Drones slower than this have no direction."""
 CORRECTOR = "corrector_"
 """Beginning of the names of all metrics that come from the diagnostics of a corrector."""
 NO_EVENT = "none"
@@ -44,9 +43,8 @@ class UnsafeCommitments:
     fixed body. The controller never knows.
     """
 
-    def __init__(self, world: World, pilot: PilotConfig) -> None:
+    def __init__(self, world: World) -> None:
         self._world = world
-        self._pilot = pilot
         self._is_unsafe = [False] * world.n_drones
         self.counts = [0] * world.n_drones
         """Number of episodes of each drone."""
@@ -54,19 +52,19 @@ class UnsafeCommitments:
     def add(self, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
         """Add the decisions of all drones in one control tick."""
         for drone in np.flatnonzero(self._world.flying).tolist():
-            way_m = stopping_way_m(states[drone], decisions[drone].command.velocity_m_s, self._pilot)
+            way_m = stopping_way_m(states[drone], decisions[drone].command.velocity_m_s)
             is_unsafe = not self._world.is_clear(way_m, self._world.airframe.radius_m)
             self.counts[drone] += is_unsafe and not self._is_unsafe[drone]
             self._is_unsafe[drone] = is_unsafe
 
 
-def stopping_way_m(state: DroneState, commanded_m_s: FloatArray, pilot: PilotConfig) -> FloatArray:
+def stopping_way_m(state: DroneState, commanded_m_s: FloatArray) -> FloatArray:
     """Return the way of a drone that brakes after a command: where it is, where it is when it obeys, where it stands.
 
-    The shape is (3, 3). It moves with its velocity for `pilot.response_s`, and then brakes from the commanded one.
+    The shape is (3, 3). It moves with its velocity for `RESPONSE_S`, and then brakes from the commanded one.
     """
-    obeys_m = state.position_m + pilot.response_s * state.velocity_m_s
-    stands_m = obeys_m + commanded_m_s * (length(commanded_m_s) / (2 * pilot.braking.decel_m_s2))
+    obeys_m = state.position_m + RESPONSE_S * state.velocity_m_s
+    stands_m = obeys_m + commanded_m_s * (length(commanded_m_s) / (2 * DECEL_M_S2))
     return np.array([state.position_m, obeys_m, stands_m])
 
 
@@ -108,29 +106,25 @@ class MissionMetrics:
     Drones that have dropped out count until then: they have no clearance, no slot and no way afterwards.
     """
 
-    def __init__(self, world: World, teams: Sequence[Team], pilot: PilotConfig, *, goal_radius_m: float) -> None:
+    def __init__(self, world: World, teams: Sequence[Team], *, goal_radius_m: float) -> None:
         self._world = world
         self._teams = teams
         self._goal_radius_m = goal_radius_m
-        self._commitments = UnsafeCommitments(world, pilot)
+        self._commitments = UnsafeCommitments(world)
         self._progress_m = [0.0] * len(teams)
         self._arrived = [False] * len(teams)
         self._ticks_flown = np.zeros(world.n_drones, np.intp)
         self._samples: list[list[DroneState]] = []
         self._times_s: list[float] = []
-        self._series: dict[str, list[float]] = {"formation_error_m": [], "order": [], "path_deviation_m": []}
-        self._min_separation_m = float("inf")
+        self._sampled: list[dict[str, float]] = []
         self._min_clearances_m = [float("inf")] * world.n_drones
         self._raw_errors = [DepthErrors()] * world.n_drones
         self._corrected_errors = [DepthErrors()] * world.n_drones
         self._work = [CorrectorWork() for _ in range(world.n_drones)]
 
-    def add_decisions(self, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
-        """Add what all drones decided in a control tick."""
+    def sample(self, states: list[DroneState], decisions: Sequence[Decision]) -> dict[str, float]:
+        """Add the states and decisions of all drones in one control tick, and return its metrics by name."""
         self._commitments.add(states, decisions)
-
-    def sample(self, states: list[DroneState]) -> dict[str, float]:
-        """Add one control tick and return its metrics by name."""
         flying = self._world.flying
         positions_m = positions_of(states, flying)
         now = self._clearances(np.flatnonzero(flying).tolist())
@@ -140,17 +134,13 @@ class MissionMetrics:
             slot_errors_m = np.concatenate([team.slot_errors_m(positions_m) for team in teams])
             if len(slot_errors_m):
                 now["formation_error_m"] = float(slot_errors_m.mean())
-                now["order"] = float(np.mean([_polarization(team, states, flying) for team in teams]))
-        for name, values in self._series.items():
-            if name in now:
-                values.append(now[name])
         if np.count_nonzero(flying) > 1:
             in_the_air = [state for state, flies in zip(states, flying, strict=True) if flies]
             now["separation_m"] = separation_m(in_the_air, self._world.airframe.radius_m)
-            self._min_separation_m = min(self._min_separation_m, now["separation_m"])
         self._ticks_flown += flying
         self._samples.append(states)
         self._times_s.append(self._world.time_s)
+        self._sampled.append(now)
         return now
 
     def _clearances(self, flying: Sequence[int]) -> dict[str, float]:
@@ -194,9 +184,9 @@ class MissionMetrics:
             for i, ticks in enumerate(self._ticks_flown.tolist())
         )
 
-    def summary(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> dict[str, MetricValue]:
+    def summary(self, contacts: Sequence[Contact], dropped_frames: int) -> dict[str, MetricValue]:
         """Return all metrics of the mission; None where one is undefined."""
-        kinds = [c.kind for c in contacts]
+        kinds, errors_m = [c.kind for c in contacts], self._values("formation_error_m")
         return {
             "sim_time_s": self._world.time_s,
             "first_contact_s": contacts[0].time_s if contacts else None,
@@ -208,19 +198,17 @@ class MissionMetrics:
             "unsafe_commitments": sum(self._commitments.counts),
             "leader_progress_m": min(self._progress_m),
             "leader_arrived": int(all(self._arrived)),
-            "min_separation_m": _min_gap_m(self._min_separation_m, touched="drone" in kinds),
+            "min_separation_m": _min_gap_m(min(self._values("separation_m"), default=np.inf), touched="drone" in kinds),
             "min_clearance_m": _min_gap_m(min(self._min_clearances_m), touched=bool(contacts)),
-            "formation_error_mean_m": self._mean("formation_error_m"),
-            "order_mean": self._mean("order"),
-            "path_deviation_mean_m": self._mean("path_deviation_m"),
-            "path_deviation_max_m": max(self._series["path_deviation_m"], default=None),
-            "dropped_frames": sum(dropped_frames),
+            "formation_error_mean_m": float(np.mean(errors_m)) if errors_m else None,
+            "path_deviation_max_m": max(self._values("path_deviation_m"), default=None),
+            "dropped_frames": dropped_frames,
             **_depth_metrics("raw", sum(self._raw_errors, start=DepthErrors())),
             **_depth_metrics("corrected", sum(self._corrected_errors, start=DepthErrors())),
             **CorrectorWork(self._work).metrics(),
         }
 
-    def by_drone(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> list[dict[str, MetricValue]]:
+    def by_drone(self, contacts: Sequence[Contact]) -> list[dict[str, MetricValue]]:
         """Return the metrics of each drone; a collision of two drones counts for both."""
         contact_times_s = [[c.time_s for c in contacts if drone in c.drones] for drone in range(self._world.n_drones)]
         leaders = {team.leader for team in self._teams}
@@ -232,29 +220,23 @@ class MissionMetrics:
                 "min_clearance_m": _min_gap_m(self._min_clearances_m[drone], touched=bool(contact_times_s[drone])),
                 "unsafe_commitments": self._commitments.counts[drone],
                 "path_length_m": self._path_length_m(drone),
-                "dropped_frames": dropped_frames[drone],
-                **_depth_metrics("raw", self._raw_errors[drone]),
-                **_depth_metrics("corrected", self._corrected_errors[drone]),
-                **self._work[drone].metrics(),
             }
             for drone in range(self._world.n_drones)
         ]
+
+    def _values(self, name: str) -> list[float]:
+        """Return the values of a metric in the ticks in which it was defined."""
+        return [now[name] for now in self._sampled if name in now]
 
     def _path_length_m(self, drone: int) -> float:
         positions_m = np.array([s[drone].position_m for s in self._samples]).reshape(-1, 3)
         return float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
 
-    def _mean(self, name: str) -> float | None:
-        return float(np.mean(self._series[name])) if self._series[name] else None
-
 
 class Unmeasured(MissionMetrics):
     """Stands for the metrics of a mission whose result nobody reads, which then takes less time."""
 
-    def add_decisions(self, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
-        """Add nothing."""
-
-    def sample(self, states: list[DroneState]) -> dict[str, float]:
+    def sample(self, states: list[DroneState], decisions: Sequence[Decision]) -> dict[str, float]:
         """Add nothing and return nothing."""
         return {}
 
@@ -264,22 +246,9 @@ class Unmeasured(MissionMetrics):
     def add_depth(self, capture: Capture, corrected: CorrectedDepth) -> None:
         """Add nothing."""
 
-    def summary(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> dict[str, MetricValue]:
+    def summary(self, contacts: Sequence[Contact], dropped_frames: int) -> dict[str, MetricValue]:
         """Raise a `MissionError`: nothing was measured."""
         raise MissionError("this mission has no result, because it was created with measured=False")
-
-
-def _polarization(team: Team, states: Sequence[DroneState], flying: MaskImage) -> float:
-    """Return the polarization of a swarm: the length of the mean direction of its flying drones, 0..1.
-
-    Drones that hardly move have no direction; with fewer than two moving drones the polarization is 1.
-    """
-    velocities = np.array([states[i].velocity_m_s for i in team.members if flying[i]])
-    speed = np.linalg.norm(velocities, axis=1)
-    moving = speed > MIN_SPEED_M_S
-    if np.count_nonzero(moving) < 2:
-        return 1.0
-    return float(np.linalg.norm((velocities[moving] / speed[moving, None]).mean(axis=0)))
 
 
 def touched(contacts: Sequence[Contact]) -> list[int]:
@@ -288,7 +257,7 @@ def touched(contacts: Sequence[Contact]) -> list[int]:
 
 
 def _depth_metrics(depth: str, errors: DepthErrors) -> dict[str, MetricValue]:
-    names = ("mae_m", "too_far_share", "hole_share", "pixels")
+    names = ("mae_m", "too_far_share", "hole_share")
     return {f"depth_{depth}_{name}": getattr(errors, name) for name in names}
 
 

@@ -4,24 +4,21 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from sim.frames import R_BODY_CAM
 from sim.sensor import StereoSensor
 from sim.types import Capture, Contact, DroneState, VelocityCommand
 from sim.world import PHYSICS_HZ, World
 from voxdepth.types import DepthCorrector, FloatArray
 
+from .config import MissionConfig
 from .controllers import Factory, Role
 from .errors import MissionError
 from .link import Link
 from .metrics import MissionMetrics, Unmeasured, touched
-from .neighbours import Detector, NeighbourTracker
 from .perception import Perception
 from .pilot import Decision, Situation
-from .priors import Localisation, Odometry
 from .recorder import Recorder
-from .task import MissionConfig
 from .team import Team, positions_of
-from .types import MissionResult, OnboardCamera, Outcome, Percept
+from .types import MissionResult, Outcome, Percept
 
 MIN_PROGRESS_M = 0.3
 """A smaller approach to the goal or the slots is no progress."""
@@ -61,26 +58,33 @@ class Mission:
         self._config = config
         self._rig = rig
         self._recorder = recorder
-        self._localisations = [
-            Localisation(config.localisation, seed=seed, drone=drone) for drone in range(world.n_drones)
-        ]
+        radius_m, drone_ids = world.airframe.radius_m, world.drone_ids
         self._perceptions = [
-            None if corrector is None else self._create_perception(drone, corrector, latency_s=latency_s, seed=seed)
+            Perception(
+                corrector,
+                config,
+                rig.intrinsics,
+                drone_ids,
+                radius_m=radius_m,
+                latency_s=latency_s,
+                seed=seed,
+                drone=drone,
+            )
             for drone, corrector in enumerate(correctors)
         ]
-        self._trackers = [NeighbourTracker(config.neighbours, rig.intrinsics, world.n_drones) for _ in correctors]
         self._team_of = [team for team in self._teams for _ in team.members]
         leaders = [team.leader for team in self._team_of]
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
         self._link.broadcast(world.states, self.time_s)
-        radius_m = world.airframe.radius_m
-        camera = OnboardCamera(intrinsics=rig.intrinsics, mount_cam_m=R_BODY_CAM.T @ rig.mount_m)
-        roles = [Role(drone=i, team=team, radius_m=radius_m, camera=camera) for i, team in enumerate(self._team_of)]
+        roles = [
+            Role(drone=i, team=team, radius_m=radius_m, camera=rig.intrinsics) for i, team in enumerate(self._team_of)
+        ]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)
         metrics = MissionMetrics if measured else Unmeasured
-        self._metrics = metrics(world, self._teams, config.pilot, goal_radius_m=config.goal_radius_m)
+        self._metrics = metrics(world, self._teams, goal_radius_m=config.goal_radius_m)
         self._ticks = 0
+        self._dropped_frames = 0
         self.outcome: Outcome | None = None
 
     @property
@@ -105,9 +109,7 @@ class Mission:
         self._log(states, decisions)
         self._move(decisions)
         moved = self.world.states
-        for localisation in self._localisations:
-            localisation.advance(1 / self._config.control_hz)
-        self._link.broadcast(self._believed(moved), self.time_s)
+        self._link.broadcast(moved, self.time_s)
         positions_m = positions_of(moved, self.world.flying)
         self._metrics.follow_leaders(positions_m)
         outcome = self._termination.check(self.time_s, positions_m, self.world.contacts)
@@ -132,27 +134,25 @@ class Mission:
         if self.outcome is None:
             raise MissionError("the mission has not ended yet: call tick() until there is an outcome")
         contacts = tuple(self.world.contacts)
-        dropped = [0 if perception is None else perception.dropped for perception in self._perceptions]
         return MissionResult(
             outcome=self.outcome,
             contacts=contacts,
             trajectories=self._metrics.trajectories(),
-            metrics=self._metrics.summary(contacts, dropped),
-            drones=self._metrics.by_drone(contacts, dropped),
+            metrics=self._metrics.summary(contacts, self._dropped_frames),
+            drones=self._metrics.by_drone(contacts),
         )
 
     def _perceive(self) -> None:
         """Capture and process an image of every drone that is not busy with an earlier one."""
-        flying = ((i, self._perceptions[i]) for i in np.flatnonzero(self.world.flying).tolist())
-        ready = [i for i, perception in flying if perception is not None and perception.ready(self.time_s)]
+        seeing = [i for i in np.flatnonzero(self.world.flying).tolist() if self._perceptions[i].has_camera]
+        ready = [i for i in seeing if not self._perceptions[i].is_busy(self.time_s)]
+        self._dropped_frames += len(seeing) - len(ready)
         for capture, percept in self._rig.captures_and(self._see, ready, self._ticks // self._ticks_per_frame):
             self._recorder.capture(self.world.steps, capture, percept.corrected)
 
     def _see(self, capture: Capture) -> tuple[Capture, Percept]:
         """Process the image of one drone, which changes nothing that another drone's thread uses."""
-        perception = self._perceptions[capture.drone]
-        assert perception is not None, "a drone with a camera has a corrector"
-        percept = perception.see(capture)
+        percept = self._perceptions[capture.drone].see(capture)
         self._metrics.add_depth(capture, percept.corrected)
         return capture, percept
 
@@ -184,45 +184,26 @@ class Mission:
     def _situation(self, drone: int, own: DroneState) -> Situation:
         heard = self._link.heard_by(drone, self.time_s)
         perception = self._perceptions[drone]
-        percept = None if perception is None else perception.latest(self.time_s)
         members = self._team_of[drone].members
         return Situation(
             time_s=self.time_s,
-            own=self._localisations[drone].state(own),
-            percept=percept,
+            own=own,
+            percept=perception.latest(self.time_s),
             leader=self._link.leader_of(drone, self.time_s),
             mates=heard.among(members),
-            neighbours=self._trackers[drone].update(percept, heard, self.time_s),
+            neighbours=perception.neighbours(heard, self.time_s),
             mates_dropped=int(np.count_nonzero(~self.world.flying[members.start : members.stop])),
         )
 
-    def _believed(self, states: Sequence[DroneState]) -> list[DroneState]:
-        return [where.state(state) for where, state in zip(self._localisations, states, strict=True)]
-
     def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
         step, time_s = self.world.steps, self.time_s
-        slots_m = np.vstack([team.slots_m(states[team.leader].position_m)[1:] for team in self._teams])
-        self._metrics.add_decisions(states, decisions)
-        metrics = self._metrics.sample(states)
-        self._recorder.tick(step, time_s, states, slots_m, decisions)
+        metrics = self._metrics.sample(states, decisions)
+        self._recorder.tick(step, time_s, states, decisions)
         self._recorder.metrics(step, time_s, metrics)
 
     def _end(self, outcome: Outcome) -> None:
         self.outcome = outcome
         self._recorder.outcome(self.world.steps, self.time_s, outcome)
-
-    def _create_perception(self, drone: int, corrector: DepthCorrector, *, latency_s: float, seed: int) -> Perception:
-        config, camera, world = self._config, self._rig.intrinsics, self.world
-        radius_m, detector_config = world.airframe.radius_m, config.neighbours.detector
-        detector = Detector(detector_config, camera, world.drone_ids, radius_m=radius_m, seed=seed, drone=drone)
-        return Perception(
-            corrector,
-            detector,
-            Odometry(config.pose_prior, seed=seed, drone=drone),
-            self._localisations[drone],
-            latency_s=latency_s,
-            prior=config.pose_prior.kind,
-        )
 
     def _require_free_ends(self) -> None:
         """Refuse goals in or at a body, and starts in one; the world has refused starts at one."""

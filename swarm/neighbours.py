@@ -10,36 +10,26 @@ from sim.types import Capture
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
-from .types import Detection, Neighbours, Percept
-from .vectors import are_near, length
+from .types import Neighbours, Percept
+from .vectors import length
 
-DRONE_MASK_RADIUS_M = 1.0
-"""Surfaces within this distance of another drone belong to that drone."""
-
-
-class DetectorConfig(Model):
-    """Quality of the detector."""
-
-    miss_rate: float = Field(default=0.1, ge=0, le=1)
-    """Probability that a drone in view is not found in an image."""
-    min_pixels: int = Field(default=6, ge=1, le=1_000_000)
-    """Drones of fewer pixels are never found."""
-    max_range_m: float = Field(default=12.0, gt=0)
-    """Drones farther away than this are known by radio only."""
+MIN_PIXELS, DETECTED_WITHIN_M = 6, 12.0
+"""Drones of fewer pixels, or farther away, are never found in an image and known by radio only."""
+SEEN_FOR_S = 0.5
+"""Time for which a detected drone is assumed to keep its velocity when it is not detected again."""
+AGREED_M = 1.0
+"""Largest distance of the place where a drone was detected from that of which the radio tells; beyond it, the depth is
+taken for wrong."""
 
 
 class NeighbourConfig(Model):
     """Perception of the other drones."""
 
-    detector: DetectorConfig = DetectorConfig()
     known_by: Literal["depth_and_radio", "depth"] = "depth_and_radio"
-    """What tells a drone where the others are. With `depth`, those that its detector did not find within `memory_s` do
-    not exist for it, and wrong depth misplaces the others; the radio still ties followers to their leader."""
-    memory_s: float = Field(default=0.5, ge=0)
-    """Time for which a detected drone is assumed to keep its velocity when it is not detected again."""
-    agreed_m: float = Field(default=1.0, ge=0)
-    """Largest distance of the place where a drone was detected from that of which the radio tells; beyond it, the depth
-    is taken for wrong."""
+    """What tells a drone where the others are. With `depth`, those that its detector did not find within half a second
+    do not exist for it, and wrong depth misplaces the others; the radio still ties followers to their leader."""
+    miss_rate: float = Field(default=0.1, ge=0, le=1)
+    """Probability that a drone in view is not found in an image."""
 
 
 class Detector:
@@ -50,7 +40,7 @@ class Detector:
     in the wrong place, and a drone without depth is not found at all.
 
     Args:
-        config: Quality of the detector.
+        miss_rate: Probability that a drone in view is not found in an image.
         camera: Intrinsics of the images.
         drone_ids: Body ids of all drones, in ascending order.
         radius_m: Radius of a drone, from its surface to its centre.
@@ -60,7 +50,7 @@ class Detector:
 
     def __init__(
         self,
-        config: DetectorConfig,
+        miss_rate: float,
         camera: Intrinsics,
         drone_ids: list[int],
         *,
@@ -68,22 +58,25 @@ class Detector:
         seed: int,
         drone: int,
     ) -> None:
-        self._config = config
+        self._miss_rate = miss_rate
         self._camera = camera
         self._drone_ids = np.array(drone_ids, np.int64)
         self._radius_m = radius_m
         self._drone = drone
         self._rng = stream(seed, Purpose.DETECTION, drone)
 
-    def detect(self, capture: Capture, corrected: CorrectedDepth) -> tuple[Detection, ...]:
-        """Find the other drones in an image; the images must come in order, each once."""
-        c, n = self._config, len(self._drone_ids)
-        missed = self._rng.random(n) < c.miss_rate
+    def detect(self, capture: Capture, corrected: CorrectedDepth) -> dict[int, FloatArray]:
+        """Find the other drones in an image: their centres in the camera frame, shape (3,), by their numbers.
+
+        The images must come in order, each once.
+        """
+        n, camera = len(self._drone_ids), self._camera
+        missed = self._rng.random(n) < self._miss_rate
         pixel = np.flatnonzero(capture.segment_id >= self._drone_ids[0])
         shown = np.searchsorted(self._drone_ids, capture.segment_id.ravel()[pixel])
-        visible = ~missed & (np.bincount(shown, minlength=n) >= c.min_pixels)
+        visible = ~missed & (np.bincount(shown, minlength=n) >= MIN_PIXELS)
         visible[self._drone] = False
-        found = []
+        found = {}
         for drone in np.flatnonzero(visible).tolist():
             own = pixel[shown == drone]
             row, col = np.divmod(own, capture.segment_id.shape[1])
@@ -91,22 +84,13 @@ class Detector:
             depth_m = depth_m[depth_m > 0]
             if not len(depth_m):
                 continue
-            bearing_cam, range_m = self._ray(col.mean(), row.mean(), float(np.median(depth_m)))
-            if range_m <= c.max_range_m:
-                found.append(Detection(drone=drone, bearing_cam=bearing_cam, range_m=range_m))
-        return tuple(found)
-
-    def _ray(self, col: float, row: float, depth_m: float) -> tuple[FloatArray, float]:
-        """Return the direction of the centre of a drone in the camera frame, shape (3,), and its range [m]."""
-        c = self._camera
-        ray = np.array([(col - c.cx_px) / c.fx_px, (row - c.cy_px) / c.fy_px, 1.0])
-        per_depth = length(ray)
-        return ray / per_depth, depth_m * per_depth + self._radius_m
-
-
-def belong_to_drones(points_m: FloatArray, drones_m: FloatArray) -> MaskImage:
-    """Return which points of surfaces, shape (n, 3), belong to one of the drones, shape (m, 3)."""
-    return are_near(points_m, drones_m, DRONE_MASK_RADIUS_M)
+            x, y = (col.mean() - camera.cx_px) / camera.fx_px, (row.mean() - camera.cy_px) / camera.fy_px
+            ray = np.array([x, y, 1.0])
+            per_depth = length(ray)
+            range_m = float(np.median(depth_m)) * per_depth + self._radius_m
+            if range_m <= DETECTED_WITHIN_M:
+                found[drone] = range_m * (ray / per_depth)
+        return found
 
 
 class NeighbourTracker:
@@ -118,7 +102,7 @@ class NeighbourTracker:
     """
 
     def __init__(self, config: NeighbourConfig, camera: Intrinsics, n_drones: int) -> None:
-        self._config = config
+        self._by_depth_alone = config.known_by == "depth"
         self._slope_x = (camera.width_px - 1) / 2 / camera.fx_px
         self._slope_y = (camera.height_px - 1) / 2 / camera.fy_px
         self._seen_at_s = np.full(n_drones, -np.inf)
@@ -127,22 +111,22 @@ class NeighbourTracker:
 
     def update(self, percept: Percept | None, heard: Neighbours, time_s: float) -> Neighbours:
         """Return the other drones at their positions at `time_s`."""
-        if self._config.known_by == "depth":
+        if self._by_depth_alone:
             heard = heard.among(range(0))
         if percept is None:
             return heard
         pose = percept.T_world_cam
         if percept.stamp_s > self._newest_s:
             self._newest_s = percept.stamp_s
-            for found in percept.detections:
-                self._seen_at_s[found.drone] = percept.stamp_s
-                self._seen_m[found.drone] = pose[:3, 3] + pose[:3, :3] @ (found.range_m * found.bearing_cam)
+            for drone, at_cam_m in percept.detections.items():
+                self._seen_at_s[drone] = percept.stamp_s
+                self._seen_m[drone] = pose[:3, 3] + pose[:3, :3] @ at_cam_m
         age_s = time_s - self._seen_at_s
-        is_fresh = age_s <= self._config.memory_s
+        is_fresh = age_s <= SEEN_FOR_S
         seen = np.flatnonzero(is_fresh[heard.drone] & self._is_in_view(heard.position_m, pose))
-        position_m, drone = heard.position_m.copy(), heard.drone[seen]
-        followed_m = self._seen_m[drone] + age_s[drone, None] * heard.velocity_m_s[seen]
-        agrees = ((followed_m - position_m[seen]) ** 2).sum(axis=1) <= self._config.agreed_m**2
+        position_m, drones = heard.position_m.copy(), heard.drone[seen]
+        followed_m = self._seen_m[drones] + age_s[drones, None] * heard.velocity_m_s[seen]
+        agrees = ((followed_m - position_m[seen]) ** 2).sum(axis=1) <= AGREED_M**2
         position_m[seen[agrees]] = followed_m[agrees]
         is_fresh[heard.drone] = False
         unheard = np.flatnonzero(is_fresh)
@@ -156,4 +140,4 @@ class NeighbourTracker:
         """Return which positions, shape (n, 3), lie in the field of view and within the range of the detector."""
         x, y, z = ((position_m - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]).T
         in_image = (z > 0) & (np.abs(x) <= self._slope_x * z) & (np.abs(y) <= self._slope_y * z)
-        return np.asarray(in_image & (x * x + y * y + z * z <= self._config.detector.max_range_m**2))
+        return np.asarray(in_image & (x * x + y * y + z * z <= DETECTED_WITHIN_M**2))

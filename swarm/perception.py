@@ -1,19 +1,19 @@
 """The adapter between sensor and controller: it builds frames without truth from captures.
 
 `Perception` turns a `Capture` into a `Frame` without true depth and corrects it. Nothing else in this package builds a
-`Frame`. Some truth remains, though no depth: routes and formations are flown with true positions unless the
-localisation drifts, drones know how many of theirs have dropped out, and the pose prior `true` passes the true pose to
-the corrector, as an oracle.
+`Frame`. Some truth remains, though no depth: routes and formations are flown with true positions, drones know how many
+of theirs have dropped out, and the pose prior `true` passes the true pose to the corrector, as an oracle.
 """
 
 from collections import deque
 
 from sim.types import Capture
-from voxdepth.types import DepthCorrector, FloatArray, Frame
+from voxdepth.types import DepthCorrector, FloatArray, Frame, Intrinsics
 
-from .neighbours import Detector
-from .priors import Localisation, Odometry, PosePriorName, pose_for_corrector
-from .types import Percept
+from .config import MissionConfig
+from .neighbours import Detector, NeighbourTracker
+from .odometry import Odometry
+from .types import Neighbours, Percept
 
 
 def frame_of(capture: Capture, T_world_cam: FloatArray | None = None) -> Frame:
@@ -22,48 +22,63 @@ def frame_of(capture: Capture, T_world_cam: FloatArray | None = None) -> Frame:
 
 
 class Perception:
-    """Corrector, detector, odometry and localisation of one drone, and the time that they take.
+    """What one drone knows: its corrector, detector and odometry, and the time that images take.
 
     A capture that arrives while an earlier one is still processed is dropped. `latency_s` is simulated time: results
-    never depend on the speed of the machine. `prior` says which camera poses the corrector gets.
+    never depend on the speed of the machine.
+
+    Args:
+        corrector: Corrector of its images; None for a drone without a camera.
+        config: Quality of the detector, drift, and the poses that the corrector gets.
+        camera: Intrinsics of the images.
+        drone_ids: Body ids of all drones, in ascending order.
+        radius_m: Radius of every drone.
+        latency_s: Time from a capture until the percept is known.
+        seed: Master seed of what is missed and of what drifts.
+        drone: Number of the drone.
     """
 
     def __init__(
         self,
-        corrector: DepthCorrector,
-        detector: Detector,
-        odometry: Odometry,
-        localisation: Localisation,
+        corrector: DepthCorrector | None,
+        config: MissionConfig,
+        camera: Intrinsics,
+        drone_ids: list[int],
         *,
+        radius_m: float,
         latency_s: float,
-        prior: PosePriorName = "none",
+        seed: int,
+        drone: int,
     ) -> None:
         self._corrector = corrector
-        self._odometry = odometry
-        self._localisation = localisation
-        self._prior = prior
-        self._detector = detector
+        self._prior = config.pose_prior.kind
         self._latency_s = latency_s
+        miss_rate = config.neighbours.miss_rate
+        self._detector = Detector(miss_rate, camera, drone_ids, radius_m=radius_m, seed=seed, drone=drone)
+        self._tracker = NeighbourTracker(config.neighbours, camera, len(drone_ids))
+        self._odometry = Odometry(config.pose_prior, seed=seed, drone=drone)
         self._busy_until_s = 0.0
         self._pending: deque[Percept] = deque()
         self._latest: Percept | None = None
-        self.dropped = 0
 
-    def ready(self, time_s: float) -> bool:
-        """Return whether a capture at this time would be processed; a refusal counts as a dropped frame."""
-        if time_s + 1e-9 >= self._busy_until_s:
-            return True
-        self.dropped += 1
-        return False
+    @property
+    def has_camera(self) -> bool:
+        """Whether the drone has a camera."""
+        return self._corrector is not None
+
+    def is_busy(self, time_s: float) -> bool:
+        """Return whether an earlier capture is still processed at a time, so that one of then is dropped."""
+        return time_s + 1e-9 < self._busy_until_s
 
     def see(self, capture: Capture) -> Percept:
         """Process a capture; the controller knows the percept `latency_s` later."""
+        assert self._corrector is not None, "a drone with a camera has a corrector"
         T_odom_cam = self._odometry(capture)
-        prior = pose_for_corrector(self._prior, capture, T_odom_cam)
-        corrected = self._corrector.process(frame_of(capture, prior))
+        pose = {"none": None, "drift": T_odom_cam, "true": capture.T_world_cam.copy()}[self._prior]
+        corrected = self._corrector.process(frame_of(capture, pose))
         percept = Percept(
             stamp_s=capture.stamp_s,
-            T_world_cam=self._localisation.pose(capture.T_world_cam),
+            T_world_cam=capture.T_world_cam,
             T_odom_cam=T_odom_cam,
             corrected=corrected,
             detections=self._detector.detect(capture, corrected),
@@ -77,3 +92,7 @@ class Perception:
         while self._pending and self._pending[0].stamp_s + self._latency_s <= time_s + 1e-9:
             self._latest = self._pending.popleft()
         return self._latest
+
+    def neighbours(self, heard: Neighbours, time_s: float) -> Neighbours:
+        """Return the other drones at a time, of which some are `heard` by radio."""
+        return self._tracker.update(self.latest(time_s), heard, time_s)

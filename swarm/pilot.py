@@ -9,40 +9,30 @@ from sim.types import DroneState, VelocityCommand
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
-from .braking import BrakingConfig
+from .approach import ApproachLimits, clamp_to_limits, neighbour_limits
 from .cost_map import CostMap
-from .evidence import EvidenceConfig, Holes
-from .nearby import ApproachLimits, NearbyConfig, clamp_to_limits, neighbour_limits
+from .evidence import MIN_CONFIDENCE, MIN_SURFACE_CONFIDENCE, Holes
 from .types import Motion, Neighbours, Percept
 from .vectors import length
 from .voxel_map import MapConfig
 
+TURNS_ABOVE_M_S = 0.4
+"""A drone that wants to fly no faster than this keeps its heading."""
+
 
 class PilotConfig(Model):
-    """Turn rate, response time and avoidance of a drone."""
+    """Turn rate and avoidance of a drone."""
 
     holes: Holes = "evidenced"
     """What a drone makes of pixels without trusted depth: with `evidenced` they prove nothing, and with `free` they are
     free space."""
+    min_confidence: float = Field(default=MIN_CONFIDENCE, ge=MIN_SURFACE_CONFIDENCE, le=1)
+    """Pixels of at least this confidence are trusted where holes are evidenced; less of it trusts more free space."""
     yaw_rate_rad_s: float = Field(default=1.5, gt=0)
     """Largest yaw rate."""
-    response_s: float = Field(default=0.4, ge=0)
-    """Delay with which the airframe follows its commands, 1 / velocity gain. The distance flown meanwhile is not
-    available for braking, which prevents overshoot. More of it brakes earlier."""
     keep_m: float = Field(default=0.3, ge=0)
     """Gap that a drone with a map keeps to everything that is not known to be free."""
-    keep_above_m: float = Field(default=0.15, ge=0)
-    """The same gap above and below the drone."""
-    turns_above_m_s: float = Field(default=0.4, ge=0)
-    """A drone that wants to fly no faster than this keeps its heading."""
-    braking: BrakingConfig = BrakingConfig()
-    nearby: NearbyConfig = NearbyConfig()
-    evidence: EvidenceConfig = EvidenceConfig()
     map: MapConfig = MapConfig()
-
-    def reaction_distance_m(self, own: DroneState) -> FloatArray:
-        """Return the displacement of a drone before a command takes effect, shape (3,)."""
-        return self.response_s * own.velocity_m_s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,8 +42,7 @@ class Situation:
     time_s: float
     """Simulated time since the start."""
     own: DroneState
-    """State of the drone by its localisation, by which it flies routes and formations; true unless that drifts. Its
-    map is built by odometry, which drifts."""
+    """True state of the drone, by which it flies routes and formations. Its map is built by odometry, which drifts."""
     percept: Percept | None
     """Newest percept whose latency has passed; None before the first."""
     leader: Motion
@@ -85,7 +74,7 @@ class Pilot:
     """Turns a wanted velocity into a command, once per control tick; this one avoids other drones only.
 
     Args:
-        config: Turn rate, response time and avoidance.
+        config: Turn rate and avoidance.
         control_hz: Decisions per second.
         start_yaw_rad: Heading at the start.
         radius_m: Radius of the collision sphere of every drone.
@@ -123,22 +112,14 @@ class Pilot:
 
     def _drone_limits(self, situation: Situation) -> ApproachLimits:
         """Return how fast the drone may approach each of the other drones."""
-        return neighbour_limits(
-            situation.own.position_m,
-            situation.neighbours,
-            self._config.nearby,
-            self._config.braking,
-            self._radius_m,
-            reaction_distance_m=self._config.reaction_distance_m(situation.own),
-            response_s=self._config.response_s,
-        )
+        own = situation.own
+        return neighbour_limits(own.position_m, own.velocity_m_s, situation.neighbours, self._radius_m)
 
 
 class Heading:
     """The heading of a drone, turned at a limited rate."""
 
     def __init__(self, config: PilotConfig, control_hz: float, start_yaw_rad: float) -> None:
-        self._still_m_s = config.turns_above_m_s
         self._max_turn_rad = config.yaw_rate_rad_s / control_hz
         self.yaw_rad = start_yaw_rad
 
@@ -149,7 +130,7 @@ class Heading:
 
     def turn_towards(self, direction: FloatArray, wanted_speed_m_s: float) -> float:
         """Turn towards a direction, shape (3,), unless the wanted speed is small; return the new heading [rad]."""
-        if wanted_speed_m_s > self._still_m_s and np.hypot(direction[0], direction[1]) >= 0.1:
+        if wanted_speed_m_s > TURNS_ABOVE_M_S and np.hypot(direction[0], direction[1]) >= 0.1:
             error_rad = np.arctan2(direction[1], direction[0]) - self.yaw_rad
             error_rad = (error_rad + np.pi) % (2 * np.pi) - np.pi
             self.yaw_rad += float(min(max(error_rad, -self._max_turn_rad), self._max_turn_rad))

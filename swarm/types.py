@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.types import Contact
-from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics
+from voxdepth.types import CorrectedDepth, FloatArray
 
 MetricValue = float | int | None
 """A metric of a mission; None where it is undefined."""
@@ -48,37 +48,17 @@ class Neighbours:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Detection:
-    """Another drone that was found in an image."""
-
-    drone: int
-    bearing_cam: FloatArray
-    """Unit vector towards it in the camera frame, shape (3,)."""
-    range_m: float
-    """Distance to its centre by the corrected depth."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Percept:
     """Result of the perception of one drone for one capture."""
 
     stamp_s: float
     T_world_cam: FloatArray
-    """Pose of the camera by the localisation of the drone, shape (4, 4): it places detections."""
+    """True pose of the camera, shape (4, 4): it places detections."""
     T_odom_cam: FloatArray
     """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth
-    detections: tuple[Detection, ...] = ()
-    """Other drones that were found in the image."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OnboardCamera:
-    """What a controller knows of its camera."""
-
-    intrinsics: Intrinsics
-    mount_cam_m: FloatArray
-    """Position of the camera relative to the centre of the drone, in the camera frame, shape (3,)."""
+    detections: Mapping[int, FloatArray] = field(default_factory=dict)
+    """Centres of the other drones that were found in the image, by their numbers: in the camera frame, shape (3,)."""
 
 
 class Outcome(StrEnum):

@@ -7,20 +7,16 @@ lasts is an assumption, which a drone makes for as long as its odometry is good.
 
 from functools import cache
 from math import ceil, floor
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import float32, float64, int64
-from numba.types import UniTuple
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from voxdepth.compiled import compile_all, compiled, named_tuple
 from voxdepth.model import Model
-from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
+from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 from .evidence import Evidence, InverseSensorModel
-from .neighbours import belong_to_drones
 
 Bytes = npt.NDArray[np.uint8]
 Indices = npt.NDArray[np.int64]
@@ -43,164 +39,90 @@ NEAREST_M = 0.05
 """Voxels whose depth is smaller are not in view."""
 SLACK = np.float32(0.01)
 """Rounding of the distance to the sides of the view, times the focal length [m px]."""
-MAX_VOXELS = 2**24
+VOXEL_M = 0.25
+"""Side of a voxel."""
+HEIGHT_M = 1.5
+"""Height of the map, half above and half below the drone, at least."""
 MARGIN_M = 2.0
 """The map moves when the drone is this far from its middle."""
+NEAR_M = 4.0
+"""Distance within which an image that shows nothing counts."""
+DRONE_RADIUS_M = 1.0
+"""Surfaces within this distance of another drone belong to that drone."""
+MAX_ERROR_M = 0.5
+"""Surfaces so far away that their range is less exact than this are not recorded; nothing behind them is free."""
 
 
 class MapConfig(Model):
-    """Size and rules of the map."""
+    """Size of the map, and the images that decide about a voxel."""
 
-    reach_m: float = Field(default=10.0, gt=2)
+    reach_m: float = Field(default=10.0, gt=2, le=100)
     """Distance from the drone to the sides of the map, at least."""
-    height_m: float = Field(default=1.5, gt=0)
-    """Height of the map, half above and half below the drone, at least."""
-    voxel_m: float = Field(default=0.25, gt=0.01)
-    """Horizontal side of a voxel."""
-    layer_m: float = Field(default=0.25, gt=0.01)
-    """Height of a voxel."""
     min_passed: int = Field(default=3, ge=1, le=100)
     """Misses until a voxel is free: images that must see through it."""
     min_vain: int = Field(default=5, ge=1, le=100)
-    """Images in a row that show nothing in a voxel nearer than `near_m`, until it is unobservable: looking does not
-    help. Free space must be proven again then, unless more images had proven it."""
-    near_m: float = Field(default=4.0, gt=0)
-    """Distance within which an image that shows nothing counts."""
-    max_error_m: float = Field(default=0.5, gt=0)
-    """Surfaces so far away that their range is less exact than this are not recorded; nothing behind them is free."""
+    """Images in a row that show nothing in a nearby voxel, until it is unobservable: looking does not help. Free space
+    must be proven again then, unless more images had proven it."""
     memory_s: float = Field(default=60.0, gt=0)
     """Time for which free space is remembered. Odometry drifts, and things move: less of it forgets both."""
-    start_radius_m: float = Field(default=1.6, ge=0)
-    """Space around the start that counts as free."""
-    max_jump_m: float = Field(default=0.5, gt=0)
-    """Motion between two images, beyond what the velocity explains, after which the map is forgotten."""
-    unseen_price: float = Field(default=2.5, ge=1)
-    """Cost of a path per metre through unknown space; that of free space is 1."""
-    vain_price: float = Field(default=12.0, ge=1)
-    """Cost through unobservable space."""
-    surface_price: float = Field(default=30.0, ge=1)
-    """Cost through occupied and through blacklisted space."""
-
-    @model_validator(mode="after")
-    def _check(self) -> "MapConfig":
-        layers, rows, cols = self.shape
-        if layers * rows * cols > MAX_VOXELS:
-            raise ValueError(
-                f"the map would have {layers} x {rows} x {cols} voxels, more than {MAX_VOXELS}: make reach_m or "
-                "height_m smaller, or voxel_m or layer_m larger"
-            )
-        return self
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of layers, rows and columns; paths need even numbers of the latter."""
-        side = 4 * int(np.ceil((self.reach_m + MARGIN_M) / self.voxel_m / 2))
+        side = 4 * int(np.ceil((self.reach_m + MARGIN_M) / VOXEL_M / 2))
         # The middle of the map is a whole number of layers, which may be half a layer away from the drone.
-        return 2 * int(np.ceil(self.height_m / 2 / self.layer_m + 0.5)), side, side
-
-
-class View(NamedTuple):
-    """A pinhole camera whose images are reduced to cells."""
-
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
-    cell_row: Indices
-    """Row of cells to which each row of pixels belongs, shape (H,)."""
-    cell_col: Indices
-    """Column of cells to which each column of pixels belongs, shape (W,)."""
-
-
-VIEW = named_tuple(View, *[float64] * 4, int64[::1], int64[::1])
+        return 2 * int(np.ceil(HEIGHT_M / 2 / VOXEL_M + 0.5)), side, side
 
 
 def find_in_view(
-    view: View,
+    sensor: InverseSensorModel,
     origin_m: FloatArray,
-    sides_m: FloatArray,
     shape: tuple[int, int, int],
     T_map_cam: FloatArray,
     farthest_m: float,
 ) -> tuple[Indices, Indices, FloatVector]:
     """Find the voxels whose middle is in view, up to a range: index, that of the cell, and squared range [m^2] of each.
 
-    The voxels have sides (x, y, z), and `origin_m` is the corner of the first one.
+    `origin_m` is the corner of the first voxel. Columns wholly to the left or to the right of the view, or beyond the
+    range, are left out first: the distance of a voxel to either side of the view, times the focal length, is linear in
+    its height, so that the ends of a column decide. All arithmetic is of 32 bits.
     """
-    T, n = T_map_cam[:3].astype(np.float32), int(np.prod(shape))
-    corner_m, sides = origin_m.astype(np.float32) - T[:, 3], sides_m.astype(np.float32)
-    voxel, cell, squared_m2 = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.float32)
-    n = _list_in_view(view, corner_m, sides, shape, T, np.float32(farthest_m**2), voxel, cell, squared_m2)
-    return voxel[:n], cell[:n], squared_m2[:n]
-
-
-@compiled(
-    int64(
-        VIEW, float32[::1], float32[::1], UniTuple(int64, 3), float32[:, ::1], float32,
-        int64[::1], int64[::1], float32[::1],
+    T, side_m = T_map_cam[:3].astype(np.float32), np.float32(VOXEL_M)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = T[:, :3].T
+    c = sensor.camera
+    fx, fy, cx, cy = (np.float32(px) for px in (c.fx_px, c.fy_px, c.cx_px + 0.5, c.cy_px + 0.5))
+    height, width = np.float32(c.height_px), np.float32(c.width_px)
+    corner_m = origin_m.astype(np.float32) - T[:, 3]
+    east_m, north_m, up_m = (
+        first_m + side_m * (np.arange(n, dtype=np.float32) + np.float32(0.5))
+        for first_m, n in zip(corner_m, shape[::-1], strict=True)
     )
-)  # fmt: skip
-def _list_in_view(
-    view: View,
-    corner_m: FloatVector,
-    sides_m: FloatVector,
-    shape: tuple[int, int, int],
-    T_map_cam: FloatImage,
-    farthest_squared: np.float32,
-    # output
-    voxel: Indices,
-    cell: Indices,
-    squared_m2: FloatVector,
-) -> int:
-    """List the voxels in view, and return their number; `corner_m` is the offset of the first one from the camera.
-
-    Columns wholly to the left or to the right of the view are skipped. The distance of a voxel to either side of it,
-    times the focal length, is linear in its height, so that the ends of a column decide.
-    """
-    n_layers, n_rows, n_cols = shape
-    cells_per_row, height, width = view.cell_col[-1] + 1, np.float32(len(view.cell_row)), np.float32(len(view.cell_col))
-    xx, yx, zx = T_map_cam[0, 0], T_map_cam[0, 1], T_map_cam[0, 2]
-    xy, yy, zy = T_map_cam[1, 0], T_map_cam[1, 1], T_map_cam[1, 2]
-    xz, yz, zz = T_map_cam[2, 0], T_map_cam[2, 1], T_map_cam[2, 2]
-    fx, fy = np.float32(view.fx_px), np.float32(view.fy_px)
-    cx, cy = np.float32(view.cx_px + 0.5), np.float32(view.cy_px + 0.5)
-    side_m, layer_m, left_m, front_m, up_m = sides_m[0], sides_m[2], corner_m[0], corner_m[1], corner_m[2]
-    top_m, on_the_right, n = up_m + layer_m * np.float32(n_layers), width - cx, 0
-    for i in range(n_rows):
-        north_m = front_m + side_m * np.float32(i + 0.5)
-        for j in range(n_cols):
-            east_m = left_m + side_m * np.float32(j + 0.5)
-            flat_squared = east_m * east_m + north_m * north_m
-            x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
-            from_left, per_m = fx * x0 + cx * z0, fx * xz + cx * zz
-            from_right, right_per_m = on_the_right * z0 - fx * x0, on_the_right * zz - fx * xz
-            is_left = max(from_left + up_m * per_m, from_left + top_m * per_m) < -SLACK
-            is_right = max(from_right + up_m * right_per_m, from_right + top_m * right_per_m) < -SLACK
-            if flat_squared > farthest_squared or is_left or is_right:
-                continue
-            for k in range(n_layers):
-                above_m = up_m + layer_m * np.float32(k + 0.5)
-                z = z0 + zz * above_m
-                per_z = np.float32(1) / z
-                u, v = fx * (x0 + xz * above_m) * per_z + cx, fy * (y0 + yz * above_m) * per_z + cy
-                if z > NEAREST_M and 0 <= u < width and 0 <= v < height:
-                    voxel[n] = (k * n_rows + i) * n_cols + j
-                    cell[n] = view.cell_row[int(v)] * cells_per_row + view.cell_col[int(u)]
-                    squared_m2[n] = flat_squared + above_m * above_m
-                    n += 1
-    return n
+    north_m = north_m[:, None]
+    flat_m2 = east_m * east_m + north_m * north_m
+    x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
+    ends_m = corner_m[2] + side_m * np.array([0, shape[0]], np.float32)
+    from_left = fx * x0 + cx * z0 + (ends_m * (fx * xz + cx * zz)).max()
+    from_right = (width - cx) * z0 - fx * x0 + (ends_m * ((width - cx) * zz - fx * xz)).max()
+    column = np.flatnonzero((flat_m2 <= np.float32(farthest_m**2)) & (from_left >= -SLACK) & (from_right >= -SLACK))
+    x0, y0, z0, flat_m2 = (values.ravel()[column, None] for values in (x0, y0, z0, flat_m2))
+    z = z0 + zz * up_m
+    with np.errstate(divide="ignore", invalid="ignore"):
+        per_z = 1 / z
+        u, v = fx * (x0 + xz * up_m) * per_z + cx, fy * (y0 + yz * up_m) * per_z + cy
+    seen = np.flatnonzero((z > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height))
+    row_px, col_px = v.ravel()[seen].astype(np.int64), u.ravel()[seen].astype(np.int64)
+    voxel = seen % shape[0] * (shape[1] * shape[2]) + column[seen // shape[0]]
+    cell = sensor.cell_of_row[row_px] * (sensor.cell_of_col[-1] + 1) + sensor.cell_of_col[col_px]
+    return voxel, cell, (flat_m2 + up_m * up_m).ravel()[seen]
 
 
 class VoxelMap:
     """Collects the evidence of the images of one camera, whose cells are those of `sensor`."""
 
-    def __init__(self, config: MapConfig, sensor: InverseSensorModel, camera: Intrinsics) -> None:
-        compile_all()
+    def __init__(self, config: MapConfig, sensor: InverseSensorModel) -> None:
         self._config = c = config
-        rows, cols = (np.repeat(np.arange(len(e) - 1), np.diff(e)) for e in (sensor.row_edges, sensor.col_edges))
-        self._view = View(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, rows, cols)
-        self._rays_cam = sensor.rays_cam
-        self._max_surface_m = sensor.range_of_error(c.max_error_m)
+        self._sensor = sensor
+        self._max_surface_m = sensor.range_of_error(MAX_ERROR_M)
         self._misses = np.zeros(c.shape, np.uint8)
         """Number of misses of each voxel since it was occupied last."""
         self._missed_s = np.zeros(c.shape, np.float32)
@@ -210,10 +132,9 @@ class VoxelMap:
         self._unobserved = np.zeros(c.shape, np.uint8)
         """Number of images in a row that had the voxel in view from nearby, and neither hit nor missed it; or
         `BLACKLISTED_COUNT`."""
-        self._sides_m: FloatArray = np.array([c.voxel_m, c.voxel_m, c.layer_m])
         self._half = np.array(c.shape[::-1]) // 2
         """Numbers of voxels (x, y, z) from the corner of the map to its middle."""
-        self._slack = np.array([MARGIN_M, MARGIN_M, c.layer_m]) / self._sides_m
+        self._slack = np.array([MARGIN_M, MARGIN_M, VOXEL_M]) / VOXEL_M
         """Distance of the drone from the middle with which the map moves, in voxels."""
         self._origin: Indices | None = None
         """Corner of the first voxel (x, y, z), in voxels."""
@@ -222,19 +143,12 @@ class VoxelMap:
     def origin_m(self) -> FloatArray:
         """Corner of the map (x, y, z), shape (3,)."""
         assert self._origin is not None, "start comes first"
-        return np.asarray(self._origin * self._sides_m)
+        return np.asarray(self._origin * VOXEL_M)
 
-    def start(self, at_m: FloatArray, time_s: float) -> None:
-        """Begin the map around a drone, whose surroundings count as free."""
-        self.start_again(at_m, self._config.start_radius_m, self._config.height_m / 2, time_s)
-
-    def start_again(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
-        """Forget everything but that a drone has free space around it: an upright cylinder."""
-        for values in (self._misses, self._missed_s, self._occupancy, self._unobserved):
-            values[:] = 0
-        self._origin = None
+    def start(self, at_m: FloatArray, radius_m: float, time_s: float) -> None:
+        """Begin the map around a drone, within a radius of which all counts as free."""
         self._follow(at_m)
-        self.mark_free(at_m[None], radius_m, half_height_m, time_s)
+        self.mark_free(at_m[None], radius_m, HEIGHT_M / 2, time_s)
 
     def mark_free(self, places_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
         """Make places that drones take free, shape (n, 3): upright cylinders, in which a surface was an error."""
@@ -259,11 +173,10 @@ class VoxelMap:
 
         What the map does not reach is not free.
         """
-        (x, y, _), (first, last) = ((at_m - self.origin_m) / self._sides_m).tolist(), self._layers(low_m, high_m)
-        (n_layers, n_rows, n_cols), row, col = self._misses.shape, floor(y), floor(x)
-        if not (first >= 0 and last <= n_layers and 1 <= row < n_rows - 1 and 1 <= col < n_cols - 1):
-            return False
-        return bool(self._is_free(np.s_[first:last, row - 1 : row + 2, col - 1 : col + 2], time_s).all())
+        (x, y, _), (first, last) = ((at_m - self.origin_m) / VOXEL_M).tolist(), self._layers(low_m, high_m)
+        around = np.s_[first:last, floor(y) - 1 : floor(y) + 2, floor(x) - 1 : floor(x) + 2]
+        is_free = self._is_free(around, time_s)
+        return first >= 0 and is_free.shape == (last - first, 3, 3) and bool(is_free.all())
 
     def update(self, evidence: Evidence, T_odom_cam: FloatArray, drones_m: FloatArray, time_s: float) -> None:
         """Add the evidence of an image; surfaces near the other drones `drones_m`, shape (n, 3), are these drones.
@@ -271,10 +184,10 @@ class VoxelMap:
         Those surfaces, and surfaces that are too far to be exact, are no hits, but hide what lies behind them.
         """
         self._follow(T_odom_cam[:3, 3])
-        (free_m, surface_m), half_m, near_m = evidence, np.float32(self._config.voxel_m / 2), self._config.near_m
+        (free_m, surface_m), half_m = evidence, np.float32(VOXEL_M / 2)
         is_exact, points_m = self._surfaces(surface_m, T_odom_cam, drones_m)
         voxel, cell, squared_m2 = find_in_view(
-            self._view, self.origin_m, self._sides_m, self._misses.shape, T_odom_cam, max(near_m, float(free_m.max()))
+            self._sensor, self.origin_m, self._misses.shape, T_odom_cam, max(NEAR_M, float(free_m.max()))
         )  # fmt: skip
         free_m2, from_m2, to_m2 = (
             np.square(np.maximum(range_m, 0)).ravel()[cell]
@@ -288,7 +201,7 @@ class VoxelMap:
         is_other[hit] = False
         is_other = is_other[voxel]
         self._count_misses(voxel[is_miss & is_other], time_s)
-        self._count_unobserved(voxel[~is_miss & is_before & (squared_m2 < near_m**2) & is_other])
+        self._count_unobserved(voxel[~is_miss & is_before & (squared_m2 < NEAR_M**2) & is_other])
         self._count_hits(np.concatenate([hit, voxel[is_hit & is_other]]))
 
     def layer(self, low_m: float, high_m: float, time_s: float) -> Bytes:
@@ -315,15 +228,16 @@ class VoxelMap:
     ) -> tuple[MaskImage, FloatArray]:
         """Return which cells show a surface that is exact and no drone, and where these surfaces are, shape (n, 3)."""
         is_exact = surface_m < self._max_surface_m
-        rays = self._rays_cam[is_exact] @ T_odom_cam[:3, :3].T
+        rays = self._sensor.rays_cam[is_exact] @ T_odom_cam[:3, :3].T
         points_m = surface_m[is_exact, None] * rays + T_odom_cam[:3, 3]
-        is_surface = ~belong_to_drones(points_m, drones_m)
+        apart_m2 = ((points_m[:, None] - drones_m) ** 2).sum(axis=2)
+        is_surface = (apart_m2 > DRONE_RADIUS_M**2).all(axis=1)
         is_exact[is_exact] = is_surface
         return is_exact, points_m[is_surface]
 
     def _voxels_at(self, points_m: FloatArray) -> Indices:
         """Return the indices of the voxels that contain points, shape (n, 3), without those beside the map."""
-        voxel = np.floor((points_m - self.origin_m) / self._sides_m).astype(np.int64)[:, ::-1]
+        voxel = np.floor((points_m - self.origin_m) / VOXEL_M).astype(np.int64)[:, ::-1]
         inside = ((voxel >= 0) & (voxel < self._misses.shape)).all(axis=1)
         return np.asarray(np.ravel_multi_index(tuple(voxel[inside].T), self._misses.shape))
 
@@ -358,23 +272,22 @@ class VoxelMap:
 
         Layers count that a cylinder touches.
         """
-        c, sides_m, origin_m = self._config, self._sides_m[::-1], self.origin_m[::-1]
-        window = _window(*np.ceil(np.array([half_height_m, radius_m, radius_m]) / sides_m).astype(np.int64).tolist())
-        center = centers_m[:, None, ::-1] - origin_m
-        voxel = np.floor(center / sides_m).astype(np.int64) + window
-        z_m, y_m, x_m = np.moveaxis((voxel + 0.5) * sides_m - center, -1, 0)
-        inside = (x_m * x_m + y_m * y_m <= radius_m**2) & (np.abs(z_m) < half_height_m + c.layer_m / 2)
+        window = _window(ceil(half_height_m / VOXEL_M), *[ceil(radius_m / VOXEL_M)] * 2)
+        center = centers_m[:, None, ::-1] - self.origin_m[::-1]
+        voxel = np.floor(center / VOXEL_M).astype(np.int64) + window
+        z_m, y_m, x_m = np.moveaxis((voxel + 0.5) * VOXEL_M - center, -1, 0)
+        inside = (x_m * x_m + y_m * y_m <= radius_m**2) & (np.abs(z_m) < half_height_m + VOXEL_M / 2)
         inside &= ((voxel >= 0) & (voxel < self._misses.shape)).all(axis=-1)
         return tuple(voxel[inside].T)
 
     def _layers(self, low_m: float, high_m: float) -> tuple[int, int]:
         """Return the first layer between two heights, and the one after the last; the map may not have all of them."""
-        bottom_m, layer_m = float(self.origin_m[2]), self._config.layer_m
-        return floor((low_m - bottom_m) / layer_m), ceil((high_m - bottom_m) / layer_m)
+        bottom_m = float(self.origin_m[2])
+        return floor((low_m - bottom_m) / VOXEL_M), ceil((high_m - bottom_m) / VOXEL_M)
 
     def _follow(self, at_m: FloatArray) -> None:
         """Move the map, by whole voxels, so that a position is near its middle."""
-        wanted = np.round(at_m / self._sides_m).astype(np.int64) - self._half
+        wanted = np.round(at_m / VOXEL_M).astype(np.int64) - self._half
         if self._origin is not None:
             moved = wanted - self._origin
             if (np.abs(moved) < self._slack).all():

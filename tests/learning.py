@@ -4,8 +4,8 @@ from typing import Any
 
 from sim.scenes import CitySpec
 from sim.sensor import RigConfig
+from swarm.config import MissionConfig
 from swarm.environments.task import LearningTask, RewardConfig
-from swarm.task import MissionConfig
 from swarm.team import Route
 
 QUICK_CITY = CitySpec(columns=1, rows=2, poles=0)
@@ -16,7 +16,7 @@ DIVE = [0.0, 0.0, -1.0, 0.0]
 TURN = [0.0, 0.0, 0.0, 1.0]
 
 
-def quick(*, x_m: float = -2.0, y_m: float = 0.0, **mission: Any) -> dict[str, Any]:
+def quick(*, x_m: float = -2.0, y_m: float = 0.0, others: str = "same", **mission: Any) -> dict[str, Any]:
     """Options of an environment: three drones that fly along x to a goal before the first towers, by exact depth."""
     route = Route(start_m=(-8.0, y_m, 6.0), goal_m=(x_m, y_m, 6.0))
     values: dict[str, Any] = {"drones": 3, "duration_s": 12.0, "routes": (route,)}
@@ -25,11 +25,11 @@ def quick(*, x_m: float = -2.0, y_m: float = 0.0, **mission: Any) -> dict[str, A
         "rig": QUICK_RIG,
         "corrector": "raw",
         "mission": MissionConfig(**values | mission),
-        "others": "same",
+        "others": others,
         "reward": RewardConfig(approach_per_m=0.0),
     }
 
 
-def quick_task(**mission: Any) -> LearningTask:
+def quick_task(**options: Any) -> LearningTask:
     """The same as a task."""
-    return LearningTask(**quick(**mission))
+    return LearningTask(**quick(**options))

@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 
 from sim.frames import R_BODY_CAM, pose
-from sim.types import Capture, DroneState
-from swarm.types import Detection, Motion, Neighbours, OnboardCamera, Percept
+from sim.types import Capture, DroneState, VelocityCommand
+from swarm.approach import DECEL_M_S2, GAIN_PER_S
+from swarm.pilot import Decision
+from swarm.types import Motion, Neighbours, Percept
 from tests.helpers import CAMERA
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame
@@ -23,12 +25,11 @@ def neighbours_of(motions: Mapping[int, Motion]) -> Neighbours:
 
 
 RADIUS_M = 0.25
-MOUNT_CAM_M = np.array([0.0, 0.0, 0.27])
-ONBOARD = OnboardCamera(intrinsics=CAMERA, mount_cam_m=MOUNT_CAM_M)
 AT_ORIGIN = pose(R_BODY_CAM, np.zeros(3))
 """A camera at the origin that looks along x."""
 FORWARD = np.array([1.0, 0.0, 0.0])
 NOBODY = neighbours_of({})
+HOVERS = Decision(command=VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=0.0), state="free")
 
 Vector = tuple[float, float, float]
 
@@ -65,11 +66,19 @@ def corrected(depth_m: FloatImage) -> CorrectedDepth:
 
 
 def percept_of(
-    depth_m: FloatImage, *found: Detection, stamp_s: float = 0.0, T_world_cam: FloatArray = AT_ORIGIN
+    depth_m: FloatImage,
+    found: Mapping[int, FloatArray] | None = None,
+    *,
+    stamp_s: float = 0.0,
+    T_world_cam: FloatArray = AT_ORIGIN,
 ) -> Percept:
     """What a drone perceives of a depth image whose odometry has no error."""
     return Percept(
-        stamp_s=stamp_s, T_world_cam=T_world_cam, T_odom_cam=T_world_cam, corrected=corrected(depth_m), detections=found
+        stamp_s=stamp_s,
+        T_world_cam=T_world_cam,
+        T_odom_cam=T_world_cam,
+        corrected=corrected(depth_m),
+        detections=found or {},
     )
 
 
@@ -91,11 +100,11 @@ def capture(stamp_s: float, **changes: Any) -> Capture:
     return Capture(**fields | changes)
 
 
-def stopping_distance_m(speed_m_s: float, *, decel_m_s2: float, gain_per_s: float, reaction_s: float = 0.0) -> float:
+def stopping_distance_m(speed_m_s: float, reaction_s: float = 0.0) -> float:
     """Return the distance to a stop along the braking curve after `reaction_s` at constant speed.
 
-    Without a reaction time this is the inverse of `BrakingConfig.speed_m_s`.
+    Without a reaction time this is the inverse of `stopping_speed_m_s`.
     """
-    a, p = decel_m_s2, gain_per_s
+    a, p = DECEL_M_S2, GAIN_PER_S
     braking_m = speed_m_s / p if speed_m_s < a / p else (speed_m_s**2 + (a / p) ** 2) / (2 * a)
     return speed_m_s * reaction_s + braking_m

@@ -74,7 +74,7 @@ class CollisionProbe(Recorder):
     """Keeps the recent images of every camera, and diagnoses the first collision of drones with these pilots."""
 
     def __init__(self, pilot: PilotConfig) -> None:
-        self._min_confidence = pilot.evidence.min_confidence if pilot.holes == "evidenced" else 0.0
+        self._min_confidence = pilot.min_confidence if pilot.holes == "evidenced" else 0.0
         """Confidence from which these drones trust a pixel."""
         self._images: defaultdict[int, deque[Image]] = defaultdict(deque)
         self._decisions: defaultdict[int, deque[tuple[float, Decision]]] = defaultdict(deque)
@@ -93,9 +93,7 @@ class CollisionProbe(Recorder):
         while recent[0][0].stamp_s < capture.stamp_s - LOOKBACK_S:
             recent.popleft()
 
-    def tick(
-        self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
-    ) -> None:
+    def tick(self, step: int, time_s: float, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
         """Keep the decisions of the last second."""
         for drone, decision in enumerate(decisions):
             recent = self._decisions[drone]

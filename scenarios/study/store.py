@@ -111,7 +111,8 @@ class StudyData:
         return [spec for key, spec in self.runs.items() if key not in self.records]
 
 
-class Cell(Model):
+@dataclass(frozen=True, kw_only=True)
+class Cell:
     """The runs of an arm at one level of the axis in one scenario, which differ in their seed alone."""
 
     scenario: str
@@ -165,7 +166,7 @@ def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool)
         ScenarioError: It belongs to another version or study, or it contains runs and `resume` is not set.
         ToolError: Another process flies the study, or the folder cannot be written.
     """
-    look = f"voxdepth study report {folder} --progress"
+    look = f"voxdepth study report {folder}"
     busy = f"another process is flying the study: wait for it, or look at it with {look}"
     with locked(folder, busy):
         if not (folder / MANIFEST).exists():
@@ -223,9 +224,9 @@ def _files(place: Path) -> dict[str, bytes]:
 
 
 def _manifest(place: Path, text: bytes) -> Manifest:
-    """Decode the manifest of a study."""
+    """Decode the manifest of a study, without settings that have become constants since it was begun."""
     try:
-        return Manifest.model_validate_json(text)
+        return Manifest.model_validate_json(text, extra="ignore")
     except pydantic.ValidationError as error:
         raise ScenarioError(
             f"{place / MANIFEST} is damaged, or was written by another version of voxdepth "

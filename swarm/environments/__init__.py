@@ -1,4 +1,4 @@
-"""Environments for learning: followers are steered from outside, the mission's controller flies all others.
+"""Environments for learning: a follower is steered from outside, our controller flies all other drones.
 
-Only `gym_env` and `pettingzoo_env` need Gymnasium or PettingZoo.
+Only `gym_env` needs Gymnasium.
 """

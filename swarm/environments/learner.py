@@ -11,13 +11,13 @@ import numpy as np
 
 from sim.frames import rotation_from_yaw, yaw_from_quaternion
 from sim.types import VelocityCommand
-from voxdepth.types import FloatArray, GrayImage
+from voxdepth.types import FloatArray
 
 from .. import rules
+from ..config import MissionConfig
 from ..controllers import Role
 from ..errors import MissionError
 from ..pilot import Decision, Situation
-from ..task import MissionConfig
 from .task import LearningTask
 
 ACTION_SIZE = 4
@@ -25,9 +25,9 @@ ACTION_SIZE = 4
 NEAR_M = 1.0
 """Depth of the largest nearness, 255. Nearness falls with 1 / depth, as disparity does; 0 = unknown."""
 
-Observation = dict[str, Any] | GrayImage
-"""With `observation="image"` the nearness image alone. Otherwise arrays by name, vectors and depth as float32; all
-vectors are in the drone's heading frame (x forward, y left, z up, never tilted).
+Observation = dict[str, Any]
+"""Arrays by name, vectors and depth as float32; all vectors are in the drone's heading frame (x forward, y left, z up,
+never tilted).
 
 - `depth_m`: corrected depth along the optical axis [m], shape (H, W); 0 = unknown, `max_depth_m` = that far or farther.
 - `nearness`: in its place with `observation="nearness"`, shape (1, H, W), uint8.
@@ -41,15 +41,6 @@ def observe(situation: Situation, role: Role, task: LearningTask) -> Observation
     """Return what a follower observes, clipped to the limits of the task; without a percept it is a `MissionError`."""
     if situation.percept is None:
         raise MissionError("there is nothing to observe before the first image is known: fly on until then")
-    depth_m = situation.percept.corrected.depth_m
-    image: dict[str, Any]
-    if task.observation == "metres":
-        image = {"depth_m": np.clip(depth_m, 0.0, task.rig.max_depth_m)}
-    else:
-        nearness = np.where(depth_m > 0, 255 * NEAR_M / np.maximum(depth_m, NEAR_M), 0)
-        image = {"nearness": nearness.astype(np.uint8)[None]}
-    if task.observation == "image":
-        return np.asarray(image["nearness"])
     own, to_own = situation.own, heading_frame(situation).T
     max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
     leader_m = to_own @ (situation.leader.position_m - own.position_m)
@@ -58,7 +49,12 @@ def observe(situation: Situation, role: Role, task: LearningTask) -> Observation
         "leader_m": np.clip(leader_m, -lost_m, lost_m),
         "slot_m": np.clip(leader_m + to_own @ role.offset_m, -lost_m, lost_m),
     }
-    return {**image, **{name: vector.astype(np.float32) for name, vector in vectors.items()}}
+    observation = {name: vector.astype(np.float32) for name, vector in vectors.items()}
+    depth_m = situation.percept.corrected.depth_m
+    if task.observation == "metres":
+        return {"depth_m": np.clip(depth_m, 0.0, task.rig.max_depth_m), **observation}
+    nearness = np.where(depth_m > 0, 255 * NEAR_M / np.maximum(depth_m, NEAR_M), 0)
+    return {"nearness": nearness.astype(np.uint8)[None], **observation}
 
 
 class Learner:

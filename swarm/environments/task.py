@@ -1,7 +1,5 @@
 """The task of learning: the world, the mission, what is observed, and the reward."""
 
-from importlib.metadata import entry_points
-from pathlib import Path
 from typing import Any, Literal
 
 import pydantic
@@ -12,21 +10,36 @@ from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
 from voxdepth.model import Model, changed, explained
 
-from ..compose import MissionSetup
+from ..config import MissionConfig, MissionSetup
 from ..errors import MissionError
-from ..task import MissionConfig
-from ..team import Route
+from ..rules import RuleWeights
+from ..team import FormationConfig, Point, Route
 
-TESTBED = "voxdepth.missions"
-"""Group of the entry points `scenario` and `recorder`, by which the testbed reads scenarios and writes recordings."""
 CALM = Weather(shadows=False)
 """Light without shadows, which takes two thirds of the time."""
-SMALL_CITY = CitySpec(columns=2, rows=4, poles=4, weather=CALM)
-SHORT_MISSION = MissionConfig(
-    drones=4, routes=(Route(goal_m=(30.0, 0.0, 6.0)),), duration_s=40.0, control_hz=10, latency_s=0.0
-)
 SMALL_BLOCKS = RigConfig().stereo.model_copy(update={"block_px": 3})
 SMALL_RIG = RigConfig(width_px=240, height_px=180, decimate=3, stereo=SMALL_BLOCKS)
+STREETS = CitySpec(columns=3, rows=6, poles=6, tower_height_m=(9.0, 13.0), weather=CALM)
+
+
+def pair(start_m: Point, goal_m: Point, **changes: Any) -> MissionConfig:
+    """Return the short mission of a leader, at any height, and one follower."""
+    return MissionConfig(
+        **{
+            "drones": 2,
+            "routes": (Route(start_m=start_m, goal_m=goal_m),),
+            "rules": RuleWeights(max_altitude_m=start_m[2]),
+            "duration_s": 40.0,
+            "control_hz": 10,
+            "latency_s": 0.0,
+            **changes,
+        }
+    )
+
+
+BELOW = FormationConfig(half_width_m=0.1, height_step_m=-11.0)
+"""A follower flies below and behind its leader."""
+OVER_THE_ROOFS = pair((-8.0, 0.0, 17.0), (36.0, 0.0, 17.0), deadlock_s=10.0, formation=BELOW)
 
 
 class RewardConfig(Model):
@@ -52,38 +65,34 @@ class RewardConfig(Model):
 
 
 class LearningTask(MissionSetup):
-    """Everything that an episode depends on besides its seed and the actions."""
+    """Everything that an episode depends on besides its seed and the actions.
 
-    scene: AnyScene = SMALL_CITY
-    mission: MissionConfig = SHORT_MISSION
+    By default a drone follows through the streets a leader that flies over the roofs, so that its way tells nothing of
+    what stands there.
+    """
+
+    scene: AnyScene = STREETS
+    mission: MissionConfig = OVER_THE_ROOFS
     """The mission without its `aftermath_s`: an episode ends with the first collision."""
     rig: RigConfig = SMALL_RIG
     """The cameras; a step lasts one period of theirs."""
     corrector_latency_s: float = Field(default=0.0, ge=0)
     """Simulated time that the corrector takes for a frame, on top of `mission.latency_s`."""
-    others: Literal["truth", "same"] = "truth"
-    """Drones that do not learn: with `truth` they fly by the true bodies of the world and have no camera, and with
-    `same` they have the eyes of the learners and the controller of the mission."""
-    observation: Literal["metres", "nearness", "image"] = "metres"
-    """The depth in metres, or its nearness as an image for convolutions, each with vectors; or that image alone."""
-    record: Path | None = Field(default=None, strict=False)
-    """Folder that receives a Rerun recording of each episode; None records nothing."""
+    others: Literal["blind", "same"] = "blind"
+    """Drones that do not learn: `blind` ones have no camera and see each other by radio alone, so that their way must
+    be free, and with `same` they have the eyes of the learner and the controller of the mission."""
+    observation: Literal["metres", "nearness"] = "metres"
+    """The depth in metres, or its nearness as an image for convolutions."""
     reward: RewardConfig = RewardConfig()
 
     @classmethod
-    def of(cls, scenario: str | None = None, depth: str | None = None, **fields: Any) -> "LearningTask":
+    def of(cls, depth: str | None = None, **fields: Any) -> "LearningTask":
         """Create a task from fields by name, of which tables change single keys, and the `depth` of the rig.
 
-        With a scenario, its fields are the default ones. What is unknown or impossible is a `MissionError`.
+        What is unknown or impossible is a `MissionError`.
         """
-        default = cls().model_dump()
-        if scenario is not None:
-            if any(isinstance(fields.get(name), pydantic.BaseModel) for name in ("scene", "mission")):
-                raise MissionError("use a scenario with LeaderFollower-v0: it has a scene and a mission of its own")
-            setup, latency_s = from_testbed("scenario")(scenario)
-            default |= setup.model_dump(include=set(MissionSetup.model_fields)) | {"corrector_latency_s": latency_s}
         with explained(cls, MissionError):
-            task = cls(**changed(default, fields))
+            task = cls(**changed(cls().model_dump(), fields))
             return task if depth is None else cls(**changed(task.model_dump(), {"rig": {"depth": depth}}))
 
     @pydantic.field_validator("mission")
@@ -102,10 +111,3 @@ class LearningTask(MissionSetup):
     def followers(self) -> tuple[int, ...]:
         """Numbers of the drones that may learn: all except the leaders."""
         return tuple(drone for team in self.mission.teams() for drone in team.members[1:])
-
-
-def from_testbed(name: str) -> Any:
-    """Return what the testbed offers under a name; without the testbed it is a `MissionError`."""
-    for entry in entry_points(group=TESTBED, name=name):
-        return entry.load()
-    raise MissionError(f"a {name} needs the testbed: install it with `pip install -e '.[all]'` in its repository")

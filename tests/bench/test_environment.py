@@ -3,13 +3,12 @@
 import time
 from typing import Any
 
-import cv2
 import gymnasium
 import pytest
 
 pytestmark = pytest.mark.bench
 
-NAME = "swarm:voxdepth/Streets-v0"
+NAME = "swarm.gym:voxdepth/LeaderFollower-v0"
 STEPS = 100
 TRAINING = {"depth": "fitted", "corrector": "raw", "observation": "nearness"}
 
@@ -21,7 +20,6 @@ TRAINING = {"depth": "fitted", "corrector": "raw", "observation": "nearness"}
 )
 def test_steps_per_second(options: dict[str, Any], request: pytest.FixtureRequest) -> None:
     """A hovering learner in one process, by the wall clock and by the processor's time."""
-    cv2.setNumThreads(1)
     env = gymnasium.make(NAME, **options)
     env.reset(seed=0)
     hover = env.action_space.sample() * 0
@@ -43,7 +41,9 @@ def test_steps_per_second(options: dict[str, Any], request: pytest.FixtureReques
 @pytest.mark.parametrize(("num_envs", "options"), [(2, {}), (2, TRAINING), (8, TRAINING)])
 def test_steps_per_second_of_several(num_envs: int, options: dict[str, Any]) -> None:
     """Hovering learners in processes of their own."""
-    envs = gymnasium.make_vec(NAME, num_envs=num_envs, vectorization_mode="vector_entry_point", **options)
+    envs = gymnasium.make_vec(
+        NAME, num_envs=num_envs, vectorization_mode="async", vector_kwargs={"context": "spawn"}, **options
+    )
     envs.reset(seed=1)
     hover = envs.action_space.sample() * 0
     envs.step(hover)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from scenarios.free_space import horizons
-from swarm.evidence import EvidenceConfig
+from swarm.evidence import DISPARITY_ERROR_PX
 from tests.evaluation_clips import CAMERA
 from voxdepth.types import FloatImage, Frame
 
@@ -31,7 +31,7 @@ def _wall_m(depth_m: float, hole_px: int) -> FloatImage:
 
 def test_the_horizon_is_the_least_free_range_ahead_and_nothing_is_proven_by_holes() -> None:
     (row,) = horizons(Walls((4.0, 0), (8.0, 0), (16.0, 0)), ["raw"]).rows
-    error_m = 8.0 - 8.0 / (1 + 8.0 * EvidenceConfig().disparity_error_px / CAMERA.focal_baseline_px_m)
+    error_m = 8.0 - 8.0 / (1 + 8.0 * DISPARITY_ERROR_PX / CAMERA.focal_baseline_px_m)
     assert row[:2] == ["raw", 100]
     assert row[3] == pytest.approx(8.0 - error_m, rel=0.02)
     assert row[2] < row[3] < row[4]

@@ -12,10 +12,10 @@ from scenarios.errors import ScenarioError
 from scenarios.study.design import expand
 from scenarios.study.executors import Serial, run_one
 from scenarios.study.run import run_study
+from swarm.config import MissionConfig
 from swarm.controllers import Role, load_controller
-from swarm.task import MissionConfig
 from tests.studies import arm, fake, study, unseen
-from tests.swarm_scenes import ONBOARD, RADIUS_M
+from tests.swarm_scenes import RADIUS_M
 from voxdepth import CorrectionPipeline, Frame, Intrinsics, create_corrector
 from voxdepth.errors import PipelineError, PluginError
 from voxdepth.pipeline import StagedCorrector
@@ -70,7 +70,7 @@ def frame(stamp_s: float = 0.0) -> Frame:
 def agent_of(name: str) -> Any:
     config = MissionConfig(drones=1)
     (team,) = config.teams()
-    return load_controller(name)(Role(drone=0, team=team, radius_m=RADIUS_M, camera=ONBOARD), config)
+    return load_controller(name)(Role(drone=0, team=team, radius_m=RADIUS_M, camera=CAMERA), config)
 
 
 def test_a_corrector_beside_the_user_is_used_by_its_name(module: Write) -> None:

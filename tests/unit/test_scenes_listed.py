@@ -21,7 +21,7 @@ from sim.render.raycast import rays_of
 from sim.scenes import ListedSpec
 from sim.types import VelocityCommand
 from sim.world import World
-from swarm.compose import MissionSetup
+from swarm.config import MissionSetup
 from swarm.errors import MissionError
 from tests.helpers import camera_at
 from voxdepth.types import FloatArray, Intrinsics

@@ -20,7 +20,7 @@ from sim.frames import pose
 from sim.types import Capture, Contact, VelocityCommand
 from swarm.cost_map import CostMap
 from swarm.pilot import Decision, PilotConfig
-from swarm.voxel_map import FREE, OCCUPIED, UNOBSERVABLE, MapConfig
+from swarm.voxel_map import FREE, OCCUPIED, UNOBSERVABLE
 from tests.helpers import wall, world_of
 from voxdepth.metrics import TOO_FAR
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics
@@ -109,15 +109,15 @@ def test_what_the_map_of_the_drone_held_is_told() -> None:
     state = np.full((20, 40), UNOBSERVABLE, np.uint8)
     state[:, :20] = FREE
     shifted = pose(np.eye(3), np.array([1.0, 2.5, 0.0]))
-    early = CostMap(state, np.zeros(2), 0.5, MapConfig(), shifted)
-    late = CostMap(np.full_like(state, OCCUPIED), np.zeros(2), 0.5, MapConfig(), shifted)
+    early = CostMap(state, np.zeros(2), 0.5, reach_m=10.0, T_odom_world=shifted)
+    late = CostMap(np.full_like(state, OCCUPIED), np.zeros(2), 0.5, reach_m=10.0, T_odom_world=shifted)
     probe = CollisionProbe(PilotConfig())
     with world_of(wall(2.0, name="hit"), starts_m=[(0, 0, 0)]) as world:
         probe.start(world, [])
         for k, costs in enumerate([late, early, late]):
             command = VelocityCommand(velocity_m_s=np.array([0.0, 0.6, 0.8]), yaw_rad=0.0)
             decision = Decision(command=command, wanted_velocity_m_s=np.zeros(3), state="free", view=costs)
-            probe.tick(0, 2.0 * k if k < 2 else 2.9, world.states, np.empty((0, 3)), [decision])
+            probe.tick(0, 2.0 * k if k < 2 else 2.9, world.states, [decision])
         probe.contact(0, Contact(time_s=3.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
     assert probe.diagnosis.held_before == "free"
     assert "map: free a second before" in str(probe.diagnosis)

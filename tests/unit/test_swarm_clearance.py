@@ -7,17 +7,15 @@ from hypothesis import strategies as st
 
 from scenarios.config import Scenario, load_run
 from scenarios.files import shipped_names
+from sim.drone import VELOCITY_GAIN_PER_S
 from sim.render import create_renderer
 from sim.sensor import RigConfig, StereoSensor
-from swarm.braking import BrakingConfig
+from swarm.approach import DECEL_M_S2, DRONE_GAP_M, neighbour_limits, stopping_speed_m_s
 from swarm.metrics import MissionMetrics, separation_m
-from swarm.nearby import NearbyConfig, neighbour_limits
-from swarm.pilot import PilotConfig
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
-from tests.swarm_scenes import RADIUS_M, near, state, stopping_distance_m
+from tests.swarm_scenes import HOVERS, RADIUS_M, near, state, stopping_distance_m
 
-NEARBY, BRAKING = NearbyConfig(), BrakingConfig()
 WRONG = 0.1
 """Relative error of depth beyond which a drone should not have to rely on it."""
 
@@ -27,26 +25,24 @@ def test_world_and_report_mean_the_same_by_clearance(gap_m: float) -> None:
     team = Team.of(Route(start_m=(0.0, 0.0, 0.0), goal_m=(30.0, 0.0, 0.0)), range(1), FormationConfig())
     with world_of(wall(gap_m + RADIUS_M), starts_m=team.starts_m) as world:
         assert world.clearance_m(0) == pytest.approx(gap_m, abs=1e-3)
-        metrics = MissionMetrics(world, [team], PilotConfig(), goal_radius_m=1.5)
-        assert metrics.sample(world.states)["clearance_m"] == world.clearance_m(0)
-        assert metrics.summary((), [0])["min_clearance_m"] == world.clearance_m(0)
+        metrics = MissionMetrics(world, [team], goal_radius_m=1.5)
+        assert metrics.sample(world.states, [HOVERS])["clearance_m"] == world.clearance_m(0)
+        assert metrics.summary((), 0)["min_clearance_m"] == world.clearance_m(0)
 
 
 @given(st.floats(0.0, 20.0))
 def test_the_braking_curve_is_the_speed_from_which_a_drone_stops_within_a_distance(distance_m: float) -> None:
-    speed = float(BRAKING.speed_m_s(distance_m))
-    needed_m = stopping_distance_m(speed, decel_m_s2=BRAKING.decel_m_s2, gain_per_s=BRAKING.gain_per_s)
-    assert needed_m == pytest.approx(distance_m, abs=1e-9)
+    assert stopping_distance_m(float(stopping_speed_m_s(distance_m))) == pytest.approx(distance_m, abs=1e-9)
 
 
 @given(st.floats(0.0, 1.9))
 def test_drones_stop_before_each_other_at_the_separation_that_is_reported(gap_m: float) -> None:
     apart_m = gap_m + 2 * RADIUS_M
-    limits = neighbour_limits(np.zeros(3), near(((apart_m, 0, 0), (0, 0, 0))), NEARBY, BRAKING, RADIUS_M)
+    limits = neighbour_limits(np.zeros(3), np.zeros(3), near(((apart_m, 0, 0), (0, 0, 0))), RADIUS_M)
     (speed,) = limits.speed_m_s
     reported_m = separation_m([state(0, 0, 0), state(apart_m, 0, 0)], RADIUS_M)
     assert reported_m == pytest.approx(gap_m)
-    assert np.sign(round(float(speed), 6)) == np.sign(round(reported_m - NEARBY.drone_clearance_m, 6))
+    assert np.sign(round(float(speed), 6)) == np.sign(round(reported_m - DRONE_GAP_M, 6))
 
 
 def test_two_drones_in_the_world_have_the_clearance_that_is_their_separation() -> None:
@@ -75,14 +71,9 @@ def sight_needed_m(scenario: Scenario, speed_m_s: float) -> float:
 
     To the reaction belongs the time by which the airframe follows its commands late.
     """
-    pilot, airframe = scenario.mission.pilot, scenario.airframe
-    stop_m = stopping_distance_m(
-        speed_m_s,
-        decel_m_s2=pilot.braking.decel_m_s2,
-        gain_per_s=pilot.braking.gain_per_s,
-        reaction_s=1 / scenario.rig.rate_hz + scenario.latency_s + 1 / airframe.velocity_gain_per_s,
-    )
-    return stop_m + airframe.radius_m + pilot.keep_m - scenario.rig.mount_forward_m
+    reaction_s = 1 / scenario.rig.rate_hz + scenario.latency_s + 1 / VELOCITY_GAIN_PER_S
+    stop_m = stopping_distance_m(speed_m_s, reaction_s)
+    return stop_m + scenario.airframe.radius_m + scenario.mission.pilot.keep_m - scenario.rig.mount_forward_m
 
 
 @pytest.mark.slow
@@ -102,5 +93,5 @@ def test_a_drone_brakes_no_harder_than_it_can_and_looks_as_far_as_it_must(name: 
     fastest_m_s = max(mission.cruise_speed_m_s, mission.follower_speed_m_s)
     assert fastest_m_s <= scenario.airframe.max_speed_m_s
     assert mission.cruise_speed_m_s < mission.follower_speed_m_s
-    assert mission.pilot.braking.decel_m_s2 <= scenario.airframe.max_accel_m_s2
+    assert scenario.airframe.max_accel_m_s2 >= DECEL_M_S2
     assert sight_needed_m(scenario, fastest_m_s) <= mission.pilot.map.reach_m

@@ -5,14 +5,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm.agents import Follower, Leader, Track, create_agent
+from swarm.agents import Track, create_agent
+from swarm.config import MissionConfig
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.mapping_pilot import MappingPilot
 from swarm.pilot import Heading, Pilot, PilotConfig, Situation
-from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import Motion, Neighbours, Percept
-from tests.swarm_scenes import FORWARD, NOBODY, ONBOARD, RADIUS_M, flat, near, neighbours_of, percept_of, state
+from tests.helpers import CAMERA
+from tests.swarm_scenes import FORWARD, NOBODY, RADIUS_M, flat, near, neighbours_of, percept_of, state
 from voxdepth import plugins
 from voxdepth.errors import PluginError
 
@@ -34,7 +35,7 @@ def agent(drone: int, config: MissionConfig) -> Agent:
 
 def role_of(drone: int, config: MissionConfig) -> Role:
     (team,) = config.teams()
-    return Role(drone=drone, team=team, radius_m=RADIUS_M, camera=ONBOARD)
+    return Role(drone=drone, team=team, radius_m=RADIUS_M, camera=CAMERA)
 
 
 def wish(situation: Situation, **rules: Any) -> np.ndarray:
@@ -65,34 +66,22 @@ def situation(
 
 
 class TestLoading:
-    def test_ours_is_the_default(self) -> None:
-        assert MissionConfig().controller == DEFAULT_CONTROLLER
-        assert load_controller(DEFAULT_CONTROLLER) is create_agent
-
-    def test_one_of_yours_is_found_by_its_name(self) -> None:
+    def test_ours_is_the_default_and_one_of_yours_is_found_by_its_name(self) -> None:
         config = mission()
+        assert load_controller(config.controller) is create_agent
         assert load_controller("examples.straight_controller:create")(role_of(0, config), config).decide(situation())
 
-    def test_foreign_code_is_named_before_it_runs(self, caplog: pytest.LogCaptureFixture) -> None:
+    @pytest.mark.parametrize(("is_worker", "told"), [(False, 1), (True, 0)])
+    def test_foreign_code_is_named_before_it_runs_and_once_for_all_workers(
+        self, is_worker: bool, told: int, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(plugins, "parent_process", lambda: object() if is_worker else None)
         plugins._announce.cache_clear()
+        load_controller(DEFAULT_CONTROLLER)
         with pytest.raises(PluginError):
             load_controller("nowhere.at_all:factory")
-        assert [record.getMessage() for record in caplog.records] == [
-            "this runs the code of nowhere.at_all:factory: stop it if you do not know that"
-        ]
-        caplog.clear()
-        load_controller(DEFAULT_CONTROLLER)
-        assert not caplog.records
-
-    def test_workers_leave_the_word_about_foreign_code_to_their_parent(
-        self, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(plugins, "parent_process", object)
-        for name in ("nowhere.at_all:factory", "examples.nothing:create", "examples.straight_controller:no_such_name"):
-            plugins._announce.cache_clear()
-            with pytest.raises(PluginError):
-                load_controller(name)
-        assert not caplog.records
+        text = "this runs the code of nowhere.at_all:factory: stop it if you do not know that"
+        assert [record.getMessage() for record in caplog.records] == told * [text]
 
     @pytest.mark.parametrize("name", ["", "swarm.agents", "swarm.agents:", ":create_agent"])
     def test_half_a_name_is_refused_with_an_example(self, name: str) -> None:
@@ -107,32 +96,24 @@ SITUATIONS = {
     "alignment": situation(neighbours=near(((0, 4, 0), (0, 0, 1)))),
     "confinement_per_s": situation(at=(0.0, 40.0, 0.0), leader=((2.6, 38.7, 0.0), STILL)),
 }
-ALL_ON = {"cohesion_per_s": 0.5}
 
 
 class TestSwitches:
-    """Each rule of a follower moves it where the rule applies, and can be switched off from the file."""
-
-    def wanted(self, rule: str, **rules: Any) -> np.ndarray:
-        return wish(SITUATIONS[rule], **{**ALL_ON, **rules})
-
     @pytest.mark.parametrize("rule", list(SITUATIONS))
     def test_a_gain_of_0_switches_a_rule_of_the_follower_off(self, rule: str) -> None:
-        others_off = {name: 0.0 for name in SITUATIONS if name != rule}
-        alone = self.wanted(rule, **others_off)
+        rules = {"cohesion_per_s": 0.5}
+        alone = wish(SITUATIONS[rule], **rules | {name: 0.0 for name in SITUATIONS if name != rule})
+        others = wish(SITUATIONS[rule], **rules | {rule: 0.0})
         assert np.linalg.norm(alone) > 0.1
-        np.testing.assert_allclose(self.wanted(rule) - self.wanted(rule, **{rule: 0.0}), alone, atol=1e-12)
-        np.testing.assert_array_equal(self.wanted(rule, **dict.fromkeys(SITUATIONS, 0.0)), 0)
+        np.testing.assert_allclose(wish(SITUATIONS[rule], **rules) - others, alone, atol=1e-12)
+        np.testing.assert_array_equal(wish(SITUATIONS[rule], **dict.fromkeys(SITUATIONS, 0.0)), 0)
 
     @pytest.mark.parametrize("drone", [0, 1])
     def test_without_avoidance_a_drone_flies_blind(self, drone: int) -> None:
         ahead = situation(percept=WALL, leader=((9.0, -1.3, 0.0), STILL), mates=near(((-2.6, 1.3, 0), STILL)))
-        seeing = agent(drone, mission()).decide(ahead)
-        blind = agent(drone, mission(avoidance=False)).decide(ahead)
-        assert seeing.view is not None
-        assert blind.view is None
-        assert seeing.state != "blind"
-        assert blind.state == "blind"
+        seeing, blind = (agent(drone, mission(avoidance=on)).decide(ahead) for on in (True, False))
+        assert seeing.view is not None and seeing.state != "blind"
+        assert blind.view is None and blind.state == "blind"
         if drone == 1:
             assert np.linalg.norm(seeing.command.velocity_m_s) < 0.8 * np.linalg.norm(blind.command.velocity_m_s)
 
@@ -150,9 +131,6 @@ class TestSwitches:
 
 
 class TestAgents:
-    def test_the_first_one_leads(self) -> None:
-        assert [type(agent(i, mission())) for i in range(3)] == [Leader, Follower, Follower]
-
     def test_a_leader_waits_for_a_follower_that_it_does_not_hear(self) -> None:
         decision = agent(0, mission()).decide(situation(mates=near(((-2.6, 1.3, 0), STILL))))
         assert not decision.wanted_velocity_m_s.any()
@@ -200,22 +178,24 @@ class TestAgents:
 
     def test_no_pilot_flies_into_a_neighbour(self) -> None:
         ahead = situation(neighbours=near(((1.0, 0, 0), STILL)))
-        for pilot in (MappingPilot(PilotConfig(), 20, 0.0, RADIUS_M, ONBOARD), Pilot(PilotConfig(), 20, 0.0, RADIUS_M)):
+        for pilot in (MappingPilot(PilotConfig(), 20, 0.0, RADIUS_M, CAMERA), Pilot(PilotConfig(), 20, 0.0, RADIUS_M)):
             command = pilot.fly(2 * FORWARD, ahead).command
             assert abs(command.velocity_m_s[0]) < 1e-6
 
 
-class TestHeading:
-    def heading(self) -> Heading:
-        return Heading(PilotConfig(yaw_rate_rad_s=1.0), 20, 0.0)
-
-    def test_it_turns_the_short_way_and_no_faster_than_allowed(self) -> None:
-        heading = Heading(PilotConfig(yaw_rate_rad_s=1.0), 20, 3.0)
-        assert heading.turn_towards(np.array([np.cos(-3.0), np.sin(-3.0), 0]), 2.0) == pytest.approx(3.05)
-        turned = [heading.turn_towards(np.array([np.cos(-3.0), np.sin(-3.0), 0]), 2.0) for _ in range(20)]
-        assert turned[-1] == pytest.approx(2 * np.pi - 3.0)
-
-    def test_it_stays_when_there_is_no_wish_or_no_horizontal_way(self) -> None:
-        assert self.heading().turn_towards(np.array([0.0, 1, 0]), 0.3) == 0
-        assert self.heading().turn_towards(np.array([0.05, 0, 1.0]), 2.0) == 0
-        assert self.heading().turn_towards(np.array([0.0, -1, 0]), 2.0) == pytest.approx(-0.05)
+@pytest.mark.parametrize(
+    ("start_rad", "direction", "speed_m_s", "turned_rad", "in_the_end_rad"),
+    [
+        (3.0, [np.cos(-3.0), np.sin(-3.0), 0], 2.0, 3.05, 2 * np.pi - 3.0),
+        (0.0, [0.0, -1, 0], 2.0, -0.05, -np.pi / 2),
+        (0.0, [0.0, 1, 0], 0.3, 0.0, 0.0),
+        (0.0, [0.05, 0, 1.0], 2.0, 0.0, 0.0),
+    ],
+    ids=["the short way", "to the right", "no wish", "no horizontal way"],
+)
+def test_a_heading_turns_the_short_way_and_no_faster_than_allowed(
+    start_rad: float, direction: list[float], speed_m_s: float, turned_rad: float, in_the_end_rad: float
+) -> None:
+    heading = Heading(PilotConfig(yaw_rate_rad_s=1.0), 20, start_rad)
+    turned = [heading.turn_towards(np.array(direction), speed_m_s) for _ in range(40)]
+    assert (turned[0], turned[-1]) == pytest.approx((turned_rad, in_the_end_rad))

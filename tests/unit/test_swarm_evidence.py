@@ -1,17 +1,15 @@
 """What one depth image proves."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
-from swarm.evidence import Evidence, EvidenceConfig, InverseSensorModel
+from swarm import evidence as module
+from swarm.evidence import Evidence, InverseSensorModel
 from tests.helpers import CAMERA
 from voxdepth.types import CorrectedDepth, FloatImage, Intrinsics, Source
 
-EXACT = EvidenceConfig(disparity_error_px=0)
 LARGE = Intrinsics.from_hfov(width_px=650, height_px=481, hfov_deg=86, baseline_m=0.095)
 
 
@@ -27,13 +25,18 @@ def flat(depth_m: float) -> FloatImage:
     return np.full(CAMERA.shape, depth_m, np.float32)
 
 
-def evidence(depth_m: FloatImage, confidence: FloatImage | float = 1.0, config: EvidenceConfig = EXACT) -> Evidence:
+def exact(camera: Intrinsics = CAMERA) -> InverseSensorModel:
+    """A sensor whose disparity has no error."""
+    return InverseSensorModel(camera, disparity_error_px=0)
+
+
+def evidence(depth_m: FloatImage, confidence: FloatImage | float = 1.0) -> Evidence:
     """What an image proves."""
-    return InverseSensorModel(CAMERA, config).read(image(depth_m, confidence))
+    return exact().read(image(depth_m, confidence))
 
 
 def test_a_wall_is_a_surface_up_to_which_all_is_free() -> None:
-    sensor = InverseSensorModel(CAMERA, EXACT)
+    sensor = exact()
     free_m, surface_m = sensor.read(image(flat(3.0)))
     np.testing.assert_allclose(free_m * sensor.rays_cam[..., 2], 3.0, rtol=1e-6)
     np.testing.assert_array_equal(free_m, surface_m)
@@ -41,8 +44,8 @@ def test_a_wall_is_a_surface_up_to_which_all_is_free() -> None:
 
 def test_the_error_of_the_disparity_shortens_free_space() -> None:
     """f B / (f B / z + s), with an error in pixels of images that are three times as wide as the depth."""
-    config, scale = EvidenceConfig(disparity_error_px=0.6), 3.0
-    sensor = InverseSensorModel(replace(CAMERA, disparity_scale=scale), config)
+    scale = 3.0
+    sensor = InverseSensorModel(replace(CAMERA, disparity_scale=scale), disparity_error_px=0.6)
     free_m, surface_m = sensor.read(image(flat(5.0)))
     fB = CAMERA.focal_baseline_px_m
     np.testing.assert_allclose(free_m * sensor.rays_cam[..., 2], fB / (fB / 5 + 0.6 / scale), rtol=1e-5)
@@ -61,7 +64,7 @@ def test_a_cell_of_holes_proves_nothing(hole_share: float, is_free: bool) -> Non
 @pytest.mark.parametrize("n_holes", [1, 2])
 def test_a_cell_is_free_up_to_where_its_holes_could_hide_something_wide(n_holes: int) -> None:
     """Columns of holes that span an angle are 0.1 m wide at a range of 0.1 m / angle."""
-    sensor = InverseSensorModel(CAMERA, EXACT)
+    sensor = exact()
     depth_m = flat(20.0)
     for k in range(n_holes):
         depth_m[:, sensor.col_edges[:-1] + k] = 0
@@ -73,10 +76,12 @@ def test_a_cell_is_free_up_to_where_its_holes_could_hide_something_wide(n_holes:
 
 
 @pytest.mark.parametrize("min_trusted_share", [0.499, 0.5, 0.501])
-def test_a_cell_with_exactly_the_least_share_of_trusted_pixels_is_free(min_trusted_share: float) -> None:
-    sensor = InverseSensorModel(
-        CAMERA, EvidenceConfig(disparity_error_px=0, min_trusted_share=min_trusted_share, max_hidden_m=100)
-    )
+def test_a_cell_with_exactly_the_least_share_of_trusted_pixels_is_free(
+    min_trusted_share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MIN_TRUSTED_SHARE", min_trusted_share)
+    monkeypatch.setattr(module, "MAX_HIDDEN_M", 100.0)
+    sensor = exact()
     depth_m = flat(3.0)
     depth_m[np.indices(CAMERA.shape).sum(0) % 2 == 0] = 0
     free_m, _ = sensor.read(image(depth_m))
@@ -86,27 +91,14 @@ def test_a_cell_with_exactly_the_least_share_of_trusted_pixels_is_free(min_trust
     np.testing.assert_array_equal(free_m[halves] > 0, min_trusted_share <= 0.5)
 
 
-def test_rays_go_through_the_middle_of_the_pixels_of_their_cell() -> None:
-    sensor = InverseSensorModel(CAMERA, EXACT)
-    x, y, z = np.moveaxis(sensor.rays_cam, -1, 0)
-    across, down = x[0] / z[0], y[:, 0] / z[:, 0]
-    for slope, edges, focal_px, centre_px in (
-        (across, sensor.col_edges, CAMERA.fx_px, CAMERA.cx_px),
-        (down, sensor.row_edges, CAMERA.fy_px, CAMERA.cy_px),
-    ):
-        middle_px = np.array([np.arange(first, end).mean() for first, end in pairwise(edges)])
-        np.testing.assert_allclose(slope, (middle_px - centre_px) / focal_px, atol=1e-6)
-
-
 def test_the_least_confidence_is_enough() -> None:
     """More likely right than not is what is trusted, and a bound belongs to what it allows."""
     for confidence, is_trusted in ((0.4999, False), (0.5, True)):
         free_m, surface_m = evidence(flat(2.0), confidence)
         np.testing.assert_array_equal(free_m > 0, is_trusted)
         assert np.isfinite(surface_m).all()
-    quarter = EvidenceConfig(disparity_error_px=0, min_surface_confidence=0.25)
-    for confidence, is_shown in ((0.2499, False), (0.25, True)):
-        _, surface_m = evidence(flat(2.0), confidence, quarter)
+    for confidence, is_shown in ((0.0999, False), (0.1, True)):
+        _, surface_m = evidence(flat(2.0), confidence)
         np.testing.assert_array_equal(np.isfinite(surface_m), is_shown)
 
 
@@ -120,15 +112,16 @@ def test_a_doubtful_surface_ends_trusted_free_space() -> None:
 
 
 @pytest.mark.parametrize(("camera", "step"), [(CAMERA, 1), (LARGE, 4)], ids=["all pixels", "sampled pixels"])
-def test_the_percentiles_are_those_of_numpy(camera: Intrinsics, step: int) -> None:
-    rng, config = (
-        np.random.default_rng(2),
-        EvidenceConfig(disparity_error_px=0, min_trusted_share=0.2, max_hidden_m=100),
-    )
+def test_a_cell_is_free_and_shows_a_surface_at_quantiles_of_its_depths(
+    camera: Intrinsics, step: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MIN_TRUSTED_SHARE", 0.2)
+    monkeypatch.setattr(module, "MAX_HIDDEN_M", 100.0)
+    rng = np.random.default_rng(2)
     depth_m = rng.uniform(1, 9, camera.shape).astype(np.float32)
     depth_m[rng.random(camera.shape) < 0.3] = 0
     confidence = rng.choice(np.array([0.05, 0.3, 0.8], np.float32), camera.shape)
-    sensor = InverseSensorModel(camera, config)
+    sensor = exact(camera)
     found = sensor.read(image(depth_m, confidence))
     rows, cols = sensor.row_edges, sensor.col_edges
     for i in range(len(rows) - 1):
@@ -143,25 +136,20 @@ def test_the_percentiles_are_those_of_numpy(camera: Intrinsics, step: int) -> No
             assert found.surface_m[i, j] * sensor.rays_cam[i, j, 2] == pytest.approx(surface_m, rel=1e-5)
 
 
-def test_every_cell_of_a_large_image_is_read_however_small_it_is() -> None:
-    found = InverseSensorModel(LARGE, EvidenceConfig(cell_deg=0.51, max_hidden_m=100)).read(
-        image(np.full(LARGE.shape, 5.0, np.float32))
-    )
+def test_every_cell_of_a_large_image_is_read_however_small_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "CELL_DEG", 0.51)
+    monkeypatch.setattr(module, "MAX_HIDDEN_M", 100.0)
+    found = InverseSensorModel(LARGE).read(image(np.full(LARGE.shape, 5.0, np.float32)))
     assert (found.free_m > 4).all() and np.isfinite(found.surface_m).all()
-
-
-def test_free_space_needs_no_less_confidence_than_a_surface() -> None:
-    with pytest.raises(ValidationError, match="needs no more confidence than free space"):
-        EvidenceConfig(min_confidence=0.3, min_surface_confidence=0.5)
 
 
 @pytest.mark.parametrize("confidence", [0.0, 1.0])
 def test_where_holes_are_free_space_they_count_as_far_depths_and_every_depth_is_trusted(confidence: float) -> None:
     depth_m = flat(6.0)
     depth_m[:, : CAMERA.width_px // 2] = 0
-    reader = InverseSensorModel(CAMERA, EXACT, "free")
+    reader = InverseSensorModel(CAMERA, holes="free", disparity_error_px=0)
     read = reader.read(image(depth_m, confidence))
     far_m = flat(6.0)
-    far_m[depth_m == 0] = EXACT.free_range_m
-    np.testing.assert_array_equal(read, InverseSensorModel(CAMERA, EXACT).read(image(far_m)))
+    far_m[depth_m == 0] = module.HOLE_RANGE_M
+    np.testing.assert_array_equal(read, exact().read(image(far_m)))
     assert read.free_m.min() > 5

@@ -10,6 +10,7 @@ from swarm.types import Neighbours
 from tests.swarm_scenes import FORWARD, NOBODY, near, turn
 
 ZONE = rules.Corridor(low_m=2.5, high_m=9.0, half_width_m=30.0, start_m=np.zeros(2), along=np.array([1.0, 0]))
+STILL = (0.0, 0.0, 0.0)
 ANGLES = st.floats(-np.pi, np.pi)
 SEEDS = st.integers(0, 10_000)
 
@@ -46,20 +47,18 @@ def test_cohesion_and_alignment_point_to_the_mean() -> None:
     np.testing.assert_allclose(rules.alignment(np.zeros(3), two, 1.0), [0.5, 0.5, 0])
 
 
-def test_nobody_around_changes_nothing() -> None:
+def test_nobody_around_and_somebody_in_the_same_place_change_nothing() -> None:
     assert not rules.cohesion(np.zeros(3), NOBODY, 1.0).any()
     assert not rules.alignment(FORWARD, NOBODY, 1.0).any()
-    assert not rules.separation(np.zeros(3), NOBODY, 1.0, 2.0).any()
+    assert not rules.separation(np.zeros(3), near(((0, 0, 0), (0, 0, 0))), 1.5, 2.0).any()
 
 
-@pytest.mark.parametrize(("z", "up"), [(1.0, 1.5), (2.5, 0), (5.0, 0), (9.0, 0), (12.0, -3)])
-def test_confinement_leads_back(z: float, up: float) -> None:
-    np.testing.assert_allclose(rules.confinement(np.array([0, 0, z]), ZONE, 1.0), [0, 0, up])
-
-
-@pytest.mark.parametrize(("y", "back"), [(-35.0, 5), (0.0, 0), (29.0, 0), (31.0, -1)])
-def test_confinement_holds_the_way(y: float, back: float) -> None:
-    np.testing.assert_allclose(rules.confinement(np.array([50.0, y, 5.0]), ZONE, 1.0), [0, back, 0], atol=1e-12)
+@pytest.mark.parametrize(
+    ("y", "z", "back"), [(0, 1, [0, 0, 1.5]), (0, 2.5, STILL), (29, 9, STILL), (0, 12, [0, 0, -3]), (-35, 5, [0, 5, 0]),
+                         (31, 5, [0, -1, 0])]
+)  # fmt: skip
+def test_confinement_leads_back_into_the_corridor(y: float, z: float, back: object) -> None:
+    np.testing.assert_allclose(rules.confinement(np.array([50.0, y, z]), ZONE, 1.0), back, atol=1e-12)
 
 
 def test_patience_is_1_while_all_are_near_and_0_when_one_is_far() -> None:
@@ -105,11 +104,6 @@ def test_confinement_turns_with_the_way(seed: int, angle: float) -> None:
 @given(SEEDS)
 def test_two_drones_push_each_other_equally(seed: int) -> None:
     here, there = np.random.default_rng(seed).uniform(-1, 1, (2, 3))
-    still = (0.0, 0.0, 0.0)
-    one = rules.separation(here, near((tuple(there), still)), 1.5, 2.0)
-    other = rules.separation(there, near((tuple(here), still)), 1.5, 2.0)
+    one = rules.separation(here, near((tuple(there), STILL)), 1.5, 2.0)
+    other = rules.separation(there, near((tuple(here), STILL)), 1.5, 2.0)
     np.testing.assert_allclose(one, -other, atol=1e-12)
-
-
-def test_two_drones_in_the_same_place_do_not_break_separation() -> None:
-    assert not rules.separation(np.zeros(3), near(((0, 0, 0), (0, 0, 0))), 1.5, 2.0).any()

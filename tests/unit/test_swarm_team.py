@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarm.config import MissionConfig
 from swarm.controllers import Role
 from swarm.metrics import separation_m
-from swarm.task import MissionConfig
 from swarm.team import FormationConfig, Route, Team
-from tests.swarm_scenes import ONBOARD, RADIUS_M, state, turn
+from tests.helpers import CAMERA
+from tests.swarm_scenes import RADIUS_M, state, turn
 
 ANGLES = st.floats(-np.pi, np.pi)
 
@@ -23,12 +24,9 @@ def test_slots_are_apart_and_behind() -> None:
     offsets = FormationConfig().offsets_m(7)
     assert (offsets[:, 0] < 0).all()
     assert separation_m([state(*o) for o in [*offsets, (0, 0, 0)]], RADIUS_M) > 1.5
+    np.testing.assert_allclose(FormationConfig(height_step_m=0.5).offsets_m(4)[:, 2], [0.5, 0.5, 1.0, 1.0])
     quarter = team_to((0.0, 10.0, 5.0), members=range(8)).offsets_m
     np.testing.assert_allclose(quarter[:, 1], offsets[:, 0], atol=1e-12)
-
-
-def test_rows_climb_by_their_step() -> None:
-    np.testing.assert_allclose(FormationConfig(height_step_m=0.5).offsets_m(4)[:, 2], [0.5, 0.5, 1.0, 1.0])
 
 
 @given(ANGLES)
@@ -94,7 +92,7 @@ def test_a_way_straight_up_and_no_way_at_all_have_a_heading() -> None:
 
 def test_roles_know_their_slots() -> None:
     team = team_to((30.0, 0.0, 5.0), members=range(4, 8))
-    roles = [Role(drone=i, team=team, radius_m=RADIUS_M, camera=ONBOARD) for i in team.members]
+    roles = [Role(drone=i, team=team, radius_m=RADIUS_M, camera=CAMERA) for i in team.members]
     assert [role.leads for role in roles] == [True, False, False, False]
     for role, start_m in zip(roles, team.starts_m, strict=True):
         np.testing.assert_allclose(team.start_m + role.offset_m, start_m)

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from sim.types import Contact
+from swarm.config import MissionConfig
 from swarm.mission import MIN_PROGRESS_M, TerminationConditions
-from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import Outcome
-from voxdepth.types import FloatArray
 
 HIT = Contact(time_s=3.0, drone=0, other="tower", kind="building", speed_m_s=1.0)
 GOALS = ((20.0, 0.0, 5.0), (20.0, 50.0, 5.0))
@@ -136,48 +135,31 @@ def test_no_follower_of_a_long_column_is_lost_in_its_slot() -> None:
     assert conditions.check(2.0, positions, ()) is Outcome.LOST
 
 
-def ahead(starts_m: FloatArray, x_m: float) -> FloatArray:
-    return starts_m + np.array([x_m, 0, 0])
+NAN = [np.nan] * 3
+HIGH, FAR = [0, 0, 2.0], [0, 40.0, 0]
 
 
-class TestDroppingOut:
-    """Drones that touched something drop out, and the mission goes on without them."""
-
-    def flight(self, n_routes: int = 1) -> tuple[TerminationConditions, Any]:
-        task = config(n_routes=n_routes, after_contact="drop")
-        return TerminationConditions(task, task.teams()), task.starts_m()
-
-    def test_the_others_arrive_and_it_was_a_collision(self) -> None:
-        conditions, starts_m = self.flight()
-        starts_m[2] = np.nan
-        assert conditions.check(9.0, ahead(starts_m, 10.0), (HIT,)) is None
-        assert conditions.check(10.0, ahead(starts_m, 20.0), (HIT,)) is Outcome.COLLISION
-
-    def test_those_who_are_left_must_be_in_formation(self) -> None:
-        conditions, starts_m = self.flight()
-        starts_m[2] = np.nan
-        starts_m[1] += [0, 0, 2.0]
-        assert conditions.check(9.0, ahead(starts_m, 20.0), (HIT,)) is None
-
-    def test_a_swarm_that_is_stuck_or_lost_after_a_contact_ends_as_a_collision(self) -> None:
-        conditions, starts_m = self.flight()
-        starts_m[2] = np.nan
-        assert conditions.check(4.0, starts_m, (HIT,)) is None
-        assert conditions.check(9.1, starts_m, (HIT,)) is Outcome.COLLISION
-        starts_m[1] += [0, 40.0, 0]
-        assert self.flight()[0].check(4.0, starts_m, (HIT,)) is Outcome.COLLISION
-
-    def test_without_its_leader_a_swarm_is_over_after_the_aftermath(self) -> None:
-        conditions, starts_m = self.flight()
-        starts_m[:] = np.nan
-        assert conditions.check(3.9, starts_m, (HIT,)) is None
-        assert conditions.check(4.0, starts_m, (HIT,)) is Outcome.COLLISION
-        assert conditions.check(4.8, starts_m, (HIT, LATER)) is None, "that of the last contact"
-        assert conditions.check(4.9, starts_m, (HIT, LATER)) is Outcome.COLLISION
-
-    def test_another_swarm_flies_on_without_it(self) -> None:
-        conditions, starts_m = self.flight(2)
-        starts_m[:3] = np.nan
-        assert conditions.check(9.0, ahead(starts_m, 4.0), (HIT,)) is None
-        assert conditions.check(13.0, ahead(starts_m, 12.0), (HIT,)) is None
-        assert conditions.check(17.0, ahead(starts_m, 20.0), (HIT,)) is Outcome.COLLISION
+@pytest.mark.parametrize(
+    ("n_routes", "off_m", "moments"),
+    [
+        (1, {2: NAN}, [(9.0, 10.0, None), (10.0, 20.0, COLLISION)]),
+        (1, {2: NAN, 1: HIGH}, [(9.0, 20.0, None)]),
+        (1, {2: NAN}, [(4.0, 0.0, None), (9.1, 0.0, COLLISION)]),
+        (1, {2: NAN, 1: FAR}, [(4.0, 0.0, COLLISION)]),
+        (1, {0: NAN, 1: NAN, 2: NAN}, [(3.9, 0.0, None), (4.0, 0.0, COLLISION)]),
+        (2, {0: NAN, 1: NAN, 2: NAN}, [(9.0, 4.0, None), (13.0, 12.0, None), (17.0, 20.0, COLLISION)]),
+    ],
+    ids=["the others arrive", "not in formation", "stuck", "lost", "without a leader", "another swarm flies on"],
+)
+def test_drones_that_touched_something_drop_out_and_the_mission_goes_on_without_them(
+    n_routes: int, off_m: dict[int, list[float]], moments: list[tuple[float, float, Outcome | None]]
+) -> None:
+    task = config(n_routes=n_routes, after_contact="drop")
+    conditions, positions_m = TerminationConditions(task, task.teams()), task.starts_m()
+    for drone, offset_m in off_m.items():
+        positions_m[drone] += offset_m
+    for time_s, along_m, outcome in moments:
+        assert conditions.check(time_s, positions_m + np.array([along_m, 0, 0]), (HIT,)) is outcome
+    if np.isnan(positions_m).all():
+        assert conditions.check(4.8, positions_m, (HIT, LATER)) is None, "that of the last contact"
+        assert conditions.check(4.9, positions_m, (HIT, LATER)) is COLLISION

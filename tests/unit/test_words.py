@@ -7,7 +7,7 @@ from scenarios.commands.swarm import Prior
 from scenarios.config import Scenario, load_run
 from sim.depth_noise import SENSOR_MODEL_NAMES
 from sim.render import RENDERER_NAMES
-from swarm.priors import PosePriorName
+from swarm.odometry import PosePriorName
 from voxdepth.registry import DEFAULT, config_of
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.options import DEFAULT_CORRECTOR

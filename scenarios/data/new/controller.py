@@ -4,10 +4,10 @@ Fly it: voxdepth run city --drones 3 --controller NAME:create
 """
 
 from swarm.agents import create_pilot
+from swarm.config import MissionConfig
 from swarm.controllers import Role
 from swarm.pilot import Decision, Situation
 from swarm.rules import limit
-from swarm.task import MissionConfig
 
 
 class Controller:

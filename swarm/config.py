@@ -1,17 +1,24 @@
-"""The task of a mission, and the swarms that fly it."""
+"""The settings of a mission: the task, the swarms that fly it, and the parts that they are made of."""
 
 from typing import Literal
 
 import numpy as np
+import pydantic
 from pydantic import Field
 
-from sim.types import Model
+from sim.drone import AirframeConfig
+from sim.render import RendererName
+from sim.scenes import AnyScene, CitySpec
+from sim.sensor import RigConfig
+from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.model import Model
+from voxdepth.registry import DEFAULT
 from voxdepth.types import FloatArray
 
 from .link import LinkConfig
 from .neighbours import NeighbourConfig
+from .odometry import OdometryConfig
 from .pilot import PilotConfig
-from .priors import LocalisationConfig, PosePriorConfig
 from .rules import RuleWeights
 from .team import FormationConfig, Route, Team
 
@@ -56,8 +63,7 @@ class MissionConfig(Model):
     pilot: PilotConfig = PilotConfig()
     neighbours: NeighbourConfig = NeighbourConfig()
     link: LinkConfig = LinkConfig()
-    pose_prior: PosePriorConfig = PosePriorConfig()
-    localisation: LocalisationConfig = LocalisationConfig()
+    pose_prior: OdometryConfig = OdometryConfig()
 
     def teams(self) -> list[Team]:
         """Return one swarm per route."""
@@ -71,3 +77,28 @@ class MissionConfig(Model):
     def start_yaws_rad(self) -> FloatArray:
         """Return the headings of all drones at the start, shape (N,)."""
         return np.repeat([team.heading_rad for team in self.teams()], self.drones)
+
+
+class MissionSetup(Model):
+    """The parts of a mission: what scenarios and learning tasks have in common."""
+
+    scene: AnyScene = CitySpec()
+    """The scene; every seed builds another one."""
+    mission: MissionConfig = MissionConfig()
+    """The task, and the swarms that fly it."""
+    rig: RigConfig = RigConfig()
+    """Cameras of every drone."""
+    airframe: AirframeConfig = AirframeConfig()
+    """Size and dynamics of every drone."""
+    corrector: CorrectorSpec = CorrectorSpec(name=DEFAULT)
+    """Depth corrector of every drone: its name, or a table with `name` and `config`."""
+    renderer: RendererName = "raster"
+    """Renderer of the images."""
+
+    @pydantic.field_validator("rig")
+    @classmethod
+    def _require_left_camera(cls, rig: RigConfig) -> RigConfig:
+        for name in ("color_offset_m", "shutter"):
+            if getattr(rig, name) is not None:
+                raise ValueError(f"{name} is for recorded sequences: drones fly by their left camera; leave it out")
+        return rig

@@ -1,33 +1,43 @@
-"""Speed limits towards nearby drones."""
+"""How fast a drone may approach what is before it: surfaces, by the braking curve, and other drones."""
 
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import Field
 
-from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
-from .braking import BrakingConfig
 from .types import Neighbours
 
+DECEL_M_S2 = 2.5
+"""Deceleration of a drone that brakes, before surfaces and before other drones; less of it brakes earlier."""
+GAIN_PER_S = 1.5
+"""Speed per distance in the last, linear part of braking, and of backing off."""
+RESPONSE_S = 0.4
+"""Delay with which the airframe follows its commands, 1 / velocity gain. The distance flown meanwhile is not available
+for braking, which prevents overshoot. More of it brakes earlier."""
+DRONE_GAP_M = 0.5
+"""Gap that is kept between the collision spheres of two drones."""
+DRONE_RANGE_M = 8.0
+"""Other drones farther away than this do not slow a drone down. Two drones that meet head on need twice the distance in
+which one of them stops."""
 MAX_PROJECTIONS = 32
 """Most violated limits that are resolved; fewer of them leave more violations in corners of several surfaces."""
 LEAST_SHARE = 0.05
 """Directions of which a smaller share is horizontal do not limit the horizontal velocity."""
 MAX_ASIDE_M_S = 1.0
 """Largest speed with which a drone moves aside."""
-NO_MOTION: FloatArray = np.zeros(3)
 
 
-class NearbyConfig(Model):
-    """Clearance to other drones: the gap between collision spheres."""
+def stopping_speed_m_s(distance_m: FloatArray | float) -> FloatArray:
+    """Return the speed from which a drone can stop within each distance: linear when close, then a square root.
 
-    drone_radius_m: float = Field(default=8.0, gt=0)
-    """Other drones farther away than this do not slow a drone down. Two drones that meet head on need twice the
-    distance in which one of them stops."""
-    drone_clearance_m: float = Field(default=0.5, gt=0)
-    """Clearance that is kept to other drones [m]."""
+    `D(x) = 0 for x <= 0; p x for x < a/p^2; sqrt(2 a x - a^2/p^2) otherwise` is smooth where its parts meet
+    (Vasarhelyi et al. 2018, Sci. Robot. 3, eaat3536), with the deceleration a and the slope p of the inner part.
+    """
+    a, p = DECEL_M_S2, GAIN_PER_S
+    near = p * np.maximum(distance_m, 0)
+    far = np.sqrt(np.maximum(2 * a * distance_m - (a / p) ** 2, 0))
+    return np.where(distance_m < a / p**2, near, far)
 
 
 class ApproachLimits(NamedTuple):
@@ -40,28 +50,21 @@ class ApproachLimits(NamedTuple):
 
 
 def neighbour_limits(
-    position_m: FloatArray,
-    neighbours: Neighbours,
-    config: NearbyConfig,
-    braking: BrakingConfig,
-    radius_m: float,
-    *,
-    reaction_distance_m: FloatArray = NO_MOTION,
-    response_s: float = 0.0,
+    position_m: FloatArray, velocity_m_s: FloatArray, neighbours: Neighbours, radius_m: float
 ) -> ApproachLimits:
     """Return how fast a drone may approach each neighbour; the neighbour's own motion away is added to the limit.
 
-    A command takes effect after `response_s`; the drone moves by `reaction_distance_m`, shape (3,), until then. A
-    neighbour that moves away may stop with the same deceleration.
+    Both move on for `RESPONSE_S` until a command takes effect. A neighbour that moves away may stop with the same
+    deceleration. `radius_m` is that of the collision spheres.
     """
     offset_m = neighbours.position_m - position_m
     distance_m = np.sqrt((offset_m * offset_m).sum(axis=1))
-    near = (distance_m > 1e-6) & (distance_m < config.drone_radius_m)
+    near = (distance_m > 1e-6) & (distance_m < DRONE_RANGE_M)
     towards = offset_m[near] / distance_m[near, None]
     away_m_s = (neighbours.velocity_m_s[near] * towards).sum(axis=1)
-    approached_m = (towards * reaction_distance_m).sum(axis=1) - response_s * np.minimum(away_m_s, 0)
-    left_m = distance_m[near] - (2 * radius_m + config.drone_clearance_m) - np.maximum(approached_m, 0)
-    speed_m_s = np.where(left_m < 0, braking.gain_per_s * left_m, braking.speed_m_s(left_m))
+    approached_m = (towards * (RESPONSE_S * velocity_m_s)).sum(axis=1) - RESPONSE_S * np.minimum(away_m_s, 0)
+    left_m = distance_m[near] - (2 * radius_m + DRONE_GAP_M) - np.maximum(approached_m, 0)
+    speed_m_s = np.where(left_m < 0, GAIN_PER_S * left_m, stopping_speed_m_s(left_m))
     may_stop = (speed_m_s > 0) & (away_m_s > 0)
     return ApproachLimits(towards, np.where(may_stop, np.sqrt(speed_m_s**2 + away_m_s**2), speed_m_s + away_m_s))
 

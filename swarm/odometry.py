@@ -1,6 +1,5 @@
-"""Where a drone takes itself to be: by its localisation, by its odometry, and as it tells its corrector."""
+"""The odometry of a drone, by which it builds its map, and what its corrector is told of it."""
 
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -8,14 +7,14 @@ from pydantic import Field
 
 from sim import frames
 from sim.seeds import Purpose, stream
-from sim.types import Capture, DroneState
+from sim.types import Capture
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
 PosePriorName = Literal["none", "drift", "true"]
 
 
-class PosePriorConfig(Model):
+class OdometryConfig(Model):
     """Drift of a drone's odometry, and which poses the drone passes to its corrector.
 
     With `none` the corrector has the images alone. With `drift` it gets the pose of the odometry. With `true` it gets
@@ -42,7 +41,7 @@ class Odometry:
     drifts of different drones are independent.
     """
 
-    def __init__(self, config: PosePriorConfig, *, seed: int, drone: int) -> None:
+    def __init__(self, config: OdometryConfig, *, seed: int, drone: int) -> None:
         self._config = config
         self._rng = stream(seed, Purpose.POSE_PRIOR, drone)
         self._before: tuple[float, FloatArray] | None = None
@@ -65,41 +64,3 @@ class Odometry:
 
     def _yaw_error(self) -> FloatArray:
         return frames.rotation_from_yaw(self._yaw_error_rad)
-
-
-class LocalisationConfig(Model):
-    """Drift of where a drone takes itself to be in the world, by which it flies to goals, slots and mates."""
-
-    drift_m_per_sqrt_s: float = Field(default=0.0, ge=0)
-    """Standard deviation of each coordinate after one second; it grows with the root of time. 0 is a perfect fix."""
-
-
-class Localisation:
-    """Where a drone takes itself to be: the truth and a random walk, which differs from drone to drone."""
-
-    def __init__(self, config: LocalisationConfig, *, seed: int, drone: int) -> None:
-        self._drift_m_per_sqrt_s = config.drift_m_per_sqrt_s
-        self._rng = stream(seed, Purpose.LOCALISATION, drone)
-        self._error_m: FloatArray = np.zeros(3)
-
-    def advance(self, dt_s: float) -> None:
-        """Drift for a time."""
-        if self._drift_m_per_sqrt_s:
-            self._error_m = self._error_m + self._drift_m_per_sqrt_s * np.sqrt(dt_s) * self._rng.standard_normal(3)
-
-    def state(self, true: DroneState) -> DroneState:
-        """Return the state that the drone believes to have."""
-        return replace(true, position_m=true.position_m + self._error_m)
-
-    def pose(self, T_world_cam: FloatArray) -> FloatArray:
-        """Return the pose of its camera that the drone believes, shape (4, 4)."""
-        T = T_world_cam.copy()
-        T[:3, 3] += self._error_m
-        return T
-
-
-def pose_for_corrector(kind: PosePriorName, capture: Capture, T_odom_cam: FloatArray) -> FloatArray | None:
-    """Return the pose that a drone passes to its corrector, shape (4, 4), or None."""
-    if kind == "true":
-        return capture.T_world_cam.copy()
-    return T_odom_cam if kind == "drift" else None

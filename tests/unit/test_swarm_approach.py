@@ -5,11 +5,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm.braking import BrakingConfig
-from swarm.nearby import ApproachLimits, NearbyConfig, clamp_to_limits, level_limits, neighbour_limits, shortened
-from tests.swarm_scenes import FORWARD, RADIUS_M, near, turn
+from swarm.approach import (
+    DECEL_M_S2,
+    DRONE_RANGE_M,
+    RESPONSE_S,
+    ApproachLimits,
+    clamp_to_limits,
+    level_limits,
+    neighbour_limits,
+    shortened,
+)
+from tests.swarm_scenes import FORWARD, RADIUS_M, Vector, near, turn
 
-CONFIG, BRAKING = NearbyConfig(), BrakingConfig()
 SEEDS = st.integers(0, 10_000)
 STILL = (0.0, 0.0, 0.0)
 
@@ -25,56 +32,45 @@ def compatible(seed: int) -> tuple[np.ndarray, ApproachLimits, np.ndarray]:
     return 3 * wanted / np.linalg.norm(wanted), ApproachLimits(towards, speed_m_s), allowed_m_s
 
 
+def limits_to(*others: tuple[Vector, Vector], velocity_m_s: object = STILL) -> ApproachLimits:
+    """Limits of a drone at the origin towards others at places with velocities."""
+    return neighbour_limits(np.zeros(3), np.array(velocity_m_s), near(*others), RADIUS_M)
+
+
 class TestNeighbourLimits:
     def test_neighbours_are_not_approached_but_followed(self) -> None:
-        still = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), STILL)), CONFIG, BRAKING, RADIUS_M)
-        assert clamp_to_limits(2 * FORWARD, still)[0] == pytest.approx(0.0, abs=1e-9)
-        moving = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (2, 0, 0))), CONFIG, BRAKING, RADIUS_M)
-        assert clamp_to_limits(2 * FORWARD, moving)[0] == pytest.approx(2.0)
+        assert clamp_to_limits(2 * FORWARD, limits_to(((1.0, 0, 0), STILL)))[0] == pytest.approx(0.0, abs=1e-9)
+        assert clamp_to_limits(2 * FORWARD, limits_to(((1.0, 0, 0), (2, 0, 0))))[0] == pytest.approx(2.0)
 
     @settings(max_examples=15)
     @given(st.floats(1.0, 4.0), st.floats(0.5, 3.5))
     def test_one_that_brakes_is_not_run_into(self, gap_m: float, speed_m_s: float) -> None:
-        """A drone follows another one, which then stops with 2.5 m/s^2; its velocity follows its commands."""
+        """A drone follows another one, which then stops as hard as it can; its velocity follows its commands."""
         ahead_m, ahead_m_s, own_m, own_m_s, least_m = gap_m, speed_m_s, 0.0, 0.0, gap_m
         for tick in range(400):
             if tick > 160:
-                ahead_m_s = max(0.0, ahead_m_s - 2.5 / 20)
-            reached_m = np.array([0.4 * own_m_s, 0.0, 0.0])
-            other = near(((ahead_m - own_m, 0, 0), (ahead_m_s, 0, 0)))
-            limits = neighbour_limits(
-                np.zeros(3), other, CONFIG, BRAKING, RADIUS_M, reaction_distance_m=reached_m, response_s=0.4
-            )
+                ahead_m_s = max(0.0, ahead_m_s - DECEL_M_S2 / 20)
+            limits = limits_to(((ahead_m - own_m, 0, 0), (ahead_m_s, 0, 0)), velocity_m_s=own_m_s * FORWARD)
             wanted = clamp_to_limits(4.0 * FORWARD, limits)[0]
-            own_m_s += (1 - np.exp(-1 / 8)) * (wanted - own_m_s)
+            own_m_s += (1 - np.exp(-1 / (20 * RESPONSE_S))) * (wanted - own_m_s)
             own_m, ahead_m = own_m + own_m_s / 20, ahead_m + ahead_m_s / 20
             least_m = min(least_m, ahead_m - own_m)
         assert least_m > 2 * RADIUS_M + 0.35
 
-    def test_one_that_comes_nearer_is_fled(self) -> None:
-        coming = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (-1, 0, 0))), CONFIG, BRAKING, RADIUS_M)
-        assert clamp_to_limits(np.zeros(3), coming)[0] == pytest.approx(-1.0)
-
-    def test_one_that_comes_nearer_counts_where_it_is_when_a_command_takes_effect(self) -> None:
-        late, there = (
-            neighbour_limits(np.zeros(3), near(((x, 0, 0), (-1, 0, 0))), CONFIG, BRAKING, RADIUS_M, response_s=s)
-            for x, s in ((4.0, 0.5), (3.5, 0.0))
-        )
-        np.testing.assert_allclose(late.speed_m_s, there.speed_m_s)
+    @pytest.mark.parametrize(("own_m_s", "other_m_s"), [(0.0, -1.0), (1.0, 0.0), (1.5, -0.5)])
+    def test_both_count_where_they_are_when_a_command_takes_effect(self, own_m_s: float, other_m_s: float) -> None:
+        now = limits_to(((4.0, 0, 0), (other_m_s, 0, 0)), velocity_m_s=own_m_s * FORWARD)
+        then = limits_to(((4.0 - RESPONSE_S * (own_m_s - other_m_s), 0, 0), STILL))
+        np.testing.assert_allclose(now.speed_m_s, then.speed_m_s + other_m_s)
 
     def test_the_far_do_not_matter(self) -> None:
-        other = near(((CONFIG.drone_radius_m + 0.1, 0, 0), (-9, 0, 0)))
-        far = neighbour_limits(np.zeros(3), other, CONFIG, BRAKING, RADIUS_M)
-        np.testing.assert_array_equal(clamp_to_limits(2 * FORWARD, far), 2 * FORWARD)
+        assert not len(limits_to(((DRONE_RANGE_M + 0.1, 0, 0), (-9, 0, 0))).towards)
 
     @given(st.floats(0.3, 2.9), st.floats(-np.pi, np.pi))
     def test_they_do_not_know_north(self, distance_m: float, angle: float) -> None:
         rotation = turn(angle)
         others = np.array([[distance_m, 0.0, 0.2], [0.0, 1.2, 0.0]])
-        limits, there = (
-            neighbour_limits(np.zeros(3), near(*((tuple(at), STILL) for at in places)), CONFIG, BRAKING, RADIUS_M)
-            for places in (others, others @ rotation.T)
-        )
+        limits, there = (limits_to(*((tuple(at), STILL) for at in places)) for places in (others, others @ rotation.T))
         np.testing.assert_allclose(there.speed_m_s, limits.speed_m_s, atol=1e-9)
         np.testing.assert_allclose(
             clamp_to_limits(rotation @ (2 * FORWARD), there), rotation @ clamp_to_limits(2 * FORWARD, limits), atol=1e-4
@@ -107,20 +103,13 @@ class TestShortened:
         np.testing.assert_allclose(np.cross(left, wanted), 0, atol=1e-9)
         assert left @ wanted >= 0
 
-    def test_what_keeps_the_limits_is_left_alone(self) -> None:
-        limit = ApproachLimits(FORWARD[None], np.array([0.5]))
-        np.testing.assert_array_equal(shortened(np.array([0.4, 2.0, -1.0]), limit), [0.4, 2, -1])
 
-
-class TestRestrain:
+class TestClamp:
     @given(SEEDS)
     def test_what_keeps_all_limits_is_left_alone(self, seed: int) -> None:
         _, limits, allowed_m_s = compatible(seed)
-        np.testing.assert_array_equal(clamp_to_limits(allowed_m_s, limits), allowed_m_s)
-
-    def test_one_limit_is_kept_and_the_rest_of_the_velocity_with_it(self) -> None:
-        limit = ApproachLimits(FORWARD[None], np.array([0.5]))
-        np.testing.assert_allclose(clamp_to_limits(np.array([2.0, 1.0, -1.0]), limit), [0.5, 1, -1])
+        for keep in (clamp_to_limits, shortened):
+            np.testing.assert_array_equal(keep(allowed_m_s, limits), allowed_m_s)
 
     @given(SEEDS)
     def test_it_only_comes_nearer_to_what_is_allowed(self, seed: int) -> None:
@@ -135,11 +124,6 @@ class TestRestrain:
             excess.append(float((limits.towards @ clamp_to_limits(wanted, limits) - limits.speed_m_s).max()))
         assert max(excess) < 0.25
         assert np.quantile(excess, 0.95) < 0.02
-
-    def test_a_corner_of_two_walls_stops_a_drone(self) -> None:
-        towards = np.array([[np.cos(1.0), np.sin(1.0), 0], [np.cos(1.0), -np.sin(1.0), 0]])
-        mended = clamp_to_limits(3 * FORWARD, ApproachLimits(towards, np.zeros(2)))
-        assert (towards @ mended < 0.01).all()
 
     def test_limits_that_contradict_each_other_do_not_run_away(self) -> None:
         squeezed = ApproachLimits(np.array([FORWARD, -FORWARD]), np.array([-0.5, -0.5]))
