@@ -38,10 +38,10 @@ def load(kind: str, name: str, signature: str, code: str | None = None) -> Calla
     Raises:
         PluginError: There is no such module, it raises an error, or it has no callable of that name.
     """
-    if code is None and not all(name.partition(":")):
-        raise PluginError(f"a {kind} must be 'module:factory', as in 'mine:create', got {name!r}")
-    _search_here()
     if code is None:
+        if not all(name.partition(":")):
+            raise PluginError(f"a {kind} must be 'module:factory', as in 'mine:create', got {name!r}")
+        _search_here()
         _announce(name)
     try:
         factory = pkgutil.resolve_name(code or name)
