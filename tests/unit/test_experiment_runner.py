@@ -48,7 +48,7 @@ def test_the_table_is_printed_and_written_with_what_is_needed_to_repeat_it(
     stored = json.loads((folder / "result.json").read_text())
     assert (stored["seed"], stored["frames"], stored["width_px"]) == (7, 4, 160)
     assert stored["command"] == "voxdepth experiment stub"
-    assert stored["provenance"]["processor"] and "numpy" in stored["provenance"]["versions"]
+    assert stored["provenance"]["machine"] and "numpy" in stored["provenance"]["versions"]
     assert stored["notes"] == ["a note"]
 
 

@@ -117,6 +117,8 @@ def test_contacts_are_recorded_once_with_what_was_hit() -> None:
     first = next(c for c in world.contacts if c.other == "wall")
     assert 1.0 < first.time_s < 2.0
     assert first.speed_m_s == pytest.approx(2.9, abs=0.3)
+    (head_on,) = (c for c in world.contacts if c.kind == "drone")
+    assert head_on.speed_m_s == pytest.approx(3.6, abs=0.3), "both speeds add up"
 
 
 def test_clearance_is_the_gap_to_the_collision_sphere() -> None:
