@@ -18,7 +18,7 @@ from .store import RunRecord, StudyData
 TOLERANCE = 1e-6
 """Difference up to which two numbers are the same, relative or absolute: processors round in different ways."""
 DEPTH_TOLERANCE = 1e-4
-"""The same for errors of depth, whose names begin with `depth_`: where two matches are equally good, rounding decides,
+"""The same for errors of depth, whose names hold `depth_`: where two matches are equally good, rounding decides,
 so that single pixels of millions differ from one processor to another."""
 
 

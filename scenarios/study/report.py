@@ -81,7 +81,7 @@ def write_report(findings: Findings, place: Path, out: Path) -> Path:
     for picture in pictures:
         name = re.sub(r"\W+", "-", picture.title.lower())
         write(out / "figures" / f"{name}.png", picture.png)
-    seeds = study.seeds.first_seeds()
+    seeds = study.seeds.all
     page = render_page(
         DATA / "templates" / "study.html.j2",
         study=study,

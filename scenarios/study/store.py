@@ -123,12 +123,6 @@ class Cell:
     keys: dict[int, str]
     """Their keys by seed."""
 
-    @pydantic.field_validator("run", mode="before")
-    @classmethod
-    def _leave_out_former_settings(cls, run: Any) -> Run:
-        """Read a run without the settings that have become constants since it was flown."""
-        return run if isinstance(run, Run) else Run.model_validate_json(json.dumps(run), extra="ignore")
-
     def spec(self, seed: int) -> RunSpec:
         """Return the run with a seed."""
         run = self.run.model_copy(update={"seed": seed})
@@ -230,9 +224,9 @@ def _files(place: Path) -> dict[str, bytes]:
 
 
 def _manifest(place: Path, text: bytes) -> Manifest:
-    """Decode the manifest of a study."""
+    """Decode the manifest of a study, without settings that have become constants since it was begun."""
     try:
-        return Manifest.model_validate_json(text)
+        return Manifest.model_validate_json(text, extra="ignore")
     except pydantic.ValidationError as error:
         raise ScenarioError(
             f"{place / MANIFEST} is damaged, or was written by another version of voxdepth "

@@ -12,7 +12,7 @@ from voxdepth.tools.errors import ToolError
 
 STEPS = ["measure", "track", "warp", "fuse", "fill", "remember", "smooth", "confidence", "upsample", FRAME]
 """Of the default corrector."""
-MACHINE = ("machine: ", "GPU: ", "load in the last minute", "numpy ", "opencv-python-headless ", "voxdepth ")
+MACHINE = ("machine: ", "GPU: ", "numpy ", "opencv-python-headless ", "voxdepth ")
 
 
 def bench(*arguments: str) -> Result:

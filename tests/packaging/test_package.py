@@ -111,7 +111,7 @@ def test_commands_of_the_library_work_where_nothing_of_the_simulator_is_installe
         assert found.returncode == 0, (command, found.stdout, found.stderr)
         assert words in found.stdout
     page = (tmp_path / "evaluation" / "report.html").read_text()
-    assert "data:image/png" in page and "walk-holes" in page
+    assert "walk-holes" in page
     for command, words in ((("view", "x.rrd"), "no recording at"), (("evaluate", "sim-LN"), "testbed|pybullet")):
         found = done(*command)
         assert found.returncode == 2, found.stderr

@@ -24,7 +24,6 @@ name = "a"
 depth = "truth"
 corrector = "raw"
 size = "96x64"
-seeds = 2
 changes = { "mission.pilot.min_confidence" = 1 }
 [[arms]]
 name = "b"
@@ -45,7 +44,7 @@ def test_a_study_has_every_run_once_and_whole_pairs_first(tmp_path: Path) -> Non
     assert cells == [
         (0, "a", None), (0, "b", 0.5), (0, "b", 1.0),
         (1, "a", None), (1, "b", 0.5), (1, "b", 1.0),
-        (2, "b", 0.5), (2, "b", 1.0),
+        (2, "a", None), (2, "b", 0.5), (2, "b", 1.0),
     ]  # fmt: skip
     first, second = specs[0].run.scenario, specs[1].run.scenario
     assert (first.rig.width_px, first.rig.height_px) == (96, 64)
@@ -91,7 +90,6 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("seeds = 2", "seeds = 4", "arm 'a' has 4 seeds, the study only 3"),
         ('name = "b"', 'name = "a"', "every arm may be named once, got 'a' more than once"),
         ("theta = [0.5, 1.0]", "", "'noisy' needs theta"),
         ('depth = "truth"', 'depth = "truth"\ntheta = 0.5', "'noisy' needs theta"),

@@ -27,7 +27,7 @@ from ...types import CorrectedDepth, DepthCorrector, Intrinsics
 from ..errors import ToolError
 from .frames import EvaluationFrame, Frames, Reference
 from .measurements import Measurement, of_frames
-from .results import Scores, encoded_thumbnail
+from .results import Scores
 from .scoring import Score
 
 DEFAULT_FILLED = f"{DEFAULT}[fill=all]"
@@ -110,7 +110,6 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s)),
         frame_close=score.frame_close,
-        thumbnail=encoded_thumbnail(corrected.depth_m),
     )
 
 

@@ -40,8 +40,6 @@ class Quantity:
     """Whether the lowest or the highest first number is marked; empty for none."""
     is_interval: bool = False
     """Whether the second and the third number are the ends of an interval around the first one."""
-    short: str = ""
-    """Name of its column in the terminal; empty for none."""
 
     @property
     def heading(self) -> str:
@@ -95,7 +93,6 @@ WITHIN_5 = Quantity(
     "A pixel that is left empty counts as wrong. The interval is a bootstrap over the frames.",
     best="high",
     is_interval=True,
-    short="within 5 %",
 )
 OVER_BEST = Quantity(
     "That share less that of the best other baseline, within 20 m, with a 95 % interval",
@@ -104,42 +101,44 @@ OVER_BEST = Quantity(
     "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth and "
     "temporal; the best is compared with the second best, so this ranks nobody.",
     is_interval=True,
-    short="less best other baseline",
 )
+TIME = Quantity(
+    "Time per frame, median / 95th percentile / in threads of its own beside that",
+    "ms",
+    [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
+    "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a method's "
+    "own threads: voxdepth fuses its window in one.",
+)
+HEADLINES = (WITHIN_5, OVER_BEST, TIME)
+"""What the terminal shows."""
 # fmt: off
 QUANTITIES = (
     Quantity("Coverage: pixels with depth, surfaces within 20 m", "%", [Selector("coverage", on=FILLED)],
-             "Errors of methods that fill less than 90 % say little beside those of others.", short="filled"),
+             "Errors of methods that fill less than 90 % say little beside those of others."),
     Quantity("MAE of the pixels that a method fills, surfaces within 20 m", "m", [Selector("mae", on=FILLED)],
-             "Not comparable where coverages differ: a method that leaves the hard pixels out errs less.",
-             short="MAE filled"),
+             "Not comparable where coverages differ: a method that leaves the hard pixels out errs less."),
     Quantity("MAE of all pixels within 20 m, after completion by the nearest valid", "m", [Selector("mae")],
-             best="low", short="MAE all"),
+             best="low"),
     Quantity("MAE in the sensor's holes (held-out pixels where there is no truth), within 20 m, after completion", "m",
-             [Selector("mae", HIDDEN)], best="low", short="MAE holes"),
+             [Selector("mae", HIDDEN)], best="low"),
     Quantity("More than 10 % too far / too near in those holes (held-out pixels), within 20 m, after completion", "%",
              [Selector("too_far", HIDDEN), Selector("too_near", HIDDEN)],
-             "Together, because a bias to one side wins either alone.", short="far/near"),
+             "Together, because a bias to one side wins either alone."),
     Quantity("Flicker: mean change of the error of static pixels within 20 m from frame to frame", "m",
              [Selector("flicker", STATIC, on=FILLED)],
-             "Without the truth it is the change of the depth, where the gray image hardly changes.", short="flicker"),
-    Quantity("Time per frame, median / 95th percentile / in threads of its own beside that", "ms",
-             [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
-             "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a "
-             "method's own threads: voxdepth fuses its window in one.", short="p50/p95/beside"),
+             "Without the truth it is the change of the depth, where the gray image hardly changes."),
+    TIME,
     Quantity("Coverage of the sensor's holes (held-out pixels), within 20 m", "%",
-             [Selector("coverage", HIDDEN, on=FILLED)], short="coverage of holes"),
+             [Selector("coverage", HIDDEN, on=FILLED)]),
     WITHIN_5,
     OVER_BEST,
-    Quantity("MAE of measured pixels within 20 m", "m", [Selector("mae", MEASURED, on=FILLED)], best="low",
-             short="mean error of measured"),
+    Quantity("MAE of measured pixels within 20 m", "m", [Selector("mae", MEASURED, on=FILLED)], best="low"),
     Quantity("Survival: pixels of moving objects within 5 % of the truth, by the method / of raw depth", "%", SURVIVAL,
-             "A hole does not survive. Only sequences with known moving objects have it.", best="high",
-             short="survival, raw"),
+             "A hole does not survive. Only sequences with known moving objects have it.", best="high"),
     Quantity("Ghosts: filled pixels nearer to the object that left 5 frames ago than to the background, by the method "
              "/ of raw depth", "%", GHOSTS,
              "Nearer by the geometric mean. A method that leaves such pixels empty has no ghosts: see the sample "
-             "sizes.", best="low", short="ghosts, raw"),
+             "sizes.", best="low"),
 )
-"""What the report shows, a table of all methods on all sequences each, and the terminal if it has a short name."""
+"""What the report shows, a table of all methods on all sequences each."""
 # fmt: on

@@ -28,11 +28,9 @@ METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
 }
 """Unit of each metric of errors, and how it follows from the sums. A new metric is one line here, and one in
 `quantities.py` for its table in the report. `too_far` and `too_near` are off by more than 10 %."""
-SETTLED_PSNR = Selector("psnr16_mm_settled", range=ALL)
+SETTLED_PSNR, PEAK16_M = Selector("psnr16_mm_settled", range=ALL), 65.535
+"""The paper's PSNR, and its peak: the largest pixel of 16 bits in millimetres [m]."""
 SETTLED_RMSE = Selector("rmse_settled", OCCLUDED)
-"""PSNR and error without the warm-up, of rendered sequences."""
-PEAK16_M = 65.535
-"""Peak of the paper's PSNR: the largest pixel of 16 bits in millimetres [m]."""
 
 
 class Score:
@@ -72,10 +70,8 @@ class Score:
             self._sums[FILLED][mask] += filled
             if mask == self._reference.hidden:
                 self.frame_close += ((filled.close, filled.pixels),)
-            is_whole = _is_complete(filled)
-            self._sums[COMPLETED][mask] += (
-                filled if is_whole else Sums.of(completed_m, frame.reference_m, pixels & near)
-            )
+            completed = filled if _is_complete(filled) else Sums.of(completed_m, frame.reference_m, pixels & near)
+            self._sums[COMPLETED][mask] += completed
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Without the truth the depth itself, and not its error, should stay the same."""
@@ -89,12 +85,11 @@ class Score:
                 self._shares[GHOSTS[k]] += ghost_share(given_m, frame.reference_m, frame.departed_m)
 
     def _add_settled(self, frame: EvaluationFrame, completed_m: FloatImage) -> None:
-        """Score a rendered frame after the warm-up: the surfaces within the paper's peak, and the occluded ones."""
-        if frame.occluded is None or len(self.frame_close) <= SETTLED_FRAMES:
-            return
-        in_16_bits = frame.known() & (frame.reference_m <= np.float32(PEAK16_M))
-        self._settled[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
-        self._settled[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, frame.occluded & frame.near())
+        """Score the surfaces of a rendered frame within the paper's peak, and the occluded ones, after the warm-up."""
+        if frame.occluded is not None and len(self.frame_close) > SETTLED_FRAMES:
+            in_16_bits = frame.known() & (frame.reference_m <= np.float32(PEAK16_M))
+            self._settled[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
+            self._settled[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, frame.occluded & frame.near())
 
     def _measured_errors(self, mask: str) -> Iterator[Measurement]:
         parts = (MEASURED, self._reference.hidden) if mask == ALL else (mask,)

@@ -18,7 +18,7 @@ from .intervals import close_intervals
 from .measurements import long_table
 from .methods import Method, MethodError, run
 from .recordings import Kind, Opened, RecordedSource
-from .results import Result, SequenceInfo, encoded_thumbnail, load, store
+from .results import Result, SequenceInfo, load, store
 
 
 @dataclass(frozen=True)
@@ -135,14 +135,14 @@ def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> 
             if len(source) == 0:
                 raise ToolError(f"{name!r} holds no whole frame: expected at least one; record it again")
             total = min(plan.frames, len(source))
-            digest = source.digest(total)
-            keys = {method.name: _key(source, method, total, digest) for method in plan.methods}
+            of_sequence = _key(source, total)
+            keys = {method.name: of_sequence | {"config": method.config} for method in plan.methods}
             own = [method.name for method in plan.methods if not method.is_foreign]
             finished = {each: result for each in own if (result := load(plan.out, name, each, keys[each])) is not None}
             info = next((result.info for result in finished.values()), None)
             if info is None or len(finished) < len(keys):
                 frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
-                info = describe(source, frames, digest)
+                info = describe(source, frames)
         except VoxDepthError as error:
             reason = " ".join(str(error).split())
             yield from ((Result(sequence=name, method=method.name, error=reason), False) for method in plan.methods)
@@ -158,11 +158,11 @@ def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> 
             yield result, False
 
 
-def _key(source: FrameSource, method: Method, frames: int, digest: str) -> dict[str, Any]:
-    """Return everything that the result of a method on a sequence with a digest depends on, beside both names."""
-    made_with = versions(CORRECTION) | {"processor": processor_name()}
-    made_with["code"] = code_digest((*EVALUATION_SOURCES, *source.code))
-    return {"frames": frames, "digest": digest, "config": method.config, "versions": made_with}
+def _key(source: FrameSource, frames: int) -> dict[str, Any]:
+    """Return everything that results on the first frames of a sequence depend on, beside its name and the method."""
+    code = code_digest((*EVALUATION_SOURCES, *source.code))
+    made_with = versions(CORRECTION) | {"processor": processor_name(), "code": code}
+    return {"frames": frames, "digest": source.digest(frames), "versions": made_with}
 
 
 def _scores(source: FrameSource, method: Method, frames: Frames) -> dict[str, Any]:
@@ -172,8 +172,8 @@ def _scores(source: FrameSource, method: Method, frames: Frames) -> dict[str, An
         return {"error": str(error)}
 
 
-def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
-    """Describe the frames of a sequence, at least one, whose contents have a digest."""
+def describe(source: FrameSource, frames: Frames) -> SequenceInfo:
+    """Describe the frames of a sequence, at least one."""
     pixels, near_pixels, hidden_pixels, holes = 0, 0, 0, 0
     for frame in frames:
         known = frame.known()
@@ -183,7 +183,6 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
         holes += int(np.count_nonzero(frame.frame.depth_m == 0))
     return SequenceInfo(
         name=source.name,
-        digest=digest,
         frames=len(frames),
         seed=source.seed,
         camera=source.intrinsics,
@@ -192,8 +191,6 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
         near_pixels=near_pixels,
         hidden_pixels=hidden_pixels,
         holes=holes,
-        reference_thumbnail=encoded_thumbnail(np.where(frame.known(), frame.reference_m, np.float32(0))),
-        raw_thumbnail=encoded_thumbnail(frame.frame.depth_m),
     )
 
 
