@@ -11,10 +11,10 @@ import pandas as pd
 
 from swarm.perception import frame_of
 from voxdepth.datasets import open_dataset
-from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import FloatArray, FloatImage, Frame, Intrinsics
 
 from ..errors import ScenarioError
+from ..figure import panels, plotted
 from ..sequences import GROUPS
 from .experiment import ExperimentContext, Findings, asks
 

@@ -13,9 +13,9 @@ from swarm.perception import frame_of
 from voxdepth.calibration import Fills
 from voxdepth.metrics import is_correct
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
-from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import CorrectedDepth, FloatArray, Source
 
+from ..figure import panels, plotted
 from ..sequences import GROUPS
 from .experiment import ExperimentContext, Findings, asks
 
