@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from sim.errors import SimError
-from swarm.errors import SwarmError
+from swarm.errors import MissionError
 from voxdepth.tools.extensions import Extension
 
 from .commands import experiment, general, sensor, study, swarm
@@ -58,7 +58,7 @@ def recorded(folder: "Path") -> "Requested | None":
 EXTENSION = Extension(
     add_commands=add_commands,
     templates=Path(__file__).parent / "data" / "new",
-    errors=(SimError, SwarmError),
+    errors=(SimError, MissionError),
     checks=checks,
     sequences=sequences,
     recorded=recorded,

@@ -11,7 +11,8 @@ from .config import MissionConfig
 from .controllers import Agent, Role
 from .mapping_pilot import MappingPilot
 from .pilot import Decision, Pilot, Situation
-from .rules import Corridor
+from .rules import Corridor, RuleWeights
+from .team import Team
 from .vectors import length
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -41,7 +42,7 @@ class Leader:
         self._pilot = pilot
         self._team = role.team
         self._weights = config.rules
-        self._corridor = corridor_of(role, config)
+        self._corridor = corridor_of(role.team, config.rules)
         self._cruise_speed_m_s = config.cruise_speed_m_s
         self._track = Track(role.team.start_m, config.rules.separation_radius_m)
 
@@ -76,7 +77,7 @@ class Follower:
     def __init__(self, role: Role, config: MissionConfig, pilot: Pilot) -> None:
         self._pilot = pilot
         self._weights = config.rules
-        self._corridor = corridor_of(role, config)
+        self._corridor = corridor_of(role.team, config.rules)
         self._offset_m = role.offset_m
         self._number = role.drone - role.team.leader
         self._track = Track(role.team.start_m, config.rules.separation_radius_m)
@@ -135,13 +136,8 @@ class Track:
         return self._points_m[max(bisect_right(self._lengths_m, self._lengths_m[-1] - distance_m) - 1, 0)]
 
 
-def corridor_of(role: Role, config: MissionConfig) -> Corridor:
-    """Return the corridor of a drone: a band of altitudes along the route of its swarm."""
-    w, team = config.rules, role.team
-    return Corridor(
-        low_m=w.min_altitude_m,
-        high_m=w.max_altitude_m,
-        half_width_m=w.max_aside_m,
-        start_m=team.start_m[:2],
-        along=np.array([np.cos(team.heading_rad), np.sin(team.heading_rad)]),
-    )
+def corridor_of(team: Team, weights: RuleWeights) -> Corridor:
+    """Return the corridor of the drones of a swarm: a band of altitudes along its route."""
+    along = np.array([np.cos(team.heading_rad), np.sin(team.heading_rad)])
+    low_m, high_m = weights.min_altitude_m, weights.max_altitude_m
+    return Corridor(low_m, high_m, weights.max_aside_m, team.start_m[:2], along)

@@ -16,7 +16,6 @@ from .approach import ApproachLimits, stopping_speed_m_s
 from .voxel_map import BLACKLISTED, FREE, OCCUPIED, UNKNOWN, UNOBSERVABLE, VOXEL_M
 
 Indices = npt.NDArray[np.signedinteger]
-AT_THE_WORLD: FloatArray = np.eye(4)
 NO_DISCS: FloatArray = np.empty((0, 3))
 COSTS = {FREE: 1.0, UNKNOWN: 2.5, UNOBSERVABLE: 12.0, BLACKLISTED: 30.0, OCCUPIED: 30.0}
 """Cost of a path per metre through space of each state."""
@@ -84,7 +83,7 @@ class CostMap:
         half_width_m: float,
         *,
         reach_m: float,
-        T_odom_world: FloatArray = AT_THE_WORLD,
+        T_odom_world: FloatArray,
         drones_m: FloatArray = NO_DISCS,
     ) -> None:
         self.T_odom_world = T_odom_world

@@ -1,9 +1,5 @@
 """Errors raised by the swarm."""
 
 
-class SwarmError(Exception):
-    """Base of every error that `swarm` raises on purpose."""
-
-
-class MissionError(SwarmError, ValueError):
+class MissionError(ValueError):
     """A mission cannot be flown as configured."""

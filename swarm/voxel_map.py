@@ -17,7 +17,6 @@ from voxdepth.model import Model
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 from .evidence import Evidence, InverseSensorModel
-from .vectors import are_near
 
 Bytes = npt.NDArray[np.uint8]
 Indices = npt.NDArray[np.int64]
@@ -231,7 +230,8 @@ class VoxelMap:
         is_exact = surface_m < self._max_surface_m
         rays = self._sensor.rays_cam[is_exact] @ T_odom_cam[:3, :3].T
         points_m = surface_m[is_exact, None] * rays + T_odom_cam[:3, 3]
-        is_surface = ~are_near(points_m, drones_m, DRONE_RADIUS_M)
+        apart_m2 = ((points_m[:, None] - drones_m) ** 2).sum(axis=2)
+        is_surface = (apart_m2 > DRONE_RADIUS_M**2).all(axis=1)
         is_exact[is_exact] = is_surface
         return is_exact, points_m[is_surface]
 

@@ -75,7 +75,7 @@ def texts(command: Any) -> Iterator[str]:
 
 def test_no_word_of_the_help_is_taken_for_markup() -> None:
     found = list(texts(typer.main.get_command(create_app())))
-    assert len(found) > 100
+    assert len(found) > 50
     for text in found:
         assert Text.from_markup(text).plain == text.replace("\\[", "[")
 

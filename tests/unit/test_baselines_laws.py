@@ -24,6 +24,7 @@ FILLERS: dict[str, Make] = {
     "telea": lambda camera: OpenCvInpaint(),
     "navier-stokes": lambda camera: OpenCvInpaint(method="navier_stokes"),
     "global-smoother": GlobalSmoother,
+    "realsense-left": lambda camera: RealSenseLeft(),
 }
 """Those that never change a valid pixel."""
 CONSTANT: dict[str, Make] = FILLERS | {"lmeds": LMedS}
@@ -31,7 +32,6 @@ CONSTANT: dict[str, Make] = FILLERS | {"lmeds": LMedS}
 ANY_SIZE: dict[str, Make] = CONSTANT | {
     "median": lambda camera: Median(),
     "realsense": lambda camera: RealSenseChain(replace(camera, baseline_m=0.1)),
-    "realsense-left": lambda camera: RealSenseLeft(),
 }
 """Those that work on images of any size."""
 LEARNED: dict[str, Make] = {"learned": Learned} if has_runtime() else {}
@@ -89,8 +89,9 @@ def test_images_of_any_size_are_worked_on(name: str, shape: tuple[int, int]) -> 
         measured_m = scene(index, shape)
         assert result.depth_m.shape == shape and result.depth_m.dtype == np.float32
         assert np.isfinite(result.depth_m).all() and (result.depth_m >= 0).all()
-        assert ((result.source == Source.SENSOR) <= (measured_m > 0)).all()
-        np.testing.assert_array_equal(result.source > 0, result.depth_m > 0)
+        of_what = np.where(measured_m > 0, Source.SENSOR, Source.INPAINTED)
+        np.testing.assert_array_equal(result.source, np.where(result.depth_m > 0, of_what, Source.INVALID))
+        np.testing.assert_array_equal(result.confidence, (result.depth_m > 0) * np.where(measured_m > 0, 1, 0.5))
 
 
 @pytest.mark.parametrize("name", BASELINES)

@@ -1,13 +1,16 @@
 """Correctors without a confidence of their own get the probability that is fitted to the source of a pixel."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from scenarios.experiments.confidence import fit
+from scenarios.experiments.confidence import counted, fit
 from voxdepth.calibration import by_source, fitted
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare, create_corrector, installed_names
-from voxdepth.types import Frame, Intrinsics, Source
+from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=80, baseline_m=0.1)
 INSTALLED = [name for name in installed_names() if name != DEFAULT]
@@ -57,6 +60,17 @@ def test_each_source_has_its_probability() -> None:
 def test_every_corrector_but_the_default_is_in_the_file_and_no_fill_is_certain() -> None:
     assert [*fitted(), DEFAULT] == list(CORRECTOR_NAMES)
     assert all(0 <= by_source(fills)[Source.MEMORY :].max() < 1 for fills in fitted().values())
+
+
+def test_depth_counts_where_the_truth_is_a_surface() -> None:
+    source = np.array([[Source.SENSOR, Source.MEMORY, Source.INPAINTED, Source.INPAINTED, Source.INVALID]], np.uint8)
+    depth_m = np.array([[1.0, 2.0, 3.0, 4.0, 0.0]], np.float32)
+    true_m = np.array([[1.0, 2.0, 9.0, np.inf, 1.0]], np.float32)
+    corrected = CorrectedDepth(depth_m=depth_m, confidence=np.ones_like(depth_m), source=source)
+    capture: Any = SimpleNamespace(depth_true_m=true_m, intrinsics=CAMERA)
+    n, correct = counted(corrected, capture)
+    by_source = {Source.SENSOR: (1, 1), Source.MEMORY: (1, 1), Source.INPAINTED: (1, 0), Source.INVALID: (0, 0)}
+    assert {source: (n[source], correct[source]) for source in by_source} == by_source
 
 
 def test_the_fit_is_the_share_of_correct_pixels() -> None:

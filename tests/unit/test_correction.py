@@ -13,8 +13,6 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.errors import ScenarioError
-from scenarios.sensor_pictures import make_sheet
 from voxdepth.errors import DatasetError
 from voxdepth.paper.epochs import EpochEnd, Phase, VoxDepthDiagnostics
 from voxdepth.paper.registration import Registration, RegistrationStatus
@@ -252,12 +250,6 @@ def test_depth_is_stored_in_millimetres_and_stays_valid_or_invalid_and_confidenc
     assert stored.dtype == np.uint16
     assert stored.tolist() == [[0, 1, 1, 1234, 1235, 65535, 65535, 65535]]
     assert confidence_levels(np.array([[0, 0.5, 0.999, 1]], np.float32)).tolist() == [[0, 128, 255, 255]]
-
-
-def test_a_sheet_of_corrected_depth_is_refused_with_what_shows_it(whole: Path, tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"out holds corrected depth, and .* of voxdepth record: to look"):
-        make_sheet(whole, tmp_path / "sheet.jpg")
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

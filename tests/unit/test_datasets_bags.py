@@ -505,14 +505,6 @@ def test_an_image_that_is_sent_twice_counts_once(tmp_path: Path) -> None:
     require_frames(open_dataset(write(tmp_path, "walk.bag", depth_topic(stamps_ns=STAMPS_NS[:1]) + whole())))
 
 
-@pytest.mark.parametrize("format", ["", "16UC1; png compressed "])
-@pytest.mark.parametrize("has_header", [False, True])
-def test_a_png_of_16_bits_is_depth_whatever_it_is_called(format: str, has_header: bool, tmp_path: Path) -> None:
-    made = [compressed(bytes(12 * has_header) + png(depth_of(i)), format, (t, "left")) for i, t in enumerate(STAMPS_NS)]
-    entries = images("/cam/depth/png", made, "CompressedImage") + gray_topic() + info_topic("/camera_info")
-    require_frames(open_dataset(write(tmp_path, "walk.mcap", entries)))
-
-
 @pytest.mark.parametrize("profile", ["ros1", "    "])
 @pytest.mark.parametrize("layout", ["walk.mcap", "walk-mcap"])
 def test_an_mcap_file_of_another_profile_is_named_and_not_called_damaged(

@@ -82,6 +82,8 @@ def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Pa
     path.write_text(to_toml(run))
     assert load_run(str(path), None, {}) == run
     assert load_run(str(path), None, {"corrector": "temporal"}) == with_corrector("temporal")
+    path.write_text(to_toml(run).replace("seed = 0\n", "seed = 7\n", 1))
+    assert [load_run(str(path), seed, {}).seed for seed in (None, 0)] == [7, 0]
 
 
 def test_settings_in_brackets_are_keys_of_the_configuration() -> None:

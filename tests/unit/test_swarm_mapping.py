@@ -296,12 +296,12 @@ def random_costs(seed: int) -> CostMap:
     for row, col, height, width in rng.integers((0, 0, 1, 1), (80, 80, 12, 12), (25, 4)).tolist():
         state[row : row + height, col : col + width] = rng.integers(1, 4)
     state[36:44, 36:44] = FREE
-    return CostMap(state, np.array([-10.0, -10.0]), RADIUS_M + 0.3, reach_m=10.0)
+    return CostMap(state, np.array([-10.0, -10.0]), RADIUS_M + 0.3, reach_m=10.0, T_odom_world=np.eye(4))
 
 
-@given(seed=st.integers(0, 10**6), angle=st.floats(0, 2 * np.pi), speed=st.floats(0, 4), turns=st.integers(0, 5))
+@given(seed=st.integers(0, 10**6), angle=st.floats(0, 2 * np.pi), speed=st.floats(0, 3.2), turns=st.integers(0, 5))
 def test_it_stops_within_free_space_on_any_map(seed: int, angle: float, speed: float, turns: int) -> None:
-    """Whatever velocity is asked for, and however that changes, the body stays in cells that are free."""
+    """Whatever velocity up to the default of a follower is asked for, the body stays in cells that are free."""
     flight, rng = Flight(always(HOLES)), np.random.default_rng(seed)
     flight.flies((0, 0, 0), 0.1)
     costs = random_costs(seed)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose, quaternion_from_angles, rotation_from_quaternion
+from swarm.approach import ApproachLimits
 from swarm.cost_map import CostMap, _cheapest_path
 from swarm.evidence import InverseSensorModel
 from swarm.voxel_map import (
@@ -69,7 +70,7 @@ class Drone:
 
 def costs_of(state: np.ndarray, origin_m: FloatArray = HERE[:2], half_width_m: float = WIDTH_M) -> CostMap:
     """The costs of a layer."""
-    return CostMap(state, origin_m, half_width_m, reach_m=MapConfig().reach_m)
+    return CostMap(state, origin_m, half_width_m, reach_m=MapConfig().reach_m, T_odom_world=np.eye(4))
 
 
 @given(st.tuples(st.floats(-np.pi, np.pi), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)), st.integers(0, 2**31))
@@ -261,6 +262,14 @@ def test_a_drone_leaves_a_narrow_place_only_towards_the_open() -> None:
     assert costs.free_length_m(beside_the_wall, np.array([0.0, 1.0]), 2.0) <= 0.75
     inside_of_the_wall = np.array([-1.0, 5.0])
     assert costs.free_length_m(inside_of_the_wall, np.array([-1.0, 0.0]), 2.0) <= 0.5
+
+
+def test_other_drones_are_in_the_way_of_paths_and_not_of_velocities_which_have_limits_of_their_own() -> None:
+    drones_m, at_m, ahead = np.array([[5.0, 5.0, 0.5]]), np.array([2.0, 5.0]), np.array([2.0, 0.0])
+    costs = CostMap(empty_costs().state, HERE[:2], WIDTH_M, reach_m=10.0, T_odom_world=np.eye(4), drones_m=drones_m)
+    assert costs.free_length_m(at_m, ahead / 2, 6.0) < 2.5
+    nobody = ApproachLimits(np.empty((0, 2)), np.empty(0))
+    np.testing.assert_allclose(costs.safe_velocity(ahead, at_m, nobody), ahead)
 
 
 def test_the_path_goes_round_what_costs_much() -> None:

@@ -8,13 +8,14 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, ROOM, depth_of, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
+from voxdepth.image_pool import ImagePool
 from voxdepth.temporal.confidence import UNANIMOUS_FILL, estimate_confidence
 from voxdepth.temporal.forward_warp import ForwardWarp
 from voxdepth.temporal.fusion import PixelClass
 from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import NOISE_PX, smooth_guided
-from voxdepth.temporal.upsampling import Estimate, Shown, show
+from voxdepth.temporal.upsampling import Estimate, Shown, Upsampler
 from voxdepth.temporal.working_resolution import (
     MAX_DISPARITY_PX,
     MAX_FULL_RESOLUTION_PX,
@@ -114,7 +115,7 @@ class TestMeasurement:
 def shown_from(full_px: FloatImage, estimate: Estimate, camera: Intrinsics = CAMERA) -> Shown:
     """The output from estimates at half resolution, by a measurement at full resolution."""
     resolution = WorkingResolution.of(camera, 2)
-    return show(depth_of(resolution, full_px), estimate, resolution)
+    return Upsampler(camera.shape, resolution).show(depth_of(resolution, full_px), estimate)
 
 
 def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage, camera: Intrinsics = CAMERA) -> FloatImage:
@@ -199,7 +200,7 @@ class TestUpsampling:
         kind = rng.integers(0, len(PixelClass), CAMERA.shape).astype(np.uint8)
         confidence = rng.choice(np.array([0.1, 0.49, 0.5, 0.51, 0.9], np.float32), CAMERA.shape)
         estimate = Estimate(constant(8), kind, confidence)
-        shown = show(constant(0), estimate, resolution, 0.5)
+        shown = Upsampler(CAMERA.shape, resolution).show(constant(0), estimate, 0.5)
         hidden = np.isin(kind, [PixelClass.UNMEASURED, PixelClass.MEASURED]) & (estimate.confidence < 0.5)
         np.testing.assert_array_equal(shown.source == Source.INVALID, hidden)
         np.testing.assert_array_equal(shown.depth_m == 0, hidden)
@@ -371,3 +372,23 @@ def test_large_images_are_remembered_at_half_their_size() -> None:
     ):  # fmt: skip
         camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70)
         assert default_decimation(camera) == decimation, f"{width_px} x {height_px}"
+
+
+def address(image: np.ndarray) -> int:
+    return int(image.__array_interface__["data"][0])
+
+
+def test_memory_is_used_again_when_nobody_holds_the_image_or_a_part_of_it() -> None:
+    pool = ImagePool((3, 5), np.uint8)
+    image = pool.image()
+    before = address(image)
+    del image
+    assert address(pool.image()) == before
+    part = pool.image()[1:, ::2].T.view(np.int8)
+    buffer = memoryview(pool.image()).cast("B")
+    held = pool.image()
+    held[...], part[...] = 1, 2
+    for _ in range(10):
+        pool.image()[...] = 3
+    assert (held == 1).all() and (part == 2).all()
+    assert len(buffer) == 15 and set(buffer) != {3}

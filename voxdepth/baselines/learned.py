@@ -17,7 +17,7 @@ from ..networks import Images, Network, load
 from ..temporal.fusion import PixelClass
 from ..temporal.masks import above
 from ..temporal.measurement import Measurement, measure
-from ..temporal.upsampling import Estimate, show
+from ..temporal.upsampling import Estimate, Upsampler
 from ..temporal.working_resolution import MIN_DISPARITY_PX, WorkingResolution, default_decimation, require_large
 from ..types import CORRECT_PX, CORRECT_SHARE, CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .realsense import fill_from_left
@@ -72,6 +72,7 @@ class Learned(StreamCorrector):
         require_large(intrinsics, "the corrector 'learned'")
         self._network = network or load("corrector")
         self._resolution = WorkingResolution.of(intrinsics, default_decimation(intrinsics))
+        self._upsampler = Upsampler(intrinsics.shape, self._resolution)
         self._flow = Dis()
         compile_all()
         super().__init__(intrinsics)
@@ -97,7 +98,7 @@ class Learned(StreamCorrector):
     def combine(self, aligned: tuple[Frame, Estimate]) -> CorrectedDepth:
         """Show the result at the resolution of the frame."""
         frame, estimate = aligned
-        return CorrectedDepth(**show(frame.depth_m, estimate, self._resolution)._asdict())
+        return CorrectedDepth(**self._upsampler.show(frame.depth_m, estimate)._asdict())
 
     def _moved(self, gray: GrayImage) -> tuple[Result, GrayImage]:
         """The last result as seen from this frame, and the change of gray value; zeros without one."""

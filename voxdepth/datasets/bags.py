@@ -96,8 +96,7 @@ class BagDataset:
         units_per_m: float | None = None,
     ) -> None:
         found = bag_in(path)
-        if found is None:
-            raise DatasetError(f"expected a bag in {path}, got none or several: name a file ({', '.join(SUFFIXES)})")
+        assert found is not None, "nothing is lacking"
         self._path = path
         images = Images(Bag(found))
         depth = images.depth(depth_topic)

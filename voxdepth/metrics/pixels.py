@@ -24,7 +24,8 @@ def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
     Raises:
         FrameError: The mask is not Boolean.
     """
-    require_mask(mask)
+    if mask.dtype != np.bool_:  # NumPy would take it for indices of rows.
+        raise FrameError(f"expected a mask of type bool, got {mask.dtype}; compare the image with 0 first")
     return np.asarray(mask & (truth_m > 0) & (truth_m < np.inf))
 
 
@@ -40,12 +41,6 @@ def select_judged(
     judged = judged_pixels(truth_m, mask)
     require_depth(depth_m[judged])
     return depth_m[judged], truth_m[judged]
-
-
-def require_mask(mask: npt.NDArray[Any]) -> None:
-    """Raise a `FrameError` for a mask that is not Boolean, which NumPy would take for indices of rows."""
-    if mask.dtype != np.bool_:
-        raise FrameError(f"expected a mask of type bool, got {mask.dtype}; compare the image with 0 first")
 
 
 def require_same_shape(**images: npt.NDArray[Any]) -> None:

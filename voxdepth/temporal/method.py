@@ -18,7 +18,7 @@ from .measurement import measure
 from .memory import WEIGHT_UNIT, Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .smoothing import smooth_guided
-from .upsampling import Estimate, completed, show, show_pixels
+from .upsampling import Estimate, Upsampler, completed
 from .working_resolution import WorkingResolution, default_decimation, require_large
 
 HALVING_MOTION_PX2 = 1.0
@@ -64,6 +64,7 @@ class TemporalCorrector(StreamCorrector):
         self._resolution = WorkingResolution.of(camera, decimation)
         self._odometry = VisualOdometry(camera, self._resolution, config)
         self._forward_warp = ForwardWarp(self._resolution)
+        self._upsampler = Upsampler(camera.shape, self._resolution)
         self._filler = HoleFiller(self._resolution, config.shadow_factor)
         compile_all()
         super().__init__(camera)
@@ -111,9 +112,8 @@ class TemporalCorrector(StreamCorrector):
             estimate = Estimate(disparity_px, pixel_class, confidence)
             border = self._of_border(fused, aligned.border)
         with timer("upsample"):
-            least = config.min_shown_confidence
-            shown = show(aligned.depth_m, estimate, self._resolution, least)
-            show_pixels(aligned.border.place, border, self._resolution.focal_baseline_px_m, least, shown)
+            shown = self._upsampler.show(aligned.depth_m, estimate, config.min_shown_confidence)
+            self._upsampler.show_pixels(aligned.border.place, border, config.min_shown_confidence, shown)
             shown = completed(shown) if config.fill == "all" else shown
         return CorrectedDepth(**shown._asdict(), timings_s=timer.times_s, diagnostics=aligned.tracking)
 

@@ -9,6 +9,7 @@ from numba import boolean, float32, int64, uint8, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
 from ..geometry import fill_from_nearest
+from ..image_pool import ImagePool
 from ..types import FloatImage, GrayImage, Source
 from .fusion import PixelClass
 from .rays import PLACES, Places
@@ -47,30 +48,41 @@ ESTIMATE_TYPE = named_tuple(Estimate, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 SHOWN_TYPE = named_tuple(Shown, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
-def show(
-    measured_m: FloatImage, estimate: Estimate, resolution: WorkingResolution, min_fill_confidence: float = 0.0
-) -> Shown:
-    """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
+class Upsampler:
+    """Makes the output for frames of one size from the working pixels."""
 
-    At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
-    measurement if it is of the same surface, and otherwise takes its working pixel without interpolation.
+    def __init__(self, shape: tuple[int, int], resolution: WorkingResolution) -> None:
+        self._resolution = resolution
+        self._floats, self._bytes = ImagePool(shape, np.float32), ImagePool(shape, np.uint8)
 
-    Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
-    """
-    shown = Shown(*(np.empty(measured_m.shape, kind) for kind in (np.float32, np.uint8, np.float32)))
-    measured_m, disparity_px = np.ascontiguousarray(measured_m), estimate.disparity_px
-    focal_baseline_px_m = resolution.focal_baseline_px_m
-    if resolution.decimation == 2:
-        span_px = cv2.morphologyEx(estimate.disparity_px, cv2.MORPH_GRADIENT, KERNEL)
-        size = 2 * resolution.width_px, 2 * resolution.height_px
-        disparity_px = np.asarray(cv2.resize(disparity_px, size, interpolation=cv2.INTER_LINEAR), np.float32)
-        _separate(measured_m, estimate, np.asarray(span_px, np.float32), focal_baseline_px_m, disparity_px)
-    _SHOW[resolution.decimation](measured_m, disparity_px, estimate, focal_baseline_px_m, min_fill_confidence, shown)
-    height, width = disparity_px.shape
-    for image in shown:  # A last odd row or column has no working pixel.
-        image[height:] = image[height - 1]
-        image[:, width:] = image[:, width - 1 : width]
-    return shown
+    def show(self, measured_m: FloatImage, estimate: Estimate, min_fill_confidence: float = 0.0) -> Shown:
+        """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
+
+        At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
+        measurement if it is of the same surface, and otherwise takes its working pixel without interpolation.
+
+        Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
+        """
+        shown = Shown(self._floats.image(), self._bytes.image(), self._floats.image())
+        measured_m, resolution = np.ascontiguousarray(measured_m), self._resolution
+        focal_baseline_px_m = resolution.focal_baseline_px_m
+        disparity_px = estimate.disparity_px
+        if resolution.decimation == 2:
+            span_px = cv2.morphologyEx(estimate.disparity_px, cv2.MORPH_GRADIENT, KERNEL)
+            size = 2 * resolution.width_px, 2 * resolution.height_px
+            disparity_px = np.asarray(cv2.resize(disparity_px, size, interpolation=cv2.INTER_LINEAR), np.float32)
+            _separate(measured_m, estimate, np.asarray(span_px, np.float32), focal_baseline_px_m, disparity_px)
+        show = _SHOW[resolution.decimation]
+        show(measured_m, disparity_px, estimate, focal_baseline_px_m, min_fill_confidence, shown)
+        height, width = disparity_px.shape
+        for image in shown:  # A last odd row or column has no working pixel.
+            image[height:] = image[height - 1]
+            image[:, width:] = image[:, width - 1 : width]
+        return shown
+
+    def show_pixels(self, place: Places, estimate: Estimate, min_fill_confidence: float, shown: Shown) -> None:
+        """Show the estimates of single pixels, shape (1, N), none of which is measured, instead of what is shown."""
+        _show_pixels(place, estimate, self._resolution.focal_baseline_px_m, min_fill_confidence, shown)
 
 
 def completed(shown: Shown) -> Shown:
@@ -160,7 +172,7 @@ _SHOW = {decimation: _shower(decimation) for decimation in (1, 2)}
 
 
 @compiled(void(PLACES, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
-def show_pixels(
+def _show_pixels(
     place: Places,
     estimate: Estimate,
     focal_baseline_px_m: float,
@@ -168,7 +180,7 @@ def show_pixels(
     # input and output
     shown: Shown,
 ) -> None:
-    """Show the estimates of single pixels, shape (1, N), none of which is measured, instead of what is shown."""
+    """See `Upsampler.show_pixels`."""
     for k in range(len(place)):
         depth_m = depth_of(estimate.disparity_px[0, k], focal_baseline_px_m)
         pixel_class, confidence = estimate.pixel_class[0, k], estimate.confidence[0, k]
