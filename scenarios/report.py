@@ -6,7 +6,6 @@ from pathlib import Path
 from rich.console import Console
 
 from swarm.mission import contact_text
-from voxdepth.tools.figure import Picture
 from voxdepth.tools.files import write
 from voxdepth.tools.page import render_page
 from voxdepth.tools.provenance import source_commit
@@ -14,6 +13,7 @@ from voxdepth.tools.table import Column, Table
 from voxdepth.tools.viewer import RECORDING
 
 from .config import Run
+from .figure import Picture
 from .files import DATA
 from .flight import Finished
 from .provenance import simulation_versions
