@@ -77,8 +77,8 @@ def parse_corrector(text: str) -> tuple[str, dict[str, Any]]:
     """Split a corrector with settings, as in `temporal[fill=all]`, into its name and its configuration.
 
     Without a setting the configuration is empty. Dots lead to keys of tables, as in
-    `voxdepth[voxels.depth_m=20,window_frames=8]`. A value that is not JSON is a text. Neither the name nor a key is looked
-    up.
+    `voxdepth[voxels.depth_m=20,window_frames=8]`. A value that is not JSON is a text. Neither the name nor a key is
+    looked up.
 
     Raises:
         ConfigError: The text has another form.
