@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.types import FloatImage, GrayImage, Intrinsics
+from voxdepth.types import FloatImage, GrayImage
 
 from .types import Capture
 
@@ -35,7 +35,7 @@ def decimated(capture: Capture, factor: int) -> Capture:
     """
     if factor == 1:
         return capture
-    depth_m = decimated_depth(capture.depth_raw_m, factor)
+    full, depth_m = capture.intrinsics, decimated_depth(capture.depth_raw_m, factor)
     reason = np.where(depth_m > 0, 0, centers(capture.invalid_reason, factor)).astype(np.uint8)
     return replace(
         capture,
@@ -46,13 +46,8 @@ def decimated(capture: Capture, factor: int) -> Capture:
         occluded=centers(capture.occluded, factor),
         invalid_reason=reason,
         segment_id=centers(capture.segment_id, factor),
-        intrinsics=decimated_intrinsics(capture.intrinsics, factor),
+        intrinsics=full.scaled(full.width_px // factor, full.height_px // factor),
     )
-
-
-def decimated_intrinsics(intrinsics: Intrinsics, factor: int) -> Intrinsics:
-    """The camera of images that are smaller by a factor, and were matched before."""
-    return intrinsics.scaled(intrinsics.width_px // factor, intrinsics.height_px // factor)
 
 
 def decimated_depth(depth_m: FloatImage, factor: int) -> FloatImage:

@@ -17,7 +17,7 @@ from .artefacts import Artefacts
 from .bodies import Surface
 from .camera_noise import exposure_gain, low_light_noise, photon_noise
 from .cpu import Mapper
-from .decimation import decimated, decimated_intrinsics
+from .decimation import decimated
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .fitted import FittedStereo
 from .seeds import Purpose, stream
@@ -117,7 +117,7 @@ class RigConfig(Model):
     @property
     def intrinsics(self) -> Intrinsics:
         """Camera model of the captures of the left camera."""
-        return decimated_intrinsics(self.full_intrinsics, self.decimate)
+        return self.full_intrinsics.scaled(self.width_px // self.decimate, self.height_px // self.decimate)
 
     @property
     def full_intrinsics(self) -> Intrinsics:

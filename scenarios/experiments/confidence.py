@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import tomli_w
 
-from sim.decimation import decimated, decimated_intrinsics
+from sim.decimation import decimated
 from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.calibration import Fills
@@ -33,7 +33,7 @@ def fit_all(context: ExperimentContext) -> Findings:
     counts = {name: np.zeros((2, len(Source))) for name in FITTED}
     for sequence, factor in product(context.sequences, DECIMATIONS):
         recording = context.recording(sequence)
-        camera = decimated_intrinsics(recording.intrinsics, factor)
+        camera = decimated(recording[0], factor).intrinsics
         correctors = {name: create_bare(name, camera) for name in FITTED}
         for index in range(context.frames):
             context.report(f"{sequence}, decimated by {factor}, frame {index + 1} of {context.frames}")

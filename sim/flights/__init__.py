@@ -5,9 +5,9 @@ from typing import Annotated
 from pydantic import Field
 
 from .drone import Drone
-from .kinematic import Cut, Hover, Stations, Walk, Yaw
+from .kinematic import Cut, Hover, Stations, Walk
 from .trajectory import Flight
 
-AnyFlight = Annotated[Walk | Drone | Hover | Yaw | Cut | Stations, Field(discriminator="kind")]
+AnyFlight = Annotated[Walk | Drone | Hover | Cut | Stations, Field(discriminator="kind")]
 
-__all__ = ["AnyFlight", "Cut", "Drone", "Flight", "Hover", "Stations", "Walk", "Yaw"]
+__all__ = ["AnyFlight", "Cut", "Drone", "Flight", "Hover", "Stations", "Walk"]

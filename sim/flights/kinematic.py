@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
@@ -142,9 +142,15 @@ class Cut(Flight):
             yield replace(trajectory(time_s + shift_s), stamp_s=time_s)
 
 
-class Stationary(Flight):
-    """A camera that stays at one place of the path and sways about it. It has no end."""
+class Hover(Flight):
+    """A camera that stays at one place of the path and sways about it; of the kind `yaw`, it also turns.
 
+    It has no end.
+    """
+
+    kind: Literal["hover", "yaw"] = "hover"
+    rate_deg_s: float = 0.0
+    """Rate of the heading of the kind `yaw`; a positive rate turns to the left."""
     height_m: float = Field(default=1.5, gt=0)
     """Height of the camera above the path [m]."""
     at_m: float = Field(default=0.0, ge=0)
@@ -156,6 +162,14 @@ class Stationary(Flight):
     sway_deg: float = Field(default=0.2, ge=0)
     """Standard deviation of heading, pitch and roll; with 0 there is no sway."""
 
+    @model_validator(mode="after")
+    def _check(self) -> "Hover":
+        if (self.kind == "yaw") != (self.rate_deg_s != 0):
+            raise ValueError(
+                f"expected a rate_deg_s for the kind yaw and none for hover, got {self.rate_deg_s:g} deg/s"
+            )
+        return self
+
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Poses without an end; see `Flight.poses`."""
         track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
@@ -166,7 +180,7 @@ class Stationary(Flight):
         sway_rad = SmoothNoise(rng, np.full(3, np.radians(self.sway_deg)), SWAY_HZ)
         place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
         heading_rad = track.heading_rad(self.at_m) + np.radians(self.look_deg)
-        yaw_rate_rad_s = float(np.radians(self.rate_deg_s)) if isinstance(self, Yaw) else 0.0
+        yaw_rate_rad_s = float(np.radians(self.rate_deg_s))
 
         def pose_at(time_s: float) -> BodyPose:
             yaw_rad, pitch_rad, roll_rad = sway_rad(time_s)
@@ -218,17 +232,3 @@ def _jump(rng: np.random.Generator, off: FloatArray, axes: int, reach: float) ->
     direction = rng.standard_normal(axes)
     back = (np.abs(off) > reach / 2) & (direction * off > 0)
     return np.asarray(np.where(back, -direction, direction) / np.linalg.norm(direction))
-
-
-class Hover(Stationary):
-    """A camera that stays at one place with a constant mean heading."""
-
-    kind: Literal["hover"] = "hover"
-
-
-class Yaw(Stationary):
-    """A camera that rotates at one place."""
-
-    kind: Literal["yaw"] = "yaw"
-    rate_deg_s: float = 90.0
-    """Rate of the heading; a positive rate turns to the left."""

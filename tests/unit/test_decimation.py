@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from sim.decimation import decimated, decimated_depth, decimated_intrinsics, means
+from sim.decimation import decimated, decimated_depth, means
 from sim.depth_noise import DepthNoise, Disparity
 from sim.render import create_renderer
 from sim.sensor import RigConfig, StereoSensor
@@ -43,8 +43,7 @@ def test_a_plane_reads_its_depth(factor: int, depth: str) -> None:
 
 @FACTORS
 def test_a_point_is_projected_into_the_block_of_its_pixel(factor: int) -> None:
-    full = RigConfig(width_px=480, height_px=240).intrinsics
-    small = decimated_intrinsics(full, factor)
+    full, small = (RigConfig(width_px=480, height_px=240, decimate=by).intrinsics for by in (1, factor))
     x, y = np.random.default_rng(0).uniform(-0.4, 0.4, (2, 200))
     col, row = full.fx_px * x + full.cx_px, full.fy_px * y + full.cy_px
     np.testing.assert_allclose(small.fx_px * x + small.cx_px, (col + 0.5) / factor - 0.5)

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from sim import frames
 from sim.drone import AirframeConfig
 from sim.errors import SceneError
-from sim.flights import Cut, Drone, Flight, Hover, Stations, Walk, Yaw
+from sim.flights import Cut, Drone, Flight, Hover, Stations, Walk
 from sim.flights.trajectory import Track
 from sim.types import BodyPose
 from voxdepth.types import FloatArray
@@ -19,7 +19,7 @@ from voxdepth.types import FloatArray
 STRAIGHT = np.array([[0.0, 0, 1], [30, 0, 1]])
 CORNER = np.array([[0.0, 0, 0], [8, 0, 0], [8, 8, 0]])
 STEADY_WALK = Walk(bob_m=0, sway_m=0, shake_deg=0, look_around_deg=0)
-FLIGHTS = [Walk(), Drone(), Hover(), Yaw(), Cut(), Stations()]
+FLIGHTS = [Walk(), Drone(), Hover(), Hover(kind="yaw", rate_deg_s=90.0), Cut(), Stations()]
 HZ = 30.0
 angle = st.floats(-3, 3)
 
@@ -242,11 +242,18 @@ def test_a_hover_without_sway_is_perfectly_still_and_on_the_path() -> None:
 
 @pytest.mark.parametrize("rate_deg_s", [90.0, -40.0])
 def test_yaw_turns_at_its_rate(rate_deg_s: float) -> None:
-    poses = fly(Yaw(rate_deg_s=rate_deg_s, sway_m=0, sway_deg=0), n=600)
+    swaying = Hover(kind="yaw", rate_deg_s=rate_deg_s)
+    poses = fly(swaying.model_copy(update={"sway_m": 0.0, "sway_deg": 0.0}), n=600)
     np.testing.assert_allclose(np.degrees(np.diff(headings(poses))) * HZ, rate_deg_s, rtol=1e-6)
     np.testing.assert_array_equal(positions(poses), np.tile([0, 0, 1.5], (600, 1)))
-    swaying = np.degrees(headings(fly(Yaw(rate_deg_s=rate_deg_s), n=600))) - rate_deg_s * np.arange(600) / HZ
-    assert 0.05 < swaying.std() < 0.6
+    off_deg = np.degrees(headings(fly(swaying, n=600))) - rate_deg_s * np.arange(600) / HZ
+    assert 0.05 < off_deg.std() < 0.6
+
+
+@pytest.mark.parametrize("wrong", [{"kind": "yaw"}, {"rate_deg_s": 20.0}])
+def test_only_a_yaw_has_a_rate(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValidationError, match="expected a rate_deg_s for the kind yaw and none for hover"):
+        Hover.model_validate(wrong)
 
 
 @pytest.mark.parametrize("every", [1, 7])
