@@ -39,4 +39,4 @@ def horizons(dataset: Dataset, correctors: Sequence[str]) -> Table:
     ranges = (Column(name, "m", ".2f") for name in ("10 % of frames", "median", "90 %"))
     columns = [Column("corrector"), Column("frames with any", "%", ".0f"), *ranges, Column("safe speed", "m/s", ".2f")]
     note = f"Range to which all within {AHEAD_DEG:g} degrees of the optical axis is proven free by one image."
-    return Table.of("Provable horizon", columns, rows, note=note, name="horizon")
+    return Table.of("Provable horizon", columns, rows, note=note)

@@ -43,11 +43,6 @@ BELOW: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, 0), "borderaxespad"
 LEGEND_COLUMNS = 5
 
 
-def draw_flight(path: Path, run: Run, finished: Finished) -> None:
-    """Write a map of a flight; a failure is a `ToolError`."""
-    save_picture(path, flight_figure(run, finished))
-
-
 def flight_figure(run: Run, finished: Finished) -> "Figure":
     """Return a map of a flight with a legend of what is in it."""
     from matplotlib.figure import Figure

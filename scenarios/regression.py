@@ -43,7 +43,7 @@ def measure(make: CorrectorFactory, progress: Callable[[str], None]) -> pd.DataF
             errors += depth_errors(result.depth_m, capture.depth_true_m, max_range_m=MAX_RANGE_M)
             in_range = capture.depth_true_m <= MAX_RANGE_M
             flicker.add(result.depth_m, np.where(in_range, capture.depth_true_m, np.float32(0)), in_range)
-        cases[case] = errors.mae_m, errors.too_far_share, errors.hole_share, flicker.total.mean_change_m
+        cases[case] = errors.mae_m, errors.too_far_share, errors.hole_share, flicker.mean_change_m
     return pd.DataFrame.from_dict(cases, orient="index", columns=METRICS, dtype=float)
 
 

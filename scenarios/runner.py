@@ -22,7 +22,8 @@ from voxdepth.tools.viewer import PARTIAL_RECORDING, RECORDING
 
 from .config import Run
 from .flight import Finished, Progress, flying, ticked
-from .mission_pictures import draw_flight
+from .images import save_picture
+from .mission_pictures import flight_figure
 from .report import write_page
 
 LONGEST_CORRECTOR = 40
@@ -131,5 +132,5 @@ def _write_results(finished: Finished, run: Run, folder: Path) -> None:
         lines = BytesIO()
         np.savetxt(lines, rows, fmt="%.6f", header="timestamp tx ty tz qx qy qz qw")
         write(folder / "trajectories" / f"drone-{drone}.tum", lines.getvalue())
-    draw_flight(folder / "flight.png", run, finished)
+    save_picture(folder / "flight.png", flight_figure(run, finished))
     write_page(folder / "summary.html", run, finished, picture=folder / "flight.png")

@@ -16,7 +16,6 @@ from sim.types import Capture, InvalidReason
 from sim.world import World
 from voxdepth.colors import FAR_M, colored
 from voxdepth.tools.figure import Draw, image_shown, panel_figure
-from voxdepth.tools.output import is_correction
 from voxdepth.types import GrayImage
 
 from .errors import ScenarioError
@@ -36,14 +35,9 @@ def make_sheet(folder: Path, out: Path) -> None:
 
     Raises:
         RecordingError: The recording cannot be read.
-        ScenarioError: The folder holds corrected depth, the recording has no frame, or the picture cannot be written.
+        ScenarioError: The recording has no frame, or the picture cannot be written.
     """
     require_picture(out)
-    if is_correction(folder):
-        raise ScenarioError(
-            f"{folder} holds corrected depth, and a sheet is made of a recording of voxdepth record: to look at "
-            "corrected depth, correct with --record FILE.rrd, then voxdepth view FILE.rrd"
-        )
     recording = Recording.open(folder)
     if len(recording) == 0:
         raise ScenarioError(f"{folder} holds no complete frame: record some first")

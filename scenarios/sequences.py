@@ -142,11 +142,6 @@ class Simulation:
     exposures: Callable[[], Iterator[list[BodyPose]]]
     """The poses of the camera while the shutter is open, one or more for each frame."""
 
-    @property
-    def textureless_ids(self) -> list[int]:
-        """The segmentation ids of the bodies without texture."""
-        return [body_id for body_id, surface in self.world.surfaces.items() if surface.is_blank]
-
     def render(self, frames: int) -> Iterator[RenderedPair]:
         """Yield the rendered images of the first frames; a camera in a body is a `SensorError`."""
         for frame, poses in enumerate(islice(self.exposures(), frames)):

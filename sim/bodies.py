@@ -188,6 +188,7 @@ def standing_body(
     return Body(name=name, shape=shape, position_m=(x_m, y_m, height_m / 2), yaw_rad=yaw_rad, surface=surface)
 
 
+SPHERE_ALBEDO = 0.6
 Offset = Annotated[tuple[float, float, float], Field(strict=False)]
 """Forward, left and up from the first position of the camera [m], level and along its first heading."""
 
@@ -204,10 +205,6 @@ class MovingSphere(Model):
     to_m: Offset
     """Position where the sphere turns back."""
     speed_m_s: float = Field(gt=0)
-    albedo: float = Field(default=0.6, ge=0, le=1)
-    """Share of the light that is reflected."""
-    texture: float = Field(default=1.0, ge=0)
-    """Strength of the texture; a stereo camera cannot match a textureless surface, which has 0."""
 
     @model_validator(mode="after")
     def _check(self) -> "MovingSphere":
@@ -217,8 +214,8 @@ class MovingSphere(Model):
 
     def mover(self, index: int, start: BodyPose) -> Mover:
         """The sphere in the world, named by its index, from the pose of the camera's carrier at time 0."""
-        surface = Surface(albedo=self.albedo, texture=self.texture)
-        body = Body(name=f"sphere-{index}", kind="mover", shape=Sphere(self.radius_m), surface=surface)
+        shape, surface = Sphere(self.radius_m), Surface(albedo=SPHERE_ALBEDO)
+        body = Body(name=f"sphere-{index}", kind="mover", shape=shape, surface=surface)
         offset = shuttle(body, np.array(self.from_m), np.array(self.to_m), speed_m_s=self.speed_m_s)
         q_level_xyzw = frames.quaternion_from_yaw(frames.yaw_from_quaternion(start.q_world_body_xyzw))
         R_world_level = frames.rotation_from_quaternion(q_level_xyzw)

@@ -14,10 +14,18 @@ from .types import Model
 Vector = tuple[float, float, float]
 
 GRAVITY_M_S2 = 9.81
+MAX_SLOPE = float(np.tan(np.radians(30.0)))
+"""Largest tilt of the thrust, as its horizontal share over its vertical one."""
+MAX_THRUST_TO_WEIGHT = 2.0
+MOTOR_LAG_S = 0.04
+"""Time constant with which thrust and torque follow the command."""
+VELOCITY_GAIN_PER_S, ATTITUDE_GAIN_PER_S2, RATE_GAIN_PER_S = 2.5, 90.0, 18.0
+DRAG_PER_S = 0.1
+"""Linear air drag: deceleration per speed relative to the air."""
 
 
 class AirframeConfig(Model):
-    """Size, limits and gains of every drone."""
+    """Size and limits of every drone."""
 
     mass_kg: float = Field(default=1.2, gt=0)
     radius_m: float = Field(default=0.25, gt=0)
@@ -25,15 +33,6 @@ class AirframeConfig(Model):
     max_speed_m_s: float = Field(default=5.0, gt=0)
     max_accel_m_s2: float = Field(default=4.0, gt=0)
     """Largest acceleration that the velocity controller demands."""
-    max_tilt_deg: float = Field(default=30.0, gt=0, lt=90)
-    max_thrust_to_weight: float = Field(default=2.0, gt=1)
-    motor_lag_s: float = Field(default=0.04, gt=0)
-    """Time constant with which thrust and torque follow the command."""
-    velocity_gain_per_s: float = Field(default=2.5, gt=0)
-    attitude_gain_per_s2: float = Field(default=90.0, gt=0)
-    rate_gain_per_s: float = Field(default=18.0, gt=0)
-    drag_per_s: float = Field(default=0.1, ge=0)
-    """Linear air drag: deceleration per speed relative to the air."""
 
 
 class VelocityController:
@@ -47,7 +46,6 @@ class VelocityController:
     def __init__(self, n_drones: int, config: AirframeConfig) -> None:
         self._config = config
         self._weight_n = config.mass_kg * GRAVITY_M_S2
-        self._max_slope = float(np.tan(np.radians(config.max_tilt_deg)))
         self._inertia_kg_m2 = 0.4 * config.mass_kg * config.radius_m**2
         self.thrust_n = [self._weight_n] * n_drones
         self.torque_n_m: list[Vector] = [(0.0, 0.0, 0.0)] * n_drones
@@ -91,28 +89,28 @@ class VelocityController:
         # NumPy's function rounds otherwise than that of `math`, and missions are compared bit by bit.
         yaw_rad = float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         wanted_n = self._desired_thrust_n(velocity_m_s, desired_velocity_m_s)
-        along_n = min(max(_dot(wanted_n, up), 0.0), c.max_thrust_to_weight * self._weight_n)
+        along_n = min(max(_dot(wanted_n, up), 0.0), MAX_THRUST_TO_WEIGHT * self._weight_n)
         length_n = math.sqrt(_dot(wanted_n, wanted_n))
         tilt = _cross(up, (wanted_n[0] / length_n, wanted_n[1] / length_n, wanted_n[2] / length_n))
         yaw_error_rad = (desired_yaw_rad - yaw_rad + math.pi) % (2 * math.pi) - math.pi
         turn = _plus(tilt, _scaled(up, min(max(yaw_error_rad, -0.5), 0.5)))
-        accel_rad_s2 = _plus(_scaled(turn, c.attitude_gain_per_s2), _scaled(rates_rad_s, -c.rate_gain_per_s))
-        follow = min(1.0, dt_s / c.motor_lag_s)
+        accel_rad_s2 = _plus(_scaled(turn, ATTITUDE_GAIN_PER_S2), _scaled(rates_rad_s, -RATE_GAIN_PER_S))
+        follow = min(1.0, dt_s / MOTOR_LAG_S)
         thrust_n, torque_n_m = self.thrust_n[drone], self.torque_n_m[drone]
         thrust_n += follow * (along_n - thrust_n)
         lacking_n_m = _plus(_scaled(accel_rad_s2, self._inertia_kg_m2), _scaled(torque_n_m, -1.0))
         torque_n_m = _plus(torque_n_m, _scaled(lacking_n_m, follow))
         self.thrust_n[drone], self.torque_n_m[drone] = thrust_n, torque_n_m
-        return _plus(_scaled(up, thrust_n), _scaled(velocity_m_s, -c.mass_kg * c.drag_per_s)), torque_n_m
+        return _plus(_scaled(up, thrust_n), _scaled(velocity_m_s, -c.mass_kg * DRAG_PER_S)), torque_n_m
 
     def _desired_thrust_n(self, velocity_m_s: Vector, desired_m_s: Vector) -> Vector:
         """The thrust that accelerates towards a velocity, within the limits of speed, acceleration and tilt."""
         c = self._config
         missing_m_s = _plus(_limited(desired_m_s, c.max_speed_m_s), _scaled(velocity_m_s, -1.0))
-        accel_m_s2 = _limited(_scaled(missing_m_s, c.velocity_gain_per_s), c.max_accel_m_s2)
+        accel_m_s2 = _limited(_scaled(missing_m_s, VELOCITY_GAIN_PER_S), c.max_accel_m_s2)
         x_n, y_n, z_n = _scaled(accel_m_s2, c.mass_kg)
         z_n += self._weight_n
-        x_n, y_n, _ = _limited((x_n, y_n, 0.0), self._max_slope * z_n)
+        x_n, y_n, _ = _limited((x_n, y_n, 0.0), MAX_SLOPE * z_n)
         return x_n, y_n, z_n
 
 
@@ -122,7 +120,7 @@ class Wind:
     def __init__(self, config: WindConfig, airframe: AirframeConfig, dt_s: float, *, seed: int) -> None:
         self._gust_m_s = config.gust_m_s
         self._mean_m_s = np.array(config.mean_m_s)
-        self._drag_kg_per_s = airframe.mass_kg * airframe.drag_per_s
+        self._drag_kg_per_s = airframe.mass_kg * DRAG_PER_S
         self._kept = float(np.exp(-dt_s / config.gust_s))
         self._rng = stream(seed, Purpose.WIND)
         self._gust = self._rng.standard_normal(3)

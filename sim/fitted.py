@@ -41,22 +41,21 @@ HELD_FRAMES = 10
 
 
 class FittedStereo:
-    """Makes the depth of images that are smaller by the factor `decimate` than those that a stereo camera matches.
+    """Makes the depth of images that are smaller than those that a stereo camera matches, by its `disparity_scale`.
 
     Args:
         intrinsics: Camera of the small images; a `SensorError` says if it has no baseline.
         surfaces: Surface of each body.
-        decimate: Factor by which the small images are smaller.
         max_depth_m: Reading for the sky and for surfaces farther away.
         seed: Seed of all errors.
     """
 
     def __init__(
-        self, intrinsics: Intrinsics, surfaces: Mapping[int, Surface], *, decimate: int, max_depth_m: float, seed: int
+        self, intrinsics: Intrinsics, surfaces: Mapping[int, Surface], *, max_depth_m: float, seed: int
     ) -> None:
         self._shape = intrinsics.shape
-        self._focal_baseline_px_m = np.float32(focal_baseline_px_m(intrinsics) * decimate)
-        self._decimate = decimate
+        self._decimate = intrinsics.disparity_scale
+        self._focal_baseline_px_m = np.float32(focal_baseline_px_m(intrinsics) * self._decimate)
         self._min_disparity_px = self._focal_baseline_px_m / np.float32(max_depth_m)
         self._seed = seed
         weak = [body for body, surface in surfaces.items() if surface.texture < NO_TEXTURE]

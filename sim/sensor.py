@@ -63,8 +63,6 @@ class RigConfig(Model):
     light_stops: float = Field(default=0.0, ge=-12, le=0)
     """Light, in f-stops relative to that at which the noise is `photon_sigma`. A gain makes up for less of it, and the
     noise grows."""
-    misalignment_px: float = Field(default=0.0, ge=-4, le=4)
-    """Error of the calibration of the pair: rows by which the right image lies too low."""
     exposure_sigma: float = Field(default=0.0, ge=0)
     """Standard deviation of the logarithm of a frame's brightness, which is the same in both images."""
     exposure_settling_frames: float = Field(default=0.0, ge=0, le=100)
@@ -149,11 +147,8 @@ class DepthSensor:
         """Camera model of the rendered images."""
         far_m = config.max_depth_m
         self._matcher = StereoMatcher(self.rendered, config.stereo, max_depth_m=far_m) if stereo else None
-        self._fitted = (
-            FittedStereo(config.intrinsics, surfaces, decimate=config.decimate, max_depth_m=far_m, seed=seed)
-            if config.depth == "fitted"
-            else None
-        )
+        fitted = config.depth == "fitted"
+        self._fitted = FittedStereo(self.rendered, surfaces, max_depth_m=far_m, seed=seed) if fitted else None
         self._noise_terms = config.noise.terms if noisy else ()
         self._artefacts = config.artefacts.terms if config.artefacts else ()
         self._surfaces = surfaces
@@ -193,8 +188,6 @@ class DepthSensor:
         left, right = pair.left, pair.right
         if right is not None and (strength := self._config.projected_texture):
             left, right = lit_by_pattern(left, right, strength, self.rendered, seed=self._seed)
-        if right is not None and (rows := self._config.misalignment_px):
-            right = replace(right, gray=lowered(right.gray, rows))
         gray_left = self._add_camera_noise(left, pair, 0)
         return gray_left, None if right is None else self._add_camera_noise(right, pair, 1)
 
@@ -244,8 +237,8 @@ class DepthSensor:
             term.apply(image)
 
 
-class StereoSensor:
-    """Makes captures from any pose in a world, or from its drones, with a renderer of it; see `DepthSensor`.
+class StereoSensor(DepthSensor):
+    """A depth sensor that renders its images: from any pose in a world, or from its drones.
 
     With `right`, there are right images even if the sensor model does not need them. `pool_map` maps over drones; a map
     with several threads gives the same captures sooner.
@@ -262,14 +255,11 @@ class StereoSensor:
         right: bool = False,
         pool_map: Mapper = map,
     ) -> None:
+        super().__init__(config, world.surfaces, seed=seed, gray=gray)
         self._world = world
         self._renderer = renderer
-        self._config = config
-        self._sensor = DepthSensor(config, world.surfaces, seed=seed, gray=gray)
-        self._right = right or self._sensor.needs_right
+        self._right = right or self.needs_right
         self._map = pool_map
-        self.intrinsics = self._sensor.intrinsics
-        """Camera model of the captures."""
         self.mount_m = config.left_mount_m
         """Position of the left camera in the body frame, shape (3,)."""
 
@@ -288,14 +278,13 @@ class StereoSensor:
 
     def render(self, poses: Sequence[BodyPose], frame: int) -> list[RenderedPair]:
         """Render the cameras of several carriers in one batch. Only one thread may render at a time."""
-        config = self._config
-        to_left_m = {"left": 0.0}
+        config, to_left_m = self._config, {"left": 0.0}
         if self._right:
             to_left_m["right"] = config.baseline_m if config.projector else -config.baseline_m
         if config.color_offset_m:
             to_left_m["color"] = config.color_offset_m
         cameras = [self._camera(pose, offset_m) for pose in poses for offset_m in to_left_m.values()]
-        images = iter(self._renderer.render(cameras, gray=self._sensor.needs_gray))
+        images = iter(self._renderer.render(cameras, gray=self.needs_gray))
         return [RenderedPair(pose=pose, frame=frame, **{view: next(images) for view in to_left_m}) for pose in poses]
 
     def expose(self, poses: Sequence[BodyPose], frame: int) -> RenderedPair:
@@ -305,28 +294,17 @@ class StereoSensor:
         means: dict[str, Any] = {view: mean_gray(images) for view, images in seen.items() if images[0] is not None}
         return replace(pairs[len(pairs) // 2], **means)
 
-    def capture(self, pair: RenderedPair) -> Capture:
-        """Add the noise of the cameras, measure depth and decimate it. Several threads may do so at once."""
-        return self._sensor.capture(pair)
-
     def _camera(self, pose: BodyPose, to_left_m: float) -> Camera:
         """The left camera, moved to its left."""
         mount_m = self._config.left_mount_m + np.array([0.0, to_left_m, 0.0])
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
-        return Camera(T_world_cam=T_world_cam, intrinsics=self._sensor.rendered)
+        return Camera(T_world_cam=T_world_cam, intrinsics=self.rendered)
 
 
 def mean_gray(images: Sequence[Images]) -> Images:
     """The middle one of successive images of a camera, with the mean of all gray images."""
     gray = np.rint(np.mean([image.gray for image in images], axis=0)).astype(np.uint8)
     return replace(images[len(images) // 2], gray=gray)
-
-
-def lowered(gray: GrayImage, rows_px: float) -> GrayImage:
-    """The image moved down by a number of rows, which need not be whole; its first row is repeated."""
-    motion, size = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, rows_px]]), gray.shape[::-1]
-    moved = cv2.warpAffine(gray, motion, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(moved, np.uint8)
 
 
 def lit_by_pattern(

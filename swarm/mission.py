@@ -197,9 +197,8 @@ class Mission:
 
     def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
         step, time_s = self.world.steps, self.time_s
-        slots_m = np.vstack([team.slots_m(states[team.leader].position_m)[1:] for team in self._teams])
         metrics = self._metrics.sample(states, decisions)
-        self._recorder.tick(step, time_s, states, slots_m, decisions)
+        self._recorder.tick(step, time_s, states, decisions)
         self._recorder.metrics(step, time_s, metrics)
 
     def _end(self, outcome: Outcome) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from sim.types import Capture, Contact, DroneState
 from sim.world import World
-from voxdepth.types import CorrectedDepth, FloatArray
+from voxdepth.types import CorrectedDepth
 
 from .pilot import Decision
 from .team import Team
@@ -17,10 +17,8 @@ class Recorder:
     def start(self, world: World, teams: Sequence[Team]) -> None:
         """Receive the world before the first step, and the swarms."""
 
-    def tick(
-        self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
-    ) -> None:
-        """Receive all drones after a decision, and the slots of the followers, shape (n, 3)."""
+    def tick(self, step: int, time_s: float, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
+        """Receive all drones after a decision."""
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Receive one image and its corrected depth."""

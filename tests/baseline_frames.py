@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
-
-POSE = np.eye(4)
+from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics
 
 
 def camera(shape: tuple[int, int], *, focal_px: float = 80.0) -> Intrinsics:
@@ -45,9 +43,7 @@ def scene(seed: int, shape: tuple[int, int]) -> FloatImage:
     return holed(noisy_m.astype(np.float32), seed)
 
 
-def frame(
-    depth_m: FloatImage, gray: GrayImage | None = None, *, index: int = 0, T_world_cam: FloatArray | None = POSE
-) -> Frame:
-    """A frame with a pose; of uniform gray unless there is an image."""
+def frame(depth_m: FloatImage, gray: GrayImage | None = None, *, index: int = 0) -> Frame:
+    """A frame, of uniform gray unless there is an image."""
     gray = np.full(depth_m.shape, 128, np.uint8) if gray is None else gray
-    return Frame(stamp_s=index / 30, gray=gray, depth_m=depth_m, T_world_cam=T_world_cam)
+    return Frame(stamp_s=index / 30, gray=gray, depth_m=depth_m)

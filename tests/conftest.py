@@ -25,9 +25,3 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.freeze()
         gc.set_threshold(20_000)
         gc.enable()
-
-
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The report of an evaluation has no error maps, which take longer than the evaluation of a test."""
-    monkeypatch.setattr("voxdepth.tools.evaluation.report.error_maps", lambda evaluation: [])

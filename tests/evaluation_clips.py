@@ -15,7 +15,7 @@ from voxdepth.tools.evaluation.frames import TRUTH, EvaluationFrame, Reference
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.methods import Method
 from voxdepth.tools.evaluation.references import held_out
-from voxdepth.tools.evaluation.results import Result, SequenceInfo, encoded_thumbnail
+from voxdepth.tools.evaluation.results import Result, SequenceInfo
 from voxdepth.tools.evaluation.scoring import Score
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics, MaskImage
@@ -110,7 +110,7 @@ def scores_of(
     reference: Reference, frames: Iterable[EvaluationFrame], change: Change
 ) -> dict[tuple[str, ...], Measurement]:
     """What is measured where a function makes the corrected depth of a frame, by metric, mask, range and pixels."""
-    score = Score(reference, CAMERA)
+    score = Score(reference)
     for frame in frames:
         score.add(frame, CorrectedDepth.of(frame.frame, change(frame.frame.depth_m)))
     return {found[:4]: found for found in score.measurements()}
@@ -119,10 +119,8 @@ def scores_of(
 def info_of(name: str, **changes: Any) -> SequenceInfo:
     """The description of a made-up sequence with the truth."""
     values: dict[str, Any] = {
-        "name": name, "digest": "d", "frames": 2, "seed": 0, "camera": CAMERA.scaled(12, 9), "reference": TRUTH,
+        "name": name, "frames": 2, "seed": 0, "camera": CAMERA.scaled(12, 9), "reference": TRUTH,
         "pixels": 1000, "near_pixels": 1000, "hidden_pixels": 1000, "holes": 1000,
-        "reference_thumbnail": encoded_thumbnail(np.full((9, 12), 3, np.float32)),
-        "raw_thumbnail": encoded_thumbnail(np.zeros((9, 12), np.float32)),
     }  # fmt: skip
     return SequenceInfo(**values | changes)
 

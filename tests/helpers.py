@@ -11,7 +11,8 @@ from sim import frames
 from sim.bodies import Body, Box, Scene, Surface
 from sim.types import Camera
 from sim.world import World
-from voxdepth.types import FloatArray, Intrinsics
+from voxdepth.geometry import PointArray
+from voxdepth.types import FloatArray, FloatImage, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
 ROUGH = Surface(albedo=0.5, texture=1.25)
@@ -55,3 +56,19 @@ def promised_entities(recording: str) -> set[str]:
     _, _, table = tutorial.partition(f"| entity in `{recording}` |")
     rows = [row for row in table.partition("\n\n")[0].splitlines() if row.startswith("| `")]
     return {entity for row in rows for entity in re.findall(r"`([^`]+)`", row.split("|")[1])}
+
+
+def project_nearest(points: PointArray, intrinsics: Intrinsics) -> FloatImage:
+    """Depth image [m], shape (H, W), float32, of points (N, 3) [m] in the camera frame; 0 where none falls.
+
+    A point takes the one pixel that its projection rounds to.
+    """
+    depth_m = np.full(intrinsics.shape, np.inf, np.float32)
+    x, y, z = points[points[:, 2] > 0].T
+    half = np.float32(0.5)
+    col = np.floor(x / z * np.float32(intrinsics.fx_px) + np.float32(intrinsics.cx_px) + half)
+    row = np.floor(y / z * np.float32(intrinsics.fy_px) + np.float32(intrinsics.cy_px) + half)
+    inside = (col >= 0) & (col < intrinsics.width_px) & (row >= 0) & (row < intrinsics.height_px)
+    np.minimum.at(depth_m, (row[inside].astype(np.intp), col[inside].astype(np.intp)), z[inside])
+    depth_m[np.isinf(depth_m)] = 0
+    return depth_m

@@ -111,4 +111,4 @@ def killable() -> Study:
 
 
 if __name__ == "__main__":
-    run_study(killable(), Path(sys.argv[1]), Processes(2, 60.0, slow_fake), unseen, resume=True)
+    run_study(killable(), Path(sys.argv[1]), Processes(1, 60.0, slow_fake), unseen, resume=True)

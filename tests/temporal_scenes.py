@@ -11,6 +11,7 @@ import numpy as np
 
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.temporal.method import TemporalCorrector
+from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=70, baseline_m=0.1)
@@ -128,6 +129,13 @@ def noisy(frame: Frame, seed: int, *, sigma_px: float = 0.2, holes: float = 0.1,
     for row, col in rng.integers(0, frame.depth_m.shape, (round(holes * depth_m.size / 36), 2)):
         depth_m[row : row + 6, col : col + 6] = 0
     return replace(frame, depth_m=depth_m)
+
+
+def depth_of(resolution: WorkingResolution, disparity_px: np.ndarray) -> FloatImage:
+    """Depth [m] of an image of disparity, both of shape (H, W); 0 = invalid in both."""
+    with np.errstate(divide="ignore"):
+        depth_m = np.float32(resolution.focal_baseline_px_m) / np.asarray(disparity_px, np.float32)
+    return np.where(disparity_px > 0, depth_m, np.float32(0))
 
 
 def dark(index: int, camera: Intrinsics = CAMERA) -> Frame:

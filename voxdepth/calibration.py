@@ -9,53 +9,39 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import cv2
 import numpy as np
-from pydantic import Field
 
-from .errors import ConfigError
-from .model import Model, explained
 from .pipeline import StagedCorrector
-from .types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Source
+from .types import CorrectedDepth, DepthCorrector, FloatImage, Frame
 
 FILE = Path(__file__).with_name("confidence.toml")
-Probability = Annotated[float, Field(ge=0, le=1)]
+Fills = Mapping[str, float]
+"""Probability of being right of what a corrector fills, by its source: `memory` or `inpainted`; 0 without one."""
 
 
-class Fills(Model):
-    """Probability of being right of what a corrector fills, by its source."""
-
-    memory: Probability = 0.0
-    inpainted: Probability = 0.0
-
-    @property
-    def by_source(self) -> FloatImage:
-        """The probability of every `Source`, shape (4,)."""
-        of_source = {Source.SENSOR: 1.0, Source.MEMORY: self.memory, Source.INPAINTED: self.inpainted}
-        return np.array([of_source.get(source, 0.0) for source in Source], np.float32)
-
-
-class Content(Model):
-    """The content of a file."""
-
-    correctors: dict[str, Fills]
+def by_source(fills: Fills) -> FloatImage:
+    """The probability of every `Source`, shape (4,)."""
+    return np.array([0, 1, fills.get("memory", 0), fills.get("inpainted", 0)], np.float32)
 
 
 class Calibrated:
     """A corrector with fitted confidences, and everything else as it is.
 
     Args:
-        bare: The corrector; its own confidence is replaced.
+        bare: The corrector; its own confidence is replaced. If it has two stages, they stay two.
         fills: The probabilities.
     """
 
     def __init__(self, bare: DepthCorrector, fills: Fills) -> None:
         self.bare = bare
         self.uses_gray = bare.uses_gray
-        self._by_source = np.zeros(256, np.float32)
-        self._by_source[: len(Source)] = fills.by_source
+        self._table = np.zeros(256, np.float32)
+        self._table[:4] = by_source(fills)
+        if isinstance(bare, StagedCorrector):
+            self.align, self.combine = bare.align, lambda aligned: self._calibrated(bare.combine(aligned))
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame."""
@@ -71,50 +57,17 @@ class Calibrated:
             close()
 
     def _calibrated(self, corrected: CorrectedDepth) -> CorrectedDepth:
-        confidence: Any = cv2.LUT(corrected.source, self._by_source)
+        confidence: Any = cv2.LUT(corrected.source, self._table)
         return replace(corrected, confidence=confidence)
-
-
-class CalibratedStages(Calibrated):
-    """A corrector in two stages with fitted confidences. The stages may still overlap."""
-
-    bare: StagedCorrector
-
-    def align(self, frame: Frame) -> Any:
-        """Do everything that depends on earlier frames."""
-        return self.bare.align(frame)
-
-    def combine(self, aligned: Any) -> CorrectedDepth:
-        """Do the rest."""
-        return self._calibrated(self.bare.combine(aligned))
 
 
 def calibrated(corrector: DepthCorrector, name: str) -> DepthCorrector:
     """The corrector with the confidence that is fitted to that name; itself if there is none."""
-    fills = read(FILE).get(name)
-    if fills is None:
-        return corrector
-    return (
-        CalibratedStages(corrector, fills) if isinstance(corrector, StagedCorrector) else Calibrated(corrector, fills)
-    )
+    fills = fitted().get(name)
+    return corrector if fills is None else Calibrated(corrector, fills)
 
 
 @cache
-def read(file: Path) -> Mapping[str, Fills]:
-    """The probabilities of a file by corrector.
-
-    Raises:
-        ConfigError: The file cannot be read, or holds something else.
-    """
-
-    def unreadable(reason: object) -> ConfigError:
-        return ConfigError(
-            f"cannot read the confidences {file}: {reason}; make them again with `voxdepth experiment confidence`"
-        )
-
-    try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise unreadable(error) from error
-    with explained(Content, unreadable, field="correctors"):
-        return Content(correctors=content).correctors
+def fitted() -> Mapping[str, Fills]:
+    """The probabilities by corrector."""
+    return tomllib.loads(FILE.read_text(encoding="utf-8"))

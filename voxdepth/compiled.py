@@ -3,7 +3,6 @@
 Compiled functions take arguments of fixed types, and run without Python's lock.
 """
 
-import gc
 import hashlib
 import logging
 import os
@@ -99,7 +98,7 @@ def named_tuple(kind: type[Any], *types: Any) -> Any:
 
 def compile_all() -> None:
     """Compile the functions of all imported modules, or read them from the disk, where an earlier call left them."""
-    with _LOCK, _without_garbage_collection():
+    with _LOCK:
         has_said_so = False
         while _waiting:
             with kept_back() as hand_on:  # LLVM calls Python, and an exception there is lost, or crashes the process.
@@ -109,18 +108,6 @@ def compile_all() -> None:
                 has_said_so = True
             _waiting.pop(0)
             hand_on()
-
-
-@contextmanager
-def _without_garbage_collection() -> Iterator[None]:
-    """The collector would search the many objects of a compiler again and again: a fifth of its time."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
 
 
 @contextmanager

@@ -29,8 +29,8 @@ class CorrectorSpec(Model):
     name: str
     """Name that `create_corrector` knows."""
     config: dict[str, Any] = Field(default_factory=dict)
-    """Values of the corrector's own configuration, over its defaults key by key; a table that names another `method`
-    than the default replaces the default table. They are validated when this is loaded."""
+    """Values of the corrector's own configuration, over its defaults key by key. They are validated when this is
+    loaded."""
 
     @model_validator(mode="before")
     @classmethod

@@ -6,8 +6,9 @@ from typing import Literal
 
 from .errors import ConfigError
 
-DeviceName = Literal["auto", "cpu", "cuda", "warp-cpu"]
-"""`cpu` uses loops of Numba, `cuda` runs Warp's kernels on a GPU, and `warp-cpu` runs the same kernels on the CPU, for anybody who wants to see them work. `auto` is `cuda` where there is a GPU, and else `cpu`."""
+DeviceName = Literal["cpu", "cuda", "warp-cpu"]
+"""`cpu` runs loops of Numba, `cuda` Warp's kernels on a GPU, and `warp-cpu` the same kernels on the CPU, for all who
+want to see them work."""
 
 CUDA_DRIVER = "libcuda.so.1"
 """Library of NVIDIA's driver. Without it there is no GPU, which Warp would print when it starts."""
@@ -35,15 +36,12 @@ def cuda_devices() -> tuple[str, ...]:
     return tuple(str(device.name) for device in wp.get_cuda_devices())
 
 
-def present(device: DeviceName) -> DeviceName:
-    """The device that a name means on this machine; one that it does not have is a `ConfigError`."""
-    if device == "auto":
-        return "cuda" if cuda_devices() else "cpu"
+def require_device(device: DeviceName) -> None:
+    """Raise a `ConfigError` for a device that this machine does not have."""
     if device != "cpu" and not has_warp():
         raise ConfigError(f"device = {device!r} needs Warp: pip install 'voxdepth[cuda]', or choose 'cpu'")
     if device == "cuda" and not cuda_devices():
         raise ConfigError(f"device = {device!r} was asked for, but Warp finds no CUDA device here: choose 'cpu'")
-    return device
 
 
 def _has_driver() -> bool:

@@ -143,18 +143,19 @@ def solve_symmetric(A: FloatArray, b: FloatArray) -> FloatArray:
     return b
 
 
-def fill_from_nearest(depth_m: FloatImage, max_distance_px: float = np.inf) -> FloatImage:
+def fill_from_nearest(depth_m: FloatImage) -> FloatImage:
     """Fill invalid pixels (0) with the depth [m] of the nearest valid pixel, shape (H, W), float32.
 
-    Pixels farther than `max_distance_px` from all valid ones stay invalid. Distances are 5 x 5 chamfer distances
-    (Borgefors 1986, DOI 10.1016/S0734-189X(86)80047-0): the chosen pixel may be up to 4 % farther than the nearest.
+    An image without a valid pixel stays empty. Distances are 5 x 5 chamfer distances (Borgefors 1986,
+    DOI 10.1016/S0734-189X(86)80047-0): the chosen pixel may be up to 4 % farther than the nearest.
     """
     valid = depth_m > 0
     if not valid.any():
         return depth_m.copy()
-    distance_px, nearest = cv2.distanceTransformWithLabels(
+    _, nearest = cv2.distanceTransformWithLabels(
         (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    depth_of = np.zeros(int(nearest.max()) + 1, np.float32)
+    depth_of: FloatImage = np.zeros(int(nearest.max()) + 1, np.float32)
     depth_of[nearest[valid]] = depth_m[valid]
-    return np.where(distance_px <= max_distance_px, depth_of[nearest], np.float32(0))
+    filled_m: FloatImage = depth_of[nearest]
+    return filled_m

@@ -46,13 +46,13 @@ class Model(BaseModel):
     )
 
 
-def changed(table: Mapping[str, Any], changes: Mapping[str, Any], kind: str = "kind") -> dict[str, Any]:
+def changed(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return a table with changes, key by key through all its tables; one of another `kind` replaces the former one."""
 
     def value_of(key: str, new: Any) -> Any:
         old = table.get(key)
-        if isinstance(old, Mapping) and isinstance(new, Mapping) and new.get(kind) in (None, old.get(kind)):
-            return changed(old, new, kind)
+        if isinstance(old, Mapping) and isinstance(new, Mapping) and new.get("kind") in (None, old.get("kind")):
+            return changed(old, new)
         return new
 
     return {**table, **{key: value_of(key, new) for key, new in changes.items()}}

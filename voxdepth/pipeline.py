@@ -12,7 +12,7 @@ from threading import Condition, RLock, Thread, current_thread
 from types import TracebackType
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
-from .errors import ConfigError, FrameError, PipelineError
+from .errors import FrameError, PipelineError
 from .types import CorrectedDepth, DepthCorrector, Frame
 
 __all__ = ["CorrectionPipeline", "StagedCorrector"]
@@ -49,26 +49,16 @@ class CorrectionPipeline:
     Args:
         corrector: A `StagedCorrector` runs in two threads, any other one whole in a single thread.
         frames: Read in a thread of their own. A generator is also closed there; any other source stays the caller's.
-        queue_size: Frames that may wait after each stage; a frame is read when there is room for it. More evens out
-            stages of varying speed, and adds latency. Not for `latest`.
-        latest: For live cameras: behind every stage only the newest frame waits, and replaces one that waits there
-            already, so that what is delivered is never old, whether correction or the caller lags. Otherwise the
-            stages wait for each other and for the caller, and no frame is lost.
-
-    Raises:
-        ConfigError: `queue_size` is below 1.
+        latest: For live cameras: a frame replaces the one that waits behind a stage, so that what is delivered is never
+            old, whether correction or the caller lags. Otherwise the stages wait for each other and for the caller, and
+            no frame is lost.
     """
 
-    def __init__(
-        self, corrector: DepthCorrector, frames: Iterable[Frame], *, queue_size: int = 1, latest: bool = False
-    ) -> None:
-        if queue_size < 1:
-            raise ConfigError(f"queue_size must be at least 1 frame, got {queue_size}")
+    def __init__(self, corrector: DepthCorrector, frames: Iterable[Frame], *, latest: bool = False) -> None:
         steps: list[tuple[str, Callable[[Any], Any]]] = [("correcting", corrector.process)]
         if isinstance(corrector, StagedCorrector):
             steps = [("registering", corrector.align), ("combining", corrector.combine)]
-        capacity = 1 if latest else queue_size
-        self._channels: list[Channel[_Job]] = [Channel(capacity, latest=latest) for _ in range(1 + len(steps))]
+        self._channels: list[Channel[_Job]] = [Channel(latest=latest) for _ in range(1 + len(steps))]
         self._threads = [_thread("reading", _read, frames, self._channels[0])]
         for (name, run), source, output in zip(steps, self._channels[:-1], self._channels[1:], strict=True):
             self._threads.append(_thread(name, _work, name, run, source, output))
@@ -138,14 +128,13 @@ class CorrectionPipeline:
 
 
 class Channel(Generic[T]):
-    """A bounded queue between two threads. `put` blocks while it is full, iteration while it is empty.
+    """A place between two threads where one item waits. `put` blocks while it is taken, iteration while it is empty.
 
-    With `latest`, an item replaces the oldest one where `put` would block. The capacity is at least 1.
+    With `latest`, an item replaces the one that waits, where `put` would block.
     """
 
-    def __init__(self, capacity: int, *, latest: bool = False) -> None:
-        self._items: deque[T] = deque()
-        self._capacity = capacity
+    def __init__(self, *, latest: bool = False) -> None:
+        self._items: list[T] = []
         self._latest = latest
         self._ended = False
         self._changed = Condition()
@@ -155,10 +144,10 @@ class Channel(Generic[T]):
         """Why the channel ended; None before that, after a regular end and after `close`."""
 
     def put(self, item: T) -> bool:
-        """Append an item as soon as there is room; False if the channel has ended."""
+        """Leave an item as soon as there is room; False if the channel has ended."""
         with self._changed:
-            if self._latest and len(self._items) == self._capacity:
-                self._items.popleft()
+            if self._latest and self._items:
+                self._items.clear()
                 self.dropped += 1
             if not self.wait_for_room():
                 return False
@@ -169,7 +158,7 @@ class Channel(Generic[T]):
     def wait_for_room(self) -> bool:
         """Block while `put` would; False if the channel has ended. A single producer keeps the room until `put`."""
         with self._changed:
-            self._changed.wait_for(lambda: self._ended or self._latest or len(self._items) < self._capacity)
+            self._changed.wait_for(lambda: self._ended or self._latest or not self._items)
             return not self._ended
 
     def __iter__(self) -> "Channel[T]":
@@ -180,7 +169,7 @@ class Channel(Generic[T]):
             self._changed.wait_for(lambda: self._ended or self._items)
             if not self._items:
                 raise StopIteration
-            item = self._items.popleft()
+            item = self._items.pop()
             self._changed.notify_all()
             return item
 

@@ -16,14 +16,14 @@ from typing import Any
 from .errors import PluginError
 from .pipeline import StagedCorrector
 from .soundness import fault_of
-from .types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
+from .types import CorrectedDepth, Frame, Intrinsics
 
 FAULTS = (Exception, SystemExit)
 """What the code of users may raise by mistake."""
 _LOGGER = logging.getLogger(__name__)
 
 
-def load(kind: str, name: str, signature: str) -> Callable[..., Any]:
+def load(kind: str, name: str, signature: str, code: str | None = None) -> Callable[..., Any]:
     """Import the module of `module:factory`, perhaps from the current folder, and return its factory.
 
     The import runs the code of the module. A scenario or a study from somebody else may name any that is installed, so
@@ -31,22 +31,24 @@ def load(kind: str, name: str, signature: str) -> Callable[..., Any]:
 
     Args:
         kind: What is loaded, as in `controller`.
-        name: The name.
+        name: The name, as `module:factory` unless `code` is given.
         signature: How the factory is called and what it returns, for errors.
+        code: The code of an entry point of that name, as `module:factory`.
 
     Raises:
         PluginError: There is no such module, it raises an error, or it has no callable of that name.
     """
-    if not all(name.partition(":")):
+    if code is None and not all(name.partition(":")):
         raise PluginError(f"a {kind} must be 'module:factory', as in 'mine:create', got {name!r}")
     _search_here()
-    _announce(name)
+    if code is None:
+        _announce(name)
     try:
-        factory = pkgutil.resolve_name(name)
+        factory = pkgutil.resolve_name(code or name)
     except FAULTS as error:
         raise PluginError(
-            f"the {kind} {name!r} cannot be loaded: {_told(error, source_of(name))}; its module must lie in the folder "
-            f"{Path.cwd()} or in one that PYTHONPATH names, or be installed, and have {signature}"
+            f"the {kind} {name!r} cannot be loaded: {_told(error, source_of(code or name))}; its module must lie in "
+            f"the folder {Path.cwd()} or in one that PYTHONPATH names, or be installed, and have {signature}"
         ) from error
     if not callable(factory):
         raise PluginError(f"the {kind} {name!r} must be {signature}, got {factory!r}")
@@ -118,12 +120,21 @@ class Plugin:
 
 
 class PluginCorrector:
-    """A corrector of a user, whose results are checked."""
+    """A corrector of a user, whose results are checked. If it has two stages, they stay two, and may overlap.
 
-    def __init__(self, plugin: Plugin, shape: tuple[int, int]) -> None:
-        self._plugin, self._shape = plugin, shape
-        self.bare: DepthCorrector = plugin.made
+    Args:
+        code: Its code, as `module:factory`.
+        factory: Makes it.
+        intrinsics: Intrinsics of its camera.
+    """
+
+    def __init__(self, code: str, factory: Callable[[Intrinsics], Any], intrinsics: Intrinsics) -> None:
+        self._plugin = Plugin("corrector", code, "process", CORRECTOR, lambda: factory(intrinsics))
+        self._shape = intrinsics.shape
+        self.bare = self._plugin.made
         self.uses_gray = bool(getattr(self.bare, "uses_gray", True))
+        if isinstance(self.bare, StagedCorrector):
+            self.align, self.combine = self._align, self._combine
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame."""
@@ -137,33 +148,18 @@ class PluginCorrector:
         """End the threads of the corrector, if it has some."""
         self._plugin.run("when it is closed", getattr(self.bare, "close", lambda: None))
 
+    def _align(self, frame: Frame) -> Any:
+        return frame, self._plugin.run(_at(frame), self.bare.align, frame)
+
+    def _combine(self, aligned: Any) -> CorrectedDepth:
+        frame, own = aligned
+        return self._sound(frame, self.bare.combine, own)
+
     def _sound(self, frame: Frame, call: Callable[..., Any], argument: Any) -> CorrectedDepth:
         corrected: CorrectedDepth = self._plugin.run(_at(frame), call, argument)
         if fault := fault_of(corrected, self._shape):
             raise self._plugin.faulty(f"{_at(frame)}, {fault}")
         return corrected
-
-
-class StagedPluginCorrector(PluginCorrector):
-    """A corrector of a user in two stages, which may still overlap."""
-
-    bare: StagedCorrector
-
-    def align(self, frame: Frame) -> Any:
-        """Do everything that depends on earlier frames."""
-        return frame, self._plugin.run(_at(frame), self.bare.align, frame)
-
-    def combine(self, aligned: Any) -> CorrectedDepth:
-        """Do the rest."""
-        frame, own = aligned
-        return self._sound(frame, self.bare.combine, own)
-
-
-def make_corrector(name: str, factory: Callable[[Intrinsics], Any], intrinsics: Intrinsics) -> DepthCorrector:
-    """Make the corrector of a user for one camera. Every fault of it is a `PluginError`."""
-    plugin = Plugin("corrector", name, "process", CORRECTOR, lambda: factory(intrinsics))
-    kind = StagedPluginCorrector if isinstance(plugin.made, StagedCorrector) else PluginCorrector
-    return kind(plugin, intrinsics.shape)
 
 
 def _at(frame: Frame) -> str:

@@ -135,8 +135,6 @@ def config_of(name: str) -> "TemporalConfig | VoxDepthConfig | None":
 def resolve_config(name: str, given: Mapping[str, Any]) -> "TemporalConfig | VoxDepthConfig":
     """The configuration of a corrector with the given values over its defaults.
 
-    A table replaces the default values key by key, or as a whole if it names another `method` than the default table.
-
     Raises:
         ConfigError: The corrector takes no configuration, or a key or a value is wrong.
     """
@@ -145,7 +143,7 @@ def resolve_config(name: str, given: Mapping[str, Any]) -> "TemporalConfig | Vox
     default = config_of(name)
     if default is None:
         raise _takes_no_config(name)
-    merged, where = changed(default.model_dump(mode="json"), given, "method"), f"config of the corrector {name!r}"
+    merged, where = changed(default.model_dump(mode="json"), given), f"config of the corrector {name!r}"
     try:  # As JSON, in which a list may stand for a tuple and a string for an enumeration.
         with explained(
             type(default), lambda told: ConfigError(f"{where}: {told}; `voxdepth config {name}` prints all")
@@ -189,9 +187,9 @@ def create_bare(
     if config is not None and default is None:
         raise _takes_no_config(name)
     if name not in _REGISTRY:
-        from .plugins import make_corrector
+        from .plugins import PluginCorrector
 
-        return make_corrector(code_of(name) or name, _load(name), intrinsics)
+        return PluginCorrector(code_of(name) or name, _load(name), intrinsics)
     entry = _REGISTRY[name]
     resolved = resolve_config(name, config) if isinstance(config, Mapping) else config or default
     given = (intrinsics if entry.takes_camera else None, resolved)
@@ -234,16 +232,6 @@ def _takes_no_config(name: str) -> ConfigError:
 
 def _load(name: str) -> Callable[[Intrinsics], DepthCorrector]:
     """Load a factory that is none of ours."""
-    if ":" in name:
-        from .plugins import CORRECTOR, load
+    from .plugins import CORRECTOR, load
 
-        return load("corrector", name, CORRECTOR)
-    entry = next(iter(entry_points(group=ENTRY_POINTS, name=name)))
-    try:
-        factory: Callable[[Intrinsics], DepthCorrector] = entry.load()
-    except Exception as error:  # foreign code may raise anything
-        raise ConfigError(
-            f"the corrector {name!r} cannot be loaded from its entry point {entry.value!r} ({type(error).__name__}: "
-            f"{error}); repair or uninstall the distribution that offers it"
-        ) from error
-    return factory
+    return load("corrector", name, CORRECTOR, None if ":" in name else code_of(name))

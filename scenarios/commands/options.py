@@ -14,8 +14,6 @@ RendererName = StrEnum("RendererName", "RASTER RAYCAST TINY EGL")
 
 Scenario = Annotated[str, typer.Argument(help="A shipped scenario, or a TOML file: a scenario or a run's config.toml.")]
 Seed = Annotated[int | None, typer.Option(help="Master seed of everything random. Default: the file's, or 0.")]
-Seeds = Annotated[int, typer.Option(min=1, help="How many seeds, from 0 on.")]
-Workers = Annotated[int, typer.Option(min=1, help="Missions flown side by side.")]
 Size = Annotated[str | None, typer.Option(help="Image size, as in 160x120.")]
 Renderer = Annotated[
     RendererName | None, typer.Option(help="How images are made; tiny and egl draw no haze, clouds or patterns.")
@@ -30,5 +28,4 @@ def given(options: Mapping[str, Any], size: str | None) -> dict[str, Any]:
     from ..config import images_of
 
     changes = {key: getattr(value, "value", value) for key, value in options.items() if value is not None}
-    width_and_height = parsed_size(size)
-    return changes if width_and_height is None else changes | images_of(*width_and_height)
+    return changes if size is None else changes | images_of(*parsed_size(size))

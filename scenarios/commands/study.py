@@ -85,15 +85,12 @@ def run(
 @app.command()
 def report(
     out: Folder,
-    progress: Annotated[
-        bool, typer.Option("--progress", help="Print the progress alone, also of a study that is running.")
-    ] = False,
     to: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help=f"Folder of the results. Default: OUT, of an archive {DEFAULT_OUT}/NAME."),
     ] = None,
 ) -> None:
-    """Print the progress of a study, and write its results so far.
+    """Print the progress of a study, which may be running, and write its results so far.
 
     These are report.html, its tables as report.md, its figures in figures/, all runs with a result as runs.csv and
     runs.parquet, and their drones as drones.csv and drones.parquet.
@@ -104,10 +101,9 @@ def report(
     data = read_study(out)
     findings = Findings(data)
     _print_status(findings)
-    if not progress:
-        folder = to or _folder_of(out, data)
-        for path in (write_report(findings, out, folder), *(export(data, folder) if data.records else ())):
-            typer.echo(f"written to {path}")
+    folder = to or _folder_of(out, data)
+    for path in (write_report(findings, out, folder), *export(data, folder)):
+        typer.echo(f"written to {path}")
 
 
 @app.command()
@@ -120,12 +116,9 @@ def replay(
         ),
     ] = None,
     record: Annotated[
-        bool, typer.Option("--record", help="Write the files of each run with a Rerun recording, without a diagnosis.")
+        bool,
+        typer.Option("--record", help="Write a Rerun recording of each run into replays in OUT, and no diagnosis."),
     ] = False,
-    to: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="With --record: where each run gets a new folder. Default: replays in OUT."),
-    ] = None,
 ) -> None:
     """Fly runs of a study again, and say whether each ends as in the study. Exits 1 if one does not.
 
@@ -136,13 +129,13 @@ def replay(
     from ..study.store import read_study
 
     data = read_study(out)
-    folder = to or _folder_of(out, data) / "replays"
+    folder = _folder_of(out, data) / "replays" if record else None
     causes: dict[str, list[Diagnosis]] = {}
     all_same = True
     for spec in chosen(data, keys or []):
-        finished, diagnosis = fly_again(spec.run, folder if record else None)
+        finished, diagnosis = fly_again(spec.run, folder)
         is_same, verdict = compared(data, spec, finished)
-        all_same = all_same and is_same is not False
+        all_same = all_same and is_same
         typer.echo(f"run {spec.short_key}: {spec.title}: {verdict}")
         if finished.folder is not None:
             typer.echo(f"  its files are in {finished.folder}")
@@ -164,12 +157,15 @@ def _print_status(findings: "Findings") -> None:
     """Print what was found, how the runs of each arm ended, and what failed."""
     from rich.console import Console
 
+    from ..study.tables import end_table
+
     data = findings.data
     typer.echo(f"study {data.study.name}: {data.study.description}".removesuffix(": "))
     typer.echo(findings.verdict)
     errors = f", {len(data.failures)} errors" if data.failures else ""
     typer.echo(f"{len(data.records)} of {len(data.runs)} runs{errors}")
-    findings.tables["ends"].print(Console())
+    if findings.arms:
+        end_table(findings.arms).print(Console())
     for failure in list(data.failures.values())[:5]:
         typer.echo(f"{failure.kind} in run {data.runs[failure.key].short_key}: {failure.last_line}")
     if data.failures:

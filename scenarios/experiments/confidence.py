@@ -1,8 +1,6 @@
 """The confidence of fills: the share of them that is right, by corrector and source, in training sequences."""
 
-from dataclasses import replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,14 +12,13 @@ from swarm.perception import frame_of
 from voxdepth.calibration import Fills
 from voxdepth.metrics import is_correct
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
-from voxdepth.tools.figure import panels, plotted
 from voxdepth.types import CorrectedDepth, FloatArray, Source
 
 from ..sequences import GROUPS
-from .experiment import ExperimentContext, Findings, asks
+from .experiment import Experiment, ExperimentContext, Findings
 
 TRAINING_SEED = 101
-"""Seed of the sequences that confidences are fitted to, unless another one is given; no reported result uses it."""
+"""Seed of the sequences that confidences are fitted to; no reported result uses it."""
 DIGITS = 3
 """Digits of a probability."""
 DECIMATIONS = (1, 2, 4)
@@ -31,44 +28,29 @@ FITTED = [name for name in CORRECTOR_NAMES if name != DEFAULT]
 """The correctors whose confidences are fitted; the default one computes its own."""
 
 
-@asks("How probably is a fill right, by its source?", sequences=(*GROUPS["reference"], *GROUPS["hard"]), frames=20)
-def confidence(context: ExperimentContext) -> Findings:
+def fit_all(context: ExperimentContext) -> Findings:
     """Fit the confidence of all correctors but the default one."""
-    if context.seed is None:
-        context = replace(context, seed=TRAINING_SEED)
-    fitted = {name: fit(counts) for name, counts in count(context).items()}
-    tables: dict[str, dict[str, Any]] = {
-        name: fills.model_dump(exclude_defaults=True) for name, fills in fitted.items()
-    }
-    shares = pd.DataFrame({name: fills.model_dump() for name, fills in fitted.items()}).T
-    return Findings(
-        table=shares.rename_axis("corrector").reset_index(),
-        notes=(
-            f"Fitted to seed {context.seed}. A depth counts where the truth is a surface. The fitted confidences are "
-            f"in {FILE}; those that are used are in voxdepth/{FILE}.",
-        ),
-        figure=panels(
-            f"Confidence of fills, n = {context.frames} frames of each sequence",
-            [plotted(shares[::-1], "", "share of correct pixels", "", kind="barh")],
-        ),
-        files={
-            FILE: f"# Written by `voxdepth experiment confidence`: {context.frames} frames of each of\n"
-            f"# {', '.join(context.sequences)}, seed {context.seed}.\n{tomli_w.dumps(tables)}".encode()
-        },
-    )
-
-
-def count(context: ExperimentContext) -> dict[str, FloatArray]:
-    """The pixels of all correctors in all sequences, as they are and decimated: all sizes count alike."""
     counts = {name: np.zeros((2, len(Source))) for name in FITTED}
     for sequence, factor in product(context.sequences, DECIMATIONS):
-        camera = decimated_intrinsics(context.recording(sequence).intrinsics, factor)
+        recording = context.recording(sequence)
+        camera = decimated_intrinsics(recording.intrinsics, factor)
         correctors = {name: create_bare(name, camera) for name in FITTED}
-        for capture in context.captures(sequence):
-            smaller = decimated(capture, factor)
-            for name, corrector in correctors.items():
-                counts[name] += factor**2 * counted(corrector.process(frame_of(smaller)), smaller)
-    return counts
+        for index in range(context.frames):
+            context.report(f"{sequence}, decimated by {factor}, frame {index + 1} of {context.frames}")
+            capture = decimated(recording[index], factor)
+            for name, corrector in correctors.items():  # All sizes count alike.
+                counts[name] += factor**2 * counted(corrector.process(frame_of(capture)), capture)
+    fitted = {name: fit(of) for name, of in counts.items()}
+    text = (
+        f"# Written by `voxdepth experiment confidence`: {context.frames} frames of each of\n"
+        f"# {', '.join(context.sequences)}, seed {context.seed}.\n{tomli_w.dumps(fitted)}"
+    )
+    shares = pd.DataFrame(fitted, index=["memory", "inpainted"]).T.fillna(0.0)
+    return Findings(
+        table=shares.rename_axis("corrector").reset_index(),
+        notes=(f"A depth counts where the truth is a surface. The confidences that are used are in voxdepth/{FILE}.",),
+        files={FILE: text.encode()},
+    )
 
 
 def counted(corrected: CorrectedDepth, capture: Capture) -> FloatArray:
@@ -84,8 +66,18 @@ def counted(corrected: CorrectedDepth, capture: Capture) -> FloatArray:
 
 
 def fit(counts: FloatArray) -> Fills:
-    """The share of correct pixels of each source of fills; 0 for a source without pixels."""
+    """The share of correct pixels of each source of fills that has some."""
     n, correct = counts
     shares = correct / np.maximum(n, 1)
-    memory, inpainted = (round(float(shares[source]), DIGITS) for source in (Source.MEMORY, Source.INPAINTED))
-    return Fills(memory=memory, inpainted=inpainted)
+    fills = {source.name.lower(): round(float(shares[source]), DIGITS) for source in (Source.MEMORY, Source.INPAINTED)}
+    return {source: share for source, share in fills.items() if share}
+
+
+CONFIDENCE = Experiment(
+    name="confidence",
+    question="How probably is a fill right, by its source?",
+    answer=fit_all,
+    sequences=(*GROUPS["reference"], *GROUPS["hard"]),
+    frames=20,
+    seed=TRAINING_SEED,
+)

@@ -1,16 +1,14 @@
 """An experiment: a question, the frames that it is asked of, and a function that answers it."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from sim.recording import Recording
-from sim.types import Capture
 
-from ..errors import ScenarioError
 from ..evaluation import recorded
 from ..sequences import SeededSequence, load_sequence
 
@@ -21,11 +19,9 @@ class Findings:
 
     table: pd.DataFrame
     """Headings have units, as in `time [ms]`."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
     """What the paper claims and what is found, and other remarks that a reader needs."""
-    figure: bytes
-    """PNG."""
-    files: dict[str, bytes] = field(default_factory=dict)
+    files: dict[str, bytes]
     """Other results by the names of their files."""
 
 
@@ -38,9 +34,7 @@ class ExperimentContext:
     frames: int
     width_px: int | None
     """Width of the images; None for that of each sequence."""
-    seed: int | None = None
-    data: tuple[Path, ...] = ()
-    """Folders of recordings, for the experiments that read them."""
+    seed: int
     report: Callable[[str], None]
     """Is called with a description of each step when it begins."""
 
@@ -57,17 +51,10 @@ class ExperimentContext:
         """The recording of a sequence, made now if there is none; a failure is a `ScenarioError` or a `SimError`."""
         return recorded(self.sequence(name), self.out, self.frames, self.report)
 
-    def captures(self, name: str) -> Iterator[Capture]:
-        """The first frames of a sequence with the truth; each is read when it is requested."""
-        recording = self.recording(name)
-        for index in range(self.frames):
-            self.report(f"{name}, frame {index + 1} of {self.frames}")
-            yield recording[index]
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """A question that can be asked of rendered sequences."""
+    """A question that can be asked of rendered sequences, with the defaults of its context."""
 
     name: str
     """Its word on the command line, and the name of its folder."""
@@ -76,26 +63,15 @@ class Experiment:
     answer: Callable[[ExperimentContext], Findings]
     """Raises `ScenarioError`, `SimError` or `VoxDepthError` if a sequence cannot be recorded or a method fails."""
     sequences: tuple[str, ...]
-    """Default sequences."""
     frames: int
-    """Default number of frames of each sequence."""
     width_px: int | None = None
-    """Default width of the images; None for that of each sequence."""
-    reads_data: bool = False
-    """Whether it reads recordings in folders, too."""
+    seed: int = 0
 
     def context(self, out: Path, report: Callable[[str], None], **given: Any) -> ExperimentContext:
         """What it works on: what the user gives, or its defaults for None; what cannot be is a `ScenarioError`."""
-        chosen: dict[str, Any] = {"sequences": self.sequences, "frames": self.frames, "width_px": self.width_px}
+        chosen: dict[str, Any] = {name: getattr(self, name) for name in ("sequences", "frames", "width_px", "seed")}
         chosen |= {name: value for name, value in given.items() if value is not None}
         context = ExperimentContext(out=out, report=lambda what: report(f"{self.name}: {what}"), **chosen)
-        if context.data and not self.reads_data:
-            raise ScenarioError(f"{self.name} reads no recordings: leave out --data")
         for name in context.sequences:
             context.sequence(name)
         return context
-
-
-def asks(question: str, **how: Any) -> Callable[[Callable[[ExperimentContext], Findings]], Experiment]:
-    """Make an experiment of the function that answers a question, with its name; `how` are fields of `Experiment`."""
-    return lambda answer: Experiment(name=answer.__name__, question=question, answer=answer, **how)

@@ -5,30 +5,20 @@ from functools import partial
 import pandas as pd
 from matplotlib.axes import Axes
 
-from voxdepth.registry import AUTHORS, PAPER, installed_names
-from voxdepth.tools.evaluation.frames import ALL
-from voxdepth.tools.evaluation.measurements import AS_GIVEN, Selector
+from voxdepth.registry import AUTHORS, PAPER, installed_names, title
+from voxdepth.tools.evaluation.measurements import select
 from voxdepth.tools.evaluation.methods import find_methods
-from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
+from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR, SETTLED_RMSE
 from voxdepth.tools.evaluation.suite import Plan, evaluate
 from voxdepth.tools.figure import panels, plotted
 
 from ..errors import ScenarioError
 from ..evaluation import shipped
-from .experiment import ExperimentContext, Findings, asks
+from .experiment import Experiment, ExperimentContext, Findings
 
 _METHODS = {"VD": PAPER, "VD-code": AUTHORS, "RS": "realsense-left", "GS": "lmeds", "DS": "learned", "raw": "raw"}
 METHODS = {name: method for name, method in _METHODS.items() if method in installed_names()}
 """Our method by the paper's name of it, and the depth that all of them receive. DS needs the extra `learned`."""
-NAMES = {
-    "VD": "VD: VoxDepth (the paper) as printed",
-    "VD-code": "VD-code: VoxDepth (the paper) as its authors' code has it",
-    "RS": "RS: RealSense, the corrector realsense-left",
-    "GS": "GS: GSmooth, the corrector lmeds",
-    "DS": "DS: DeepSmooth, here the corrector learned",
-    "raw": "raw: the depth as measured",
-}
-"""What the names of the methods stand for, as the legend of the figure tells."""
 PAPER_METHODS = ("VD", "RS", "GS", "DS")
 PAPER_PSNR_DB = pd.DataFrame.from_dict({
     "sim-LN": (17.46, 13.04, 13.14, 14.16),
@@ -47,22 +37,12 @@ PAPER_M_RMSE = pd.DataFrame.from_dict({
     "sim-PLF": (157.95, 159.15, 178.70, 178.38),
     "sim-PLW": (169.79, 164.79, 177.59, 178.87),
 }, orient="index", columns=PAPER_METHODS)  # fmt: skip
-"""Printed without a unit; see `voxdepth.metrics.m_rmse_u16_wrap` for why so many lie just below 180."""
-PSNR, MASKED = "PSNR after warm-up", "masked RMSE after warm-up"
-METRICS: dict[tuple[str, str], tuple[Selector, pd.DataFrame]] = {
-    (PSNR, "dB"): (Selector("psnr16_mm_settled", range=ALL), PAPER_PSNR_DB),
-    (MASKED, "m"): (Selector("rmse_settled", "occluded"), PAPER_M_RMSE.iloc[:0]),
-    ("m_rmse_u16_wrap", "1"): (Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN), PAPER_M_RMSE),
-    ("psnr_minmax8", "dB"): (Selector("psnr_minmax8", "all", ALL, AS_GIVEN), PAPER_PSNR_DB),
-}
-"""The selected measurement and the paper's numbers of each block of rows, by its name and unit."""
+"""Printed without a unit: the authors square differences in 16 bits, by which unrelated images score 179.96."""
+PSNR, MASKED = "PSNR [dB]", "masked RMSE [m]"
+SELECTORS = {PSNR: SETTLED_PSNR, MASKED: SETTLED_RMSE}
 
 
-@asks(
-    "How near to the truth is the depth that each method gives (Table psnr)?",
-    sequences=tuple(PAPER_PSNR_DB.index), frames=100, width_px=640,
-)  # fmt: skip
-def quality(context: ExperimentContext) -> Findings:
+def compare(context: ExperimentContext) -> Findings:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
     if context.frames <= SETTLED_FRAMES:
         raise ScenarioError(f"quality needs more than {SETTLED_FRAMES} frames of each sequence, got {context.frames}")
@@ -72,33 +52,25 @@ def quality(context: ExperimentContext) -> Findings:
     evaluation = evaluate(plan, lambda what, results: context.report(f"{what}; {results} of {len(plan)} done"))
     for failed in evaluation.failures:
         raise ScenarioError(f"{failed.method} failed on {failed.sequence}: {failed.error}")
-    blocks = {
-        name: _block(evaluation.measurements.select(selector), printed, context.sequences)
-        for name, (selector, printed) in METRICS.items()
-    }
-    table = pd.concat(blocks, names=["metric", "unit", "sequence"])
-    psnrs_db, masked_m = (table.loc[metric].droplevel("unit")[list(METHODS)] for metric in (PSNR, MASKED))
+    blocks = {}
+    for metric, selector in SELECTORS.items():
+        found = select(evaluation.measurements, selector).unstack("method").reindex(list(context.sequences))
+        ours = found["value"].reindex(columns=METHODS.values()).set_axis(METHODS, axis="columns")
+        printed = PAPER_PSNR_DB if metric == PSNR else PAPER_PSNR_DB.iloc[:0]
+        n = found["n"].max(axis="columns").fillna(0).astype(int)
+        blocks[metric] = ours.join(printed.add_suffix(" (paper)")).assign(n=n)
+    psnrs_db, masked_m = (block[list(METHODS)] for block in blocks.values())
     return Findings(
-        table=table.reset_index(),
+        table=pd.concat(blocks, names=["metric", "sequence"]).reset_index(),
         notes=(
             claim("the highest PSNR", leads(psnrs_db), leads(PAPER_PSNR_DB)),
             claim("the lowest masked error", leads(-masked_m), leads(-PAPER_M_RMSE)),
-            f"After warm-up: without the first {SETTLED_FRAMES} frames, in which the first template is made; the "
-            "claims and the figure are about these. The paper's numbers were measured on other data.",
-            "PSNR (peak 65535 mm, surfaces within that) and masked RMSE (occluded pixels within 20 m) are after "
-            "completion by the nearest valid, and n is pixels. The two others repeat the authors' arithmetic on "
-            "depth as given, are means over n frames, and rank nothing.",
+            f"The first {SETTLED_FRAMES} frames, in which the first template is made, are left out. The paper's "
+            "numbers were measured on other data. PSNR (peak 65535 mm, surfaces within that) and masked RMSE (occluded "
+            "pixels within 20 m) are after completion by the nearest valid, and n is pixels.",
         ),
-        figure=_figure(psnrs_db, masked_m, context.frames),
+        files={"figure.png": draw(psnrs_db, masked_m, context.frames)},
     )
-
-
-def _block(measured: pd.DataFrame, printed: pd.DataFrame, sequences: tuple[str, ...]) -> pd.DataFrame:
-    """One quantity of each sequence (rows): by each of our methods, as the paper prints it, and the sample size."""
-    found = measured.unstack("method").reindex(list(sequences))
-    ours = found["value"].reindex(columns=METHODS.values()).set_axis(METHODS, axis="columns")
-    n = found["n"].max(axis="columns").fillna(0).astype(int)
-    return ours.join(printed.add_suffix(" (paper)")).assign(n=n)
 
 
 def leads(of: pd.DataFrame) -> pd.Series:
@@ -126,18 +98,19 @@ def _named(holds: pd.Series) -> str:
     return f"{holds.sum()} of {len(holds)} ({', '.join(holds.index[holds]) or 'none'})"
 
 
-def _figure(psnrs_db: pd.DataFrame, masked_m: pd.DataFrame, frames: int) -> bytes:
-    """The PNG. A PSNR has no zero that bars could begin at, so that gains over raw depth are shown."""
+def draw(psnrs_db: pd.DataFrame, masked_m: pd.DataFrame, frames: int) -> bytes:
+    """The figure as PNG. A PSNR has no zero that bars could begin at, so that gains over raw depth are shown."""
     gains_db = psnrs_db.drop(columns="raw").sub(psnrs_db["raw"], axis="index")
     gains_db.index = [f"{name}\nraw: {value:.1f} dB" for name, value in psnrs_db["raw"].items()]
     better = "PSNR of all surfaces: how much higher than that of the depth as measured? Higher is better"
     masked = "Error of the surfaces within 20 m that the right camera does not see. Lower is better"
+    legend = {name: name if name == method else f"{name}: {title(method)}" for name, method in METHODS.items()}
     return panels(
         f"How near to the truth is the depth? Frames {SETTLED_FRAMES + 1} to {frames} of each sequence; "
         "pixels without depth get that of the nearest pixel that has one",
         [
-            partial(_draw_bars, gains_db.rename(columns=NAMES), better, "gain [dB]", "%+.1f"),
-            partial(_draw_bars, masked_m.rename(columns=NAMES), masked, "masked RMSE [m]", "%.2f"),
+            partial(_draw_bars, gains_db.rename(columns=legend), better, "gain [dB]", "%+.1f"),
+            partial(_draw_bars, masked_m.rename(columns=legend), masked, "masked RMSE [m]", "%.2f"),
         ],
         columns=1,
         panel_in=(10.0, 3.4),
@@ -152,3 +125,13 @@ def _draw_bars(values: pd.DataFrame, title: str, unit: str, number: str, axes: A
         axes.bar_label(bars, fmt=number, fontsize=6, padding=1)  # type: ignore[arg-type]
     axes.margins(y=0.15)
     axes.set_axisbelow(True)
+
+
+QUALITY = Experiment(
+    name="quality",
+    question="How near to the truth is the depth that each method gives (Table psnr)?",
+    answer=compare,
+    sequences=tuple(PAPER_PSNR_DB.index),
+    frames=100,
+    width_px=640,
+)

@@ -1,38 +1,34 @@
 """Runs an experiment, writes its results into a folder of its own, and prints them."""
 
 import json
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from voxdepth.errors import no_such
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import Provenance
-from voxdepth.tools.table import Table
+from voxdepth.tools.table import Table, csv_of
 
 from ..errors import ScenarioError
 from ..provenance import SIMULATION
-from .artefacts import artefacts
-from .confidence import confidence
-from .experiment import Experiment, ExperimentContext, Findings
-from .quality import quality
+from .confidence import CONFIDENCE
+from .experiment import Experiment, ExperimentContext
+from .quality import QUALITY
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-EXPERIMENTS = {one.name: one for one in (quality, artefacts, confidence)}
-"""All experiments by name: about the paper, about the simulator and about the correctors."""
+EXPERIMENTS = {one.name: one for one in (QUALITY, CONFIDENCE)}
 
 
-def find_experiments(names: Sequence[str]) -> list[Experiment]:
-    """Experiments by name, each once; a wrong name is a `ScenarioError`."""
-    for name in names:
-        if name not in EXPERIMENTS:
-            raise ScenarioError(no_such("experiment", name, EXPERIMENTS))
-    return [EXPERIMENTS[name] for name in dict.fromkeys(names)]
+def find_experiment(name: str) -> Experiment:
+    """The experiment of a name; a wrong name is a `ScenarioError`."""
+    if name not in EXPERIMENTS:
+        raise ScenarioError(no_such("experiment", name, EXPERIMENTS))
+    return EXPERIMENTS[name]
 
 
-def run(experiment: Experiment, context: ExperimentContext, command: str) -> Findings:
-    """Answer one question and write the results below `out`; a file that cannot be written is a `ToolError`.
+def run(experiment: Experiment, context: ExperimentContext, command: str, console: "Console") -> None:
+    """Answer a question, write the results below `out` and print them; a file that cannot be written is a `ToolError`.
 
     See `Experiment.answer` for what else it raises.
     """
@@ -41,27 +37,19 @@ def run(experiment: Experiment, context: ExperimentContext, command: str) -> Fin
         "name": experiment.name,
         "question": experiment.question,
         "command": command,
-        "sequences": context.sequences,
-        "frames": context.frames,
-        "width_px": context.width_px,
-        "seed": context.seed or 0,
-        "data": list(map(str, context.data)),
+        **{name: getattr(context, name) for name in ("sequences", "frames", "width_px", "seed")},
         "provenance": vars(Provenance.here(SIMULATION)),
         "notes": findings.notes,
     }
+    table = Table.of_frame(f"{experiment.name}: {experiment.question}", findings.table)
     files = {
-        "table.csv": Table.of_frame("", findings.table).csv(),
-        "figure.png": findings.figure,
+        "table.csv": csv_of(findings.table),
         "result.json": f"{json.dumps(result, indent=1)}\n".encode(),
         **findings.files,
     }
     for name, content in files.items():
         write(context.out / experiment.name / name, content)
-    return findings
-
-
-def print_findings(console: "Console", experiment: Experiment, findings: Findings) -> None:
-    """Print the question, the table and the notes."""
-    Table.of_frame(f"{experiment.name}: {experiment.question}", findings.table).print(console)
+    table.print(console)
     for note in findings.notes:
         console.print(note, markup=False, highlight=False, soft_wrap=True)
+    console.print(f"{', '.join(files)} are in {context.out / experiment.name}", markup=False, soft_wrap=True)

@@ -108,10 +108,10 @@ class MissionRecorder(Recorder):
         self._title = title
         self._image_every = image_every
         self._has_stages = has_stages
-        self._captures: Counter[int] = Counter()
+        self._seen: Counter[str] = Counter()
+        """How often something was there that is recorded every n-th time."""
         self._views: dict[int, CostMap] = {}
-        """Newest view of each drone that was recorded."""
-        self._maps: Counter[int] = Counter()
+        """Newest view of each drone."""
         self._states: dict[str, str] = {}
         """Newest state of each entity that has states."""
         self._camera_poses: dict[tuple[int, float], FloatArray] = {}
@@ -148,9 +148,7 @@ class MissionRecorder(Recorder):
             self._log_camera(drone)
             self._log_looks(drone)
 
-    def tick(
-        self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
-    ) -> None:
+    def tick(self, step: int, time_s: float, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
         """Record poses, velocities, clearances and changes of state."""
         self._at(step, time_s)
         self._newest_m = [state.position_m for state in states]
@@ -164,7 +162,9 @@ class MissionRecorder(Recorder):
             if decision.direction is not None:
                 self._add_arrow(f"world/choice/{drone}", state.position_m, CHOICE_M * decision.direction)
             if decision.view is not None and decision.view is not self._views.get(drone):
-                self._log_view(drone, state, decision.view)
+                self._views[drone] = decision.view
+                if self._is_due(f"map {drone}"):
+                    self._log_map(drone, state, decision.view)
             self._add_state(f"drone/{drone}/state", decision.state)
         flying_m = [states[drone].position_m for drone in self._followed if decisions[drone] is not DROPPED]
         if flying_m:
@@ -176,9 +176,8 @@ class MissionRecorder(Recorder):
         """Record what the corrector reports, and the images of some captures."""
         self._at(step, capture.stamp_s)
         self._log_work(capture, corrected)
-        if self._captures[capture.drone] % self._image_every == 0:
+        if self._is_due(f"capture {capture.drone}"):
             self._log_images(capture, corrected)
-        self._captures[capture.drone] += 1
 
     def metrics(self, step: int, time_s: float, values: dict[str, float]) -> None:
         """Record one curve per metric, the last of a tick's data; from time to time write everything to the file."""
@@ -216,6 +215,11 @@ class MissionRecorder(Recorder):
             self._columns.flush()
             with as_tool_error(f"cannot write {self._path}"):
                 file.close()
+
+    def _is_due(self, what: str) -> bool:
+        """Count something, and return whether this is the first or another n-th time."""
+        self._seen[what] += 1
+        return (self._seen[what] - 1) % self._image_every == 0
 
     def _at(self, step: int, time_s: float) -> None:
         self._stream.set_time("step", sequence=step)
@@ -308,15 +312,11 @@ class MissionRecorder(Recorder):
             T_world_cam = self._camera_poses[drone, template.stamp_s]
             self._stream.log(f"world/voxels/{drone}", voxel_cloud(template, T_world_cam))
 
-    def _log_view(self, drone: int, state: DroneState, costs: CostMap) -> None:
-        """Record some maps of a pilot, as the image of a camera that looks down on the world, with an arrow for it.
+    def _log_map(self, drone: int, state: DroneState, costs: CostMap) -> None:
+        """Record a map as the image of a camera that looks down on the world, with an arrow for the drone.
 
         The image is one metre before the camera, where a pixel is as large as a cell of the map.
         """
-        self._views[drone] = costs
-        self._maps[drone] += 1
-        if (self._maps[drone] - 1) % self._image_every != 0:
-            return
         rows, cols = costs.state.shape
         side_m, entity, T = VOXEL_M, f"world/map/{drone}", costs.T_odom_world
         middle_m = costs.origin_m + side_m / 2 * np.array([cols, rows])

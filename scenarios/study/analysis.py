@@ -46,26 +46,23 @@ ENDS: Mapping[str, tuple[Outcome, ...]] = {
 class Measure:
     """A ratio of two columns of `run_frame`, each summed over runs: a mean if the second one is 1 in each run."""
 
-    name: str
-    unit: str
+    heading: str
+    """Its name and its unit."""
     count: str
     per: str = "runs"
 
 
-GOAL_SPEED = Measure("goal speed", "m/s", "goal_speed_m_s")
+GOAL_SPEED = Measure("goal speed [m/s]", "goal_speed_m_s")
 MEASURES = (
     GOAL_SPEED,
-    Measure("time to goal", "s", "time_to_goal_s"),
-    Measure("largest detour", "m", "largest_detour_m"),
-    Measure("hits of leaders", "per 100 m", "hits_of_leaders", "way_of_leaders_100_m"),
-    Measure("hits of followers", "per 100 m", "hits_of_followers", "way_of_followers_100_m"),
-    Measure("unsafe commitments", "per 100 m", "unsafe_commitments", "way_of_all_100_m"),
+    Measure("time to goal [s]", "time_to_goal_s"),
+    Measure("largest detour [m]", "largest_detour_m"),
+    Measure("hits of leaders [per 100 m]", "hits_of_leaders", "way_of_leaders_100_m"),
+    Measure("hits of followers [per 100 m]", "hits_of_followers", "way_of_followers_100_m"),
+    Measure("unsafe commitments [per 100 m]", "unsafe_commitments", "way_of_all_100_m"),
 )
 """Measures of every arm, of which pairs of arms are compared."""
-DEPTH_MEASURES = (
-    Measure("depth error, MAE", "m", "depth_error_m"),
-    Measure("without depth", "%", "without_depth_percent"),
-)
+DEPTH_MEASURES = Measure("depth error, MAE [m]", "depth_error_m"), Measure("without depth [%]", "without_depth_percent")
 
 
 def run_frame(data: StudyData) -> pd.DataFrame:

@@ -52,9 +52,10 @@ class Seeds(Model):
     count: int = Field(ge=1, le=100_000)
     first: int = Field(default=0, ge=0)
 
-    def first_seeds(self, count: int | None = None) -> range:
-        """Return the first `count` seeds; None returns all."""
-        return range(self.first, self.first + (self.count if count is None else count))
+    @property
+    def all(self) -> range:
+        """The seeds."""
+        return range(self.first, self.first + self.count)
 
 
 class Axis(Model):
@@ -88,9 +89,6 @@ class Arm(Model):
     """Levels of the study's axis that this arm flies. Default: all."""
     size: str | None = Field(default=None, pattern=r"^\d+x\d+$")
     """Image size without decimation, as in 160x120. Default: the cameras of the scenario."""
-    seeds: int | None = Field(default=None, ge=1)
-    """How many seeds of the study this arm uses. They are the first ones, so that runs of two arms still form pairs.
-    Default: all."""
     changes: Mapping[str, Any] = Field(default={}, strict=False)
     """Values of the scenario to set, by dotted key."""
     factors: Mapping[str, str] = Field(default={}, strict=False)
@@ -108,8 +106,6 @@ class Arm(Model):
                 f"arm {self.name!r}: the sensor model 'noisy' needs theta, and no other has one; got depth "
                 f"{self.depth!r} with theta {list(self.theta)}"
             )
-        if len(set(self.theta)) < len(self.theta):
-            raise ValueError(f"arm {self.name!r}: every theta may be named once, got {list(self.theta)}")
         if taken := [key for key in self.changes if _is_set_by(key, OWN_KEYS)]:
             raise ValueError(
                 f"arm {self.name!r}: changes must not set {taken[0]}; use the arm's depth, theta, corrector or size"
@@ -164,8 +160,6 @@ class Study(Model):
                 raise ValueError(f"every {what} may be named once, got {twice[0]!r} more than once")
         if taken := [key for key in self.changes if _is_set_by(key, ALWAYS_SET)]:
             raise ValueError(f"changes must not set {taken[0]}, because every arm sets it: set it in the arms")
-        if greedy := [arm for arm in self.arms if (arm.seeds or 0) > self.seeds.count]:
-            raise ValueError(f"arm {greedy[0].name!r} has {greedy[0].seeds} seeds, the study only {self.seeds.count}")
         self._check_axis()
         self._check_primary_comparison()
         return self
@@ -183,7 +177,7 @@ class Study(Model):
     def levels_of(self, arm: Arm) -> tuple[float | None, ...]:
         """Return the levels that an arm flies, from the easiest on; a single None for an arm without any."""
         if self.axis is None:
-            return tuple(sorted(arm.theta)) or (None,)
+            return tuple(sorted(set(arm.theta))) or (None,)
         return tuple(level for level in self.axis.levels if level in (arm.levels or self.axis.levels))
 
     def _check_axis(self) -> None:
@@ -317,9 +311,8 @@ def expand(study: Study) -> list[RunSpec]:
     ]
     return [
         RunSpec(scenario=run.scenario.name, arm=arm.name, level=level, run=run, key=key_of(run))
-        for seed in study.seeds.first_seeds()
+        for seed in study.seeds.all
         for arm, level, run in ((arm, level, run.model_copy(update={"seed": seed})) for arm, level, run in repeated)
-        if seed in study.seeds.first_seeds(arm.seeds)
     ]
 
 
@@ -338,16 +331,14 @@ def versions_of(specs: Iterable[RunSpec]) -> dict[str, str]:
     return simulation_versions() | {name: own for run in runs.values() for name, own in sources_of(run).items()}
 
 
-def by_importance(study: Study, specs: Iterable[RunSpec], waiting: Iterable[RunSpec]) -> list[RunSpec]:
+def by_importance(study: Study, waiting: Iterable[RunSpec]) -> list[RunSpec]:
     """Return the waiting runs, those of the declared comparison first, so that a study that stops early has these.
 
-    `specs` are all of the study: a run that arms share is one of the comparison, whichever of them names it. A gain
-    is declared on whole curves and their reference, so that all runs of a seed go together.
+    A gain is declared on whole curves and their reference, so that all runs of a seed go together.
     """
     declared = study.declared
     compared = () if declared is None or declared.endpoint == GAIN else (declared.arm, declared.against)
-    keys = {spec.key for spec in specs if spec.arm in compared}
-    return sorted(waiting, key=lambda spec: spec.key not in keys)
+    return sorted(waiting, key=lambda spec: spec.arm not in compared)
 
 
 def identity(study: Study, specs: Sequence[RunSpec]) -> tuple[object, ...]:

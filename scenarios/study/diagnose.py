@@ -93,9 +93,7 @@ class CollisionProbe(Recorder):
         while recent[0][0].stamp_s < capture.stamp_s - LOOKBACK_S:
             recent.popleft()
 
-    def tick(
-        self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
-    ) -> None:
+    def tick(self, step: int, time_s: float, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
         """Keep the decisions of the last second."""
         for drone, decision in enumerate(decisions):
             recent = self._decisions[drone]

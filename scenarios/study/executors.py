@@ -1,4 +1,8 @@
-"""How runs are flown: in this process, or by workers of Dask, on this machine or on several."""
+"""How runs are flown: in this process, or by workers of Dask, on this machine or on several.
+
+All executors give equal records for equal runs, in any order. An exception in a run becomes a `Failure` of that run;
+a `ScenarioError` says that no run can be flown at all. Closing the iterator stops the runs that are in progress.
+"""
 
 import json
 import logging
@@ -6,11 +10,10 @@ import platform
 import signal
 import time
 import traceback
-import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import islice
-from typing import Any, Protocol
+from typing import Any
 
 from voxdepth.tools.options import use_one_thread
 
@@ -56,20 +59,6 @@ def attempt(fly_one: FlyOne, spec: RunSpec) -> Completion:
         return Failure(key=spec.key, kind="error", text=traceback.format_exc())
 
 
-class Executor(Protocol):
-    """Flies runs. All executors give equal records for equal runs, in any order."""
-
-    def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
-        """Fly all runs and yield each as it ends; an exception in a run becomes a `Failure` of that run.
-
-        Closing the iterator stops the runs that are in progress.
-
-        Raises:
-            ScenarioError: No run can be flown at all.
-        """
-        ...
-
-
 @dataclass(frozen=True)
 class Serial:
     """Flies one run after the other in this process, without a time limit."""
@@ -77,7 +66,7 @@ class Serial:
     fly_one: FlyOne = run_one
 
     def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
-        """See `Executor`."""
+        """Fly all runs and yield each as it ends."""
         for spec in specs:
             yield attempt(self.fly_one, spec)
 
@@ -99,7 +88,7 @@ class Cluster:
     """The function that flies a run; it must be a function of a module, since it is sent to the workers."""
 
     def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
-        """See `Executor`."""
+        """Fly all runs and yield each as it ends."""
         waiting, flying = iter(specs), dict[Any, tuple[RunSpec, float]]()
         with self._client() as client:
             self._submit(client, waiting, flying)
@@ -118,10 +107,8 @@ class Cluster:
             if n != 1:  # A run past its limit would end other runs.
                 raise ScenarioError(f"the worker {worker} has {n} threads, expected one: start it with --nthreads 1")
         for spec in islice(waiting, max(0, max(1, len(threads)) - len(flying))):
-            # Every attempt gets a new key, since a cluster caches the results of old keys.
-            key = f"{spec.key}-{uuid.uuid4()}"
             call = (_attempt_on_worker, self.fly_one, spec, self.time_limit_s, simulation_versions())
-            flying[client.submit(*call, key=key, pure=False)] = spec, time.monotonic()
+            flying[client.submit(*call, pure=False)] = spec, time.monotonic()
 
     def _completion(self, future: Any, spec: RunSpec, start_s: float) -> Completion:
         """Return the result of a run that was submitted at a time of the monotonic clock."""
@@ -165,7 +152,7 @@ class Processes:
     fly_one: FlyOne = run_one
 
     def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
-        """See `Executor`; closing the iterator ends the workers."""
+        """Fly all runs and yield each as it ends; closing the iterator ends the workers."""
         import dask.config
 
         use_one_thread()
@@ -184,6 +171,9 @@ class Processes:
                 f"the worker processes could not be started ({error}): see what they printed, or try --workers 0, "
                 "which flies in this process"
             ) from error
+
+
+Executor = Serial | Cluster | Processes
 
 
 def _ended(client: Any, futures: list[Any]) -> set[Any]:

@@ -18,7 +18,7 @@ from .store import RunRecord, StudyData
 TOLERANCE = 1e-6
 """Difference up to which two numbers are the same, relative or absolute: processors round in different ways."""
 DEPTH_TOLERANCE = 1e-4
-"""The same for errors of depth, whose names begin with `depth_`: where two matches are equally good, rounding decides,
+"""The same for errors of depth, whose names hold `depth_`: where two matches are equally good, rounding decides,
 so that single pixels of millions differ from one processor to another."""
 
 
@@ -88,11 +88,11 @@ def fly_again(run: Run, out: Path | None) -> tuple[Finished, Diagnosis | None]:
     return finished, probe.diagnosis
 
 
-def compared(data: StudyData, spec: RunSpec, finished: Finished) -> tuple[bool | None, str]:
-    """Return whether a result is that of the study, None if it has none of the run, and the comparison in words."""
+def compared(data: StudyData, spec: RunSpec, finished: Finished) -> tuple[bool, str]:
+    """Return whether a result is that of the study, or the study has none of the run, and the comparison in words."""
     before, now = data.records.get(spec.key), RunRecord.of(spec.key, finished)
     if before is None:
-        return None, f"{now.outcome}; the study has no result of this run"
+        return True, f"{now.outcome}; the study has no result of this run"
     other = differences(before, now)
     if not other:
         same = f"the same as in the study, errors of depth within {DEPTH_TOLERANCE:g}, others within {TOLERANCE:g}"

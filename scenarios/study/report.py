@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,8 @@ from pandas.api.types import infer_dtype
 
 from voxdepth.tools.files import write
 from voxdepth.tools.page import render_page
-from voxdepth.tools.table import write_frame
+from voxdepth.tools.table import Table, write_frame
 
-from ..errors import ScenarioError
 from ..files import DATA
 from .analysis import REACHED, arms_of, compare_arms, gains, matched_arms, run_frame, thresholds
 from .design import ENDPOINTS, RunSpec
@@ -32,10 +32,11 @@ from .tables import (
 
 
 class Findings:
-    """The analysis of all results so far. It includes bootstraps, so it is computed once."""
+    """The analysis of all results so far."""
 
     def __init__(self, data: StudyData) -> None:
-        self.data, study, runs = data, data.study, run_frame(data)
+        self.data, study = data, data.study
+        self._runs = runs = run_frame(data)
         self.arms = arms_of(runs)
         """Every arm at every level in every scenario, and in all."""
         reached = [name for name in ENDPOINTS if (runs["outcome"] == REACHED[name]).any()]
@@ -43,21 +44,24 @@ class Findings:
         self.comparisons = {endpoint: compare_arms(data, runs, endpoint) for endpoint in endpoints}
         """The comparisons of arms by endpoint; the primary one comes first, and another that no run reached is left
         out."""
-        unit, found_gains = "" if study.axis is None else study.axis.unit, gains(data, runs)
-        self.verdict = " ".join(gain_verdict(gain, unit) for gain in found_gains if gain.declared) or verdict(
-            self.comparisons[study.endpoint], study.endpoint
-        )
+        self._unit = "" if study.axis is None else study.axis.unit
+        self._gains = gains(data, runs)
+        declared = [gain_verdict(gain, self._unit) for gain in self._gains if gain.declared]
+        self.verdict = " ".join(declared) or verdict(self.comparisons[study.endpoint], study.endpoint)
         """What the declared comparison found, in one sentence; of a study without one, what its first arms did."""
-        self.tables = {
-            "gains": gain_table(found_gains, unit),
-            "thresholds": threshold_table(thresholds(data, runs), unit),
+
+    @cached_property
+    def tables(self) -> dict[str, Table]:
+        """The tables of the report by name, in their order."""
+        return {
+            "gains": gain_table(self._gains, self._unit),
+            "thresholds": threshold_table(thresholds(self.data, self._runs), self._unit),
             "ends": end_table(self.arms),
             **{f"{name}_effects": effect_table(found, name) for name, found in self.comparisons.items()},
             **{f"{name}_comparisons": comparison_table(found, name) for name, found in self.comparisons.items()},
             "means": mean_table(self.arms),
-            "mean_differences": mean_difference_table(matched_arms(data, runs)[0]),
+            "mean_differences": mean_difference_table(matched_arms(self.data, self._runs)[0]),
         }
-        """The tables of the report by name, in their order."""
 
 
 def write_report(findings: Findings, place: Path, out: Path) -> Path:
@@ -68,11 +72,8 @@ def write_report(findings: Findings, place: Path, out: Path) -> Path:
     Raises:
         ToolError: A file cannot be written.
     """
-    data, study, tables = (
-        findings.data,
-        findings.data.study,
-        [table for table in findings.tables.values() if len(table)],
-    )
+    data, study = findings.data, findings.data.study
+    tables = [table for table in findings.tables.values() if len(table)]
     head = f"Study {study.name}, {len(data.records)} of {len(data.runs)} runs\n\n{findings.verdict}\n"
     text = "\n".join([head, *(f"**{table.title}**\n\n{table.markdown()}" for table in tables)])
     write(out / "report.md", text.encode())
@@ -80,7 +81,7 @@ def write_report(findings: Findings, place: Path, out: Path) -> Path:
     for picture in pictures:
         name = re.sub(r"\W+", "-", picture.title.lower())
         write(out / "figures" / f"{name}.png", picture.png)
-    seeds = study.seeds.first_seeds()
+    seeds = study.seeds.all
     page = render_page(
         DATA / "templates" / "study.html.j2",
         study=study,
@@ -132,11 +133,10 @@ def _typed(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
 def export(data: StudyData, out: Path) -> list[Path]:
     """Write `run_table` as `runs.csv` and `runs.parquet`, and `drone_table` as `drones.*`; return their paths.
 
+    A table without rows has no file.
+
     Raises:
-        ScenarioError: There is no result yet.
         ToolError: A file cannot be written.
     """
-    if not data.records:
-        raise ScenarioError(f"the study {data.study.name!r} has no result yet: fly it first")
-    drones = drone_table(data)
-    return [*write_frame(out / "runs", run_table(data)), *(write_frame(out / "drones", drones) if len(drones) else ())]
+    tables = {"runs": run_table(data), "drones": drone_table(data)}
+    return [path for name, table in tables.items() if len(table) for path in write_frame(out / name, table)]

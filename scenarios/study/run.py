@@ -47,7 +47,7 @@ def run_study(
     for controller in sorted({spec.run.scenario.mission.controller for spec in specs}):
         load_controller(controller)
     with begun(out, study, specs, resume=resume) as data:
-        waiting = by_importance(study, specs, data.missing)
+        waiting = by_importance(study, data.missing)
         if not waiting:
             return data
         planned, failed, start_s, told_s = len(data.runs), 0, time.monotonic(), 0.0

@@ -111,7 +111,8 @@ class StudyData:
         return [spec for key, spec in self.runs.items() if key not in self.records]
 
 
-class Cell(Model):
+@dataclass(frozen=True, kw_only=True)
+class Cell:
     """The runs of an arm at one level of the axis in one scenario, which differ in their seed alone."""
 
     scenario: str
@@ -121,12 +122,6 @@ class Cell(Model):
     """Any of them."""
     keys: dict[int, str]
     """Their keys by seed."""
-
-    @pydantic.field_validator("run", mode="before")
-    @classmethod
-    def _leave_out_former_settings(cls, run: Any) -> Run:
-        """Read a run without the settings that have become constants since it was flown."""
-        return run if isinstance(run, Run) else Run.model_validate_json(json.dumps(run), extra="ignore")
 
     def spec(self, seed: int) -> RunSpec:
         """Return the run with a seed."""
@@ -171,7 +166,7 @@ def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool)
         ScenarioError: It belongs to another version or study, or it contains runs and `resume` is not set.
         ToolError: Another process flies the study, or the folder cannot be written.
     """
-    look = f"voxdepth study report {folder} --progress"
+    look = f"voxdepth study report {folder}"
     busy = f"another process is flying the study: wait for it, or look at it with {look}"
     with locked(folder, busy):
         if not (folder / MANIFEST).exists():
@@ -229,9 +224,9 @@ def _files(place: Path) -> dict[str, bytes]:
 
 
 def _manifest(place: Path, text: bytes) -> Manifest:
-    """Decode the manifest of a study."""
+    """Decode the manifest of a study, without settings that have become constants since it was begun."""
     try:
-        return Manifest.model_validate_json(text)
+        return Manifest.model_validate_json(text, extra="ignore")
     except pydantic.ValidationError as error:
         raise ScenarioError(
             f"{place / MANIFEST} is damaged, or was written by another version of voxdepth "

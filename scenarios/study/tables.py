@@ -1,6 +1,8 @@
 """The tables of a study's report."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 from voxdepth.tools.table import Column, Table, Value
 
@@ -80,27 +82,22 @@ def gain_verdict(gain: Gain, unit: str) -> str:
 
 def end_table(arms: Iterable[Arm]) -> Table:
     """Return the share of runs of each arm that came to each end, with Wilson intervals."""
-    columns = ("scenario", "arm", "runs", *(f"{end} [%]" for end in ENDS))
-    rows: list[list[Value]] = [
-        [arm.scenario, arm.label, arm.n, *(_percent(arm.count(*outcomes), arm.n) for outcomes in ENDS.values())]
+    rows = [
+        {"scenario": arm.scenario, "arm": arm.label, "runs": arm.n}
+        | {f"{end} [%]": _percent(arm.count(*outcomes), arm.n) for end, outcomes in ENDS.items()}
         for arm in arms
     ]
-    return Table.of("How runs ended", columns, rows, note=END_NOTE)
+    return _table("How runs ended", rows, END_NOTE)
 
 
 def mean_table(arms: Iterable[Arm]) -> Table:
     """Return the mean of each measure of each arm with its bootstrap interval."""
-    measures = (*MEASURES, *DEPTH_MEASURES)
-    columns: list[Column | str] = [
-        "scenario",
-        "arm",
-        "runs",
-        *(Column(measure.name, measure.unit) for measure in measures),
+    rows = [
+        {"scenario": arm.scenario, "arm": arm.label, "runs": arm.n}
+        | {one.heading: _estimate(arm.estimate(one)) for one in (*MEASURES, *DEPTH_MEASURES)}
+        for arm in arms
     ]
-    rows: list[list[Value]] = [
-        [arm.scenario, arm.label, arm.n, *(_estimate(arm.estimate(measure)) for measure in measures)] for arm in arms
-    ]
-    return Table.of("Measures over all runs", columns, rows, note=MEAN_NOTE)
+    return _table("Measures over all runs", rows, MEAN_NOTE)
 
 
 def mean_difference_table(matched: Mapping[Sides, RunPairs]) -> Table:
@@ -108,17 +105,15 @@ def mean_difference_table(matched: Mapping[Sides, RunPairs]) -> Table:
 
     Pairs whose measures are all unknown are left out, and so are measures that differ in no run of any pair.
     """
-    found = {sides: [difference_of_means(pairs, one) for one in MEASURES] for sides, pairs in matched.items()}
-    known = {sides: estimates for sides, estimates in found.items() if any(estimates)}
-    differ = [k for k in range(len(MEASURES)) if any(_differs(estimates[k]) for estimates in known.values())]
-    columns: list[Column | str] = ["first - second", "pairs"]
-    columns += [Column(MEASURES[k].name, MEASURES[k].unit) for k in differ]
-    rows: list[list[Value]] = [
-        [" - ".join(sides), len(matched[sides][0]), *(_estimate(estimates[k], "+.2f") for k in differ)]
-        for sides, estimates in known.items()
-        if differ
+    found = {sides: {one: difference_of_means(pairs, one) for one in MEASURES} for sides, pairs in matched.items()}
+    differ = [one for one in MEASURES if any(_differs(estimates[one]) for estimates in found.values())]
+    rows = [
+        {"first - second": " - ".join(sides), "pairs": len(matched[sides][0])}
+        | {one.heading: _estimate(estimates[one], "+.2f") for one in differ}
+        for sides, estimates in found.items()
+        if differ and any(estimates.values())
     ]
-    return Table.of("Differences of measures", columns, rows, note=MEAN_DIFFERENCE_NOTE)
+    return _table("Differences of measures", rows, MEAN_DIFFERENCE_NOTE)
 
 
 def _differs(estimate: Estimate | None) -> bool:
@@ -128,67 +123,73 @@ def _differs(estimate: Estimate | None) -> bool:
 def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> Table:
     """Return the headline comparisons scenario by scenario, and over all; empty for one scenario."""
     rows = [
-        [f"{found.first} - {found.second}", name, *_pairs_row(pairs)]
+        {"first - second": f"{found.first} - {found.second}", "scenario": name, **_pairs_row(pairs)}
         for found in headline(comparisons)
         for name, pairs in found.by_scenario.items()
     ]
-    columns = ("first - second", "scenario", *PAIRS_COLUMNS)
-    return Table.of(f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=EFFECT_NOTE)
+    return _table(f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}", rows, EFFECT_NOTE)
 
 
 def comparison_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> Table:
     """Return a row for each pair of arms."""
     is_reached = any(one.pairs.neither < one.pairs.n for one in comparisons)
     note = COMPARISON_NOTE if is_reached else f"{NONE_REACHED_NOTE} {COMPARISON_NOTE}"
-    columns = (
-        "first - second",
-        "",
-        *PAIRS_COLUMNS,
-        Column("p", number=_p_text),
-        Column("p after Holm", number=_p_text),
-    )
     rows = [
-        [
-            *(f"{found.first} - {found.second}", "declared" if found.p_holm is None else "other"),
-            *(*_pairs_row(found.pairs), found.p, found.p_holm),
-        ]
+        {
+            "first - second": f"{found.first} - {found.second}",
+            "": "declared" if found.p_holm is None else "other",
+            **_pairs_row(found.pairs),
+            "p": found.p,
+            "p after Holm": found.p_holm,
+        }
         for found in comparisons
     ]
-    return Table.of(f"Comparisons of arms: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=note)
+    return _table(f"Comparisons of arms: {ENDPOINT_TITLES[endpoint]}", rows, note)
 
 
-PAIRS_COLUMNS: tuple[Column | str, ...] = ("pairs", "b", "c", Column("difference", number="+.3f"), "95 % interval")
-
-
-def _pairs_row(pairs: Pairs) -> Sequence[Value]:
+def _pairs_row(pairs: Pairs) -> dict[str, Value]:
     difference, interval = pairs.difference
-    return pairs.n, pairs.first_only, pairs.second_only, difference, _interval(interval, "+.3f")
+    counts = {"pairs": pairs.n, "b": pairs.first_only, "c": pairs.second_only}
+    return counts | {"difference": difference, "95 % interval": _interval(interval, "+.3f")}
 
 
 def threshold_table(found: Iterable[Threshold], unit: str) -> Table:
     """Return how far along the axis each arm comes."""
-    ends = (f"{end} [{unit}]" if unit else end for end in ("half arrive", "half of the full goal speed"))
-    rows: list[list[Value]] = [
-        [
-            *(one.scenario, one.arm, one.seeds, told(one.half_arrive, one.levels)),
-            None if one.half_speed is None else told(one.half_speed, one.levels),
-        ]
+    in_unit = f" [{unit}]" if unit else ""
+    rows = [
+        {
+            "scenario": one.scenario,
+            "arm": one.arm,
+            "seeds": one.seeds,
+            f"half arrive{in_unit}": told(one.half_arrive, one.levels),
+            f"half of the full goal speed{in_unit}": one.half_speed and told(one.half_speed, one.levels),
+        }
         for one in found
     ]
-    return Table.of("Thresholds", ("scenario", "arm", "seeds", *ends), rows, note=THRESHOLD_NOTE)
+    return _table("Thresholds", rows, THRESHOLD_NOTE)
 
 
 def gain_table(found: Iterable[Gain], unit: str) -> Table:
     """Return by how much farther along the axis one arm keeps its goal speed than another one."""
-    columns = ("first - second", "", "scenario", "seeds", f"gained [{unit}]")
-    rows: list[list[Value]] = [
-        [
-            *(f"{gain.first} - {gain.second}", "declared" if gain.declared else "other", gain.scenario, gain.seeds),
-            BEYOND if gain.estimate is None else _estimate(gain.estimate, "+.2f"),
-        ]
+    rows = [
+        {
+            "first - second": f"{gain.first} - {gain.second}",
+            "": "declared" if gain.declared else "other",
+            "scenario": gain.scenario,
+            "seeds": gain.seeds,
+            f"gained [{unit}]": _estimate(gain.estimate, "+.2f") or BEYOND,
+        }
         for gain in found
     ]
-    return Table.of("Gains along the axis", columns, rows, note=GAIN_NOTE)
+    return _table("Gains along the axis", rows, GAIN_NOTE)
+
+
+def _table(title: str, rows: Sequence[Mapping[str, Any]], note: str) -> Table:
+    """Return a table of rows that have the same headings."""
+    numbers: dict[str, Any] = {"difference": "+.3f", "p": _p_text, "p after Holm": _p_text}
+    columns = [Column.of(heading) for heading in (rows[0] if rows else ())]
+    columns = [replace(column, number=numbers.get(column.name, column.number)) for column in columns]
+    return Table.of(title, columns, [list(row.values()) for row in rows], note=note)
 
 
 def _interval(interval: Interval, kind: str) -> str:

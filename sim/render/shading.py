@@ -4,21 +4,19 @@ An image is shaded in spans, the parts of its rows that show one triangle. In th
 where compilers could not exclude that a negative one counts from the end, which would keep them from vectorising.
 """
 
-import threading
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import float32, int64, uint8, void
 
-from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
-from voxdepth.types import FloatImage, GrayImage, MaskImage
+from voxdepth.compiled import compiled, compiled_part, named_tuple
+from voxdepth.types import FloatImage, GrayImage
 
 from ..seeds import Purpose, stream
-from ..types import Camera, IdImage, Images
+from ..types import Camera, IdImage
 from ..world import World
 from .meshes import SceneMeshes, normals
-from .raycast import Hits
 from .textures import (
     FLOATS,
     MATERIALS,
@@ -31,9 +29,7 @@ from .textures import (
     ZERO,
     Materials,
     Spans,
-    add_textures,
     clamp,
-    draw_windows,
 )  # fmt: skip
 
 
@@ -167,98 +163,6 @@ def shade(
             gray[pixel + np.uint64(k)] = np.uint8(np.int32(clamp(seen, ZERO, ONE) * WHITE))
 
 
-class Shader:
-    """Makes images of the first hits of cameras. Threads may share it between two updates.
-
-    What it knows of the triangles and bodies ends with what stands for the sky.
-    """
-
-    def __init__(self, world: World, meshes: SceneMeshes) -> None:
-        seed, weather, n = world.scene.seed, world.scene.weather, len(meshes.body_ids)
-        surfaces = [world.surfaces[body] for body in meshes.body_ids]
-        seeds = stream(seed, Purpose.SURFACE, 0).integers(1 << 30, size=n)
-        cloud_seed = stream(seed, Purpose.SURFACE, 1).integers(1 << 30)
-        patterns = [*(own.pattern for own in surfaces), "sky"]
-        surface = [*((weather.exposure * own.albedo, 2 * own.texture) for own in surfaces), (0, 1)]
-        self._meshes = meshes
-        self._weather = weather
-        self._thread_local = threading.local()
-        self._materials = Materials(
-            normals=np.concatenate([normals(mesh) for mesh in meshes.meshes]).astype(np.float32),
-            light=np.empty((len(meshes.body_of_triangle), 2), np.float32),
-            body_of_triangle=np.append(meshes.body_of_triangle, np.int32(n)),
-            pattern=np.array([PATTERNS.index(pattern) for pattern in patterns], np.int32),
-            seed=np.array([*seeds, cloud_seed], np.uint32),
-            surface=np.array(surface, np.float32),
-        )
-        self._atmosphere = Atmosphere(np.float32(weather.haze_m), np.float32(weather.sky), np.float32(weather.clouds))
-        self._id_of_triangle = np.array([*meshes.body_ids, -1], np.int32)[self._materials.body_of_triangle]
-        self._body_of_triangle = self._materials.body_of_triangle.astype(np.min_scalar_type(n))
-        self._illuminate(0)
-        compile_all()
-
-    def update(self) -> None:
-        """Follow the moving bodies to their poses of the last update of the meshes."""
-        self._illuminate(self._meshes.n_fixed)
-
-    def black(self, camera: Camera, hits: Hits) -> Images:
-        """An image without brightness."""
-        segment_id = self._id_of_triangle.take(hits.triangle)
-        gray = np.zeros(hits.depth_m.shape, np.uint8)
-        return Images(gray=gray, depth_m=hits.depth_m, segment_id=segment_id, T_world_cam=camera.T_world_cam)
-
-    def faces_sun(self, triangle: IdImage) -> MaskImage:
-        """Whether the sun would shine on triangles, given by their indices, if nothing cast a shadow."""
-        return np.append(self._materials.light[:, 1] > 0, False)[triangle]
-
-    def shaded(self, camera: Camera, hits: Hits, sunlit: FloatImage) -> Images:
-        """The image of a camera; `sunlit` is 0 in a shadow and 1 elsewhere, shape (H, W)."""
-        projection, materials = projection_of(camera), self._materials
-        depth_m, lit, size = hits.depth_m.reshape(-1), sunlit.reshape(-1), hits.depth_m.size
-        points, detail = self._buffers(size)
-        gray = np.empty(size, np.uint8)
-        spans, place_of_body = spans_of(hits.triangle, self._body_of_triangle)
-        locate(spans, depth_m, projection, materials, self._seen_from(camera), points)
-        draw_windows(spans, points, materials, detail)
-        add_textures(points, place_of_body, materials, detail)
-        shade(spans, depth_m, detail, lit, projection, materials, self._atmosphere, gray)
-        segment_id = np.repeat(self._id_of_triangle[spans[:, 2]], spans[:, 1])
-        shape, T_world_cam = hits.depth_m.shape, camera.T_world_cam
-        return Images(
-            gray=gray.reshape(shape),
-            depth_m=hits.depth_m,
-            segment_id=segment_id.reshape(shape),
-            T_world_cam=T_world_cam,
-        )
-
-    def _buffers(self, size: int) -> tuple[FloatImage, FloatImage]:
-        """Points and their details, which are 0, for images of a size; new pages of memory cost more than their use."""
-        if len(getattr(self._thread_local, "buffer", ())) < 5 * size:
-            self._thread_local.buffer = np.empty(5 * size, np.float32)
-        points, detail = np.split(self._thread_local.buffer[: 5 * size], [4 * size])
-        detail[:] = 0
-        return points.reshape(4, size), detail
-
-    def _illuminate(self, first: int) -> None:
-        """Light on the triangles of the bodies from the first one on, from the sky and from the sun.
-
-        Surfaces that face down receive less ambient light.
-        """
-        ambient, start = self._weather.ambient, int(np.searchsorted(self._meshes.body_of_triangle, first))
-        R_world_body = self._meshes.R_world_body[self._meshes.body_of_triangle[start:]]
-        up = np.einsum("ti,ti->t", R_world_body[:, 2], self._materials.normals[start:])
-        to_sun = np.einsum("tji,j,ti->t", R_world_body, np.array(self._weather.to_sun), self._materials.normals[start:])
-        self._materials.light[start:, 0] = ambient * (0.8 + 0.2 * up)
-        self._materials.light[start:, 1] = (1 - ambient) * np.maximum(to_sun, 0)
-
-    def _seen_from(self, camera: Camera) -> FloatImage:
-        """Pose of a camera in the frame of each body, shape (bodies, 3, 4)."""
-        R_body_world = self._meshes.R_world_body.transpose(0, 2, 1)
-        offset_m = camera.T_world_cam[:3, 3] - self._meshes.position_m
-        T = np.concatenate([R_body_world @ camera.T_world_cam[:3, :3], R_body_world @ offset_m[:, :, None]], axis=2)
-        return T.astype(np.float32)
-
-
 def spans_of(triangle: IdImage, body_of_triangle: npt.NDArray[np.integer]) -> tuple[Spans, IdImage]:
     """Divide an image of triangle indices, shape (H, W), into spans. Small numbers of bodies are sorted fastest.
 
@@ -284,3 +188,21 @@ def projection_of(camera: Camera) -> Projection:
     i = camera.intrinsics
     fx, fy, cx, cy = (np.float32(x) for x in (i.fx_px, i.fy_px, i.cx_px, i.cy_px))
     return Projection(i.width_px, fx, fy, cx, cy, camera.T_world_cam[:3, :3].astype(np.float32))
+
+
+def materials_of(world: World, meshes: SceneMeshes) -> Materials:
+    """The materials of a world's bodies, in the order of their meshes, and of the sky; without light."""
+    seed, weather, n = world.scene.seed, world.scene.weather, len(meshes.body_ids)
+    surfaces = [world.surfaces[body] for body in meshes.body_ids]
+    seeds = stream(seed, Purpose.SURFACE, 0).integers(1 << 30, size=n)
+    cloud_seed = stream(seed, Purpose.SURFACE, 1).integers(1 << 30)
+    patterns = [*(own.pattern for own in surfaces), "sky"]
+    surface = [*((weather.exposure * own.albedo, 2 * own.texture) for own in surfaces), (0, 1)]
+    return Materials(
+        normals=np.concatenate([normals(mesh) for mesh in meshes.meshes]).astype(np.float32),
+        light=np.empty((len(meshes.body_of_triangle), 2), np.float32),
+        body_of_triangle=np.append(meshes.body_of_triangle, np.int32(n)),
+        pattern=np.array([PATTERNS.index(pattern) for pattern in patterns], np.int32),
+        seed=np.array([*seeds, cloud_seed], np.uint32),
+        surface=np.array(surface, np.float32),
+    )

@@ -17,8 +17,7 @@ TEXTURELESS, WEAK, GLASSY, WIRES, MOVERS = range(1, 6)
 POLE_SHIFT_M = 0.5
 """Largest distance of a pole from the middle of its street."""
 GLASS = {"albedo": 0.2, "texture": 0.0, "pane_m": 1.5}
-"""Towers of glass are dark, without a texture of their own, in dark frames: the module of usual curtain walls is 1.2 to
-1.5 m."""
+"""Glass is dark, without a texture of its own, in dark frames: the module of usual curtain walls is 1.2 to 1.5 m."""
 PATH_CLEARANCE_M = 0.5
 """Free width that a path needs on both sides."""
 MOVER_LANE_M, MOVER_SIDE_M, MOVER_TALL_M = 1.2, 0.8, 2.4
@@ -28,11 +27,6 @@ MOVER_LANE_M, MOVER_SIDE_M, MOVER_TALL_M = 1.2, 0.8, 2.4
 class CitySpec(SceneSpec):
     """A city of towers on a brick-like grid of lots, with poles in the streets. Flights lead along x."""
 
-    weak_share: float = Field(default=0.0, ge=0, le=1)
-    """Share of the towers with a weak texture, as of plaster, which a stereo camera matches in parts; those without
-    texture stay so."""
-    weak_texture: Range = (0.05, 0.2)
-    """Range of the strengths of a weak texture; 1 is that of the other towers."""
     kind: Literal["city"] = "city"
     columns: int = Field(default=6, ge=1, le=100)
     """Number of rows of towers that a flight along x passes."""
@@ -48,6 +42,11 @@ class CitySpec(SceneSpec):
     """Largest shift of a tower from the middle of its lot, along each axis [m]."""
     blank_share: float = Field(default=0.0, ge=0, le=1)
     """Share of the towers that are textureless, which a stereo camera cannot match."""
+    weak_share: float = Field(default=0.0, ge=0, le=1)
+    """Share of the towers with a weak texture, as of plaster, which a stereo camera matches in parts; those without
+    texture stay so."""
+    weak_texture: Range = (0.05, 0.2)
+    """Range of the strengths of a weak texture; 1 is that of the other towers."""
     glass_share: float = Field(default=0.0, ge=0, le=1)
     """Share of the towers that are of glass, whose depth is that of what they reflect."""
     glass_reflectivity: float = Field(default=0.8, gt=0, le=1)

@@ -27,7 +27,7 @@ from swarm.mission import Mission
 from tests.helpers import camera_at
 from tests.realsense_files import SoftwareCamera
 from voxdepth import TemporalCorrector
-from voxdepth.tools.benchmark import FRAME, load_frames, measure, tables
+from voxdepth.tools.benchmark import FRAME, camera_of, measure, tables
 from voxdepth.tools.table import Column, Table
 from voxdepth.types import Frame, Intrinsics
 
@@ -185,8 +185,8 @@ def test_recording(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("size", [(640, 360), (1024, 1024)])
 def test_correctors_beside_librealsense(size: tuple[int, int]) -> None:
-    loop = load_frames(None).resized(*size)
-    sdk = SoftwareCamera(loop.intrinsics)
+    camera = camera_of(*size)
+    sdk = SoftwareCamera(camera)
     filters = sdk.recommended_filters()
 
     def filtered(frame: Frame) -> dict[str, float]:
@@ -195,5 +195,5 @@ def test_correctors_beside_librealsense(size: tuple[int, int]) -> None:
         sdk.filtered(shown, filters)
         return {FRAME: time.perf_counter() - start}
 
-    table, *_ = tables(loop.size, measure(loop, 100, {"librealsense": filtered}))
+    table, *_ = tables(f"{size[0]}x{size[1]}", measure(camera, 100, {"librealsense": filtered}))
     print("\n" + table.markdown())

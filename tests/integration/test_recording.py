@@ -53,27 +53,20 @@ def rows_of(path: Path, entity: str, *, static: bool = False) -> int:
     return sum(chunk.num_rows for chunk in chunks(path, entity) if chunk.is_static == static)
 
 
-def values(path: Path, entity: str, component: str) -> np.ndarray:
-    """The values of all rows of a component that has one value in each, in the order of time, shape (rows, ...)."""
-    rows: dict[float, Any] = {}
+def by_step(path: Path, entity: str, component: str) -> dict[int, Any]:
+    """The rows of a component that has one value in each, by the steps at which they were recorded, in their order."""
+    rows: dict[int, Any] = {}
     for chunk in chunks(path, entity):
         batch = chunk.to_record_batch()
-        if component in batch.schema.names:
-            times = batch.column("step").to_pylist()
-            rows |= dict(zip(times, (one for (one,) in batch.column(component).to_pylist()), strict=True))
-    return np.array([rows[time] for time in sorted(rows)], np.float64)
+        if component in batch.schema.names and not chunk.is_static:
+            steps, cells = batch.column("step").to_pylist(), batch.column(component).to_pylist()
+            rows |= {step: one for step, (one,) in zip(steps, cells, strict=True)}
+    return dict(sorted(rows.items()))
 
 
-def images(path: Path, name: str) -> list[np.ndarray]:
-    """The images of the camera of drone 1 by this name, in the order of time: labels, or encoded depth."""
-    found: dict[int, np.ndarray] = {}
-    for chunk in chunks(path, f"/world/drone/1/cam/{name}"):
-        batch = chunk.to_record_batch()
-        (column,) = {"SegmentationImage:buffer", "EncodedDepthImage:blob"} & set(batch.schema.names)
-        for step, (data,) in zip(batch.column("step").to_pylist(), batch.column(column).to_pylist(), strict=True):
-            pixels = np.array(data, np.uint8)
-            found[step] = pixels.reshape(54, 96) if name == "source" else cv2.imdecode(pixels, cv2.IMREAD_UNCHANGED)
-    return [found[step] for step in sorted(found)]
+def values(path: Path, entity: str, component: str) -> np.ndarray:
+    """These rows as numbers, shape (rows, ...)."""
+    return np.array(list(by_step(path, entity, component).values()), np.float64)
 
 
 def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
@@ -98,6 +91,7 @@ def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
         "/events": 1,
     }
     assert {entity: rows_of(recording, entity) for entity in expected} == expected
+    assert min(by_step(recording, f"{cam}/depth/raw", "EncodedDepthImage:blob")) == 0, "the first image is among them"
     for entity in ("/world", "/world/scene/ground", "/world/drone/1/body", "/drone/0/state"):
         assert rows_of(recording, entity, static=True) == 1
     assert rows_of(recording, "/drone/0/state") >= 1
@@ -137,10 +131,15 @@ def test_a_flight_by_the_paper_s_method_holds_its_stages(tmp_path: Path) -> None
     for entity in ("/world/voxels/1", "/world/drone/1/cam/depth/template", "/world/drone/1/cam/colors/template"):
         assert rows_of(path, entity) == epochs
     assert rows_of(path, "/drone/1/corrector/phase") >= 1
-    for labels, raw_m in zip(images(path, "source"), images(path, "depth/raw"), strict=True):
-        assert (raw_m[labels == Source.MEMORY] == 0).all()
-        assert (raw_m[labels == REPLACED] > 0).all()
-    assert {Source.SENSOR, Source.MEMORY, REPLACED} <= set(np.unique(images(path, "source"))), "filled, and replaced"
+    cam, seen = "/world/drone/1/cam", set()
+    raw_pngs = by_step(path, f"{cam}/depth/raw", "EncodedDepthImage:blob")
+    for step, labels in by_step(path, f"{cam}/source", "SegmentationImage:buffer").items():
+        raw_m = cv2.imdecode(np.array(raw_pngs[step], np.uint8), cv2.IMREAD_UNCHANGED)
+        source = np.array(labels, np.uint8).reshape(raw_m.shape)
+        assert (raw_m[source == Source.MEMORY] == 0).all()
+        assert (raw_m[source == REPLACED] > 0).all()
+        seen |= set(np.unique(source))
+    assert {Source.SENSOR, Source.MEMORY, REPLACED} <= seen, "filled, and replaced"
     promised = promised_entities("run.rrd")
     assert [entity for entity in promised if not rows_of(path, f"/{entity}")] == []
 
@@ -148,8 +147,8 @@ def test_a_flight_by_the_paper_s_method_holds_its_stages(tmp_path: Path) -> None
 def test_with_several_swarms_the_first_is_followed(tmp_path: Path) -> None:
     routes = [{"start_m": [-8.0, y, 6.0], "goal_m": [9.0, y, 6.0]} for y in (0.0, 50.0)]
     path = recorded(tmp_path / "run.rrd", **{"mission.drones": 1, "mission.routes": routes, "mission.duration_s": 0.1})
-    first_m = values(path, "/world/drone/0", "Transform3D:translation")
-    np.testing.assert_allclose(values(path, "/world/swarm", "Transform3D:translation"), first_m, atol=1e-5)
+    first_m, followed_m = (values(path, f"/world/{of}", "Transform3D:translation") for of in ("drone/0", "swarm"))
+    np.testing.assert_allclose(followed_m, first_m, atol=1e-5)
 
 
 def test_the_view_follows_the_middle_of_the_drones_and_trails_are_their_ways(recording: Path) -> None:
@@ -168,10 +167,10 @@ def test_a_drone_is_marked_on_its_map_where_it_is_in_the_world(recording: Path) 
     above_m = values(recording, path, "Transform3D:translation")
     at_px = values(recording, f"{path}/drone", "Arrows2D:origins")
     ahead_px = values(recording, f"{path}/drone", "Arrows2D:vectors")
-    drone = "/world/drone/1"
-    mapped = np.isin(steps(recording, drone), steps(recording, path))
-    at_m = values(recording, drone, "Transform3D:translation")[mapped]
-    ahead = [rotation_from_quaternion(q)[:, 0] for q in values(recording, drone, "Transform3D:quaternion")[mapped]]
+    drone, mapped = "/world/drone/1", by_step(recording, path, "Pinhole:image_from_camera")
+    position_m, q = (by_step(recording, drone, f"Transform3D:{name}") for name in ("translation", "quaternion"))
+    at_m = np.array([position_m[step] for step in mapped])
+    ahead = [rotation_from_quaternion(np.array(q[step]))[:, 0] for step in mapped]
     assert len(K) == len(at_m) == 5
     for i in range(5):
         for point_m, px in ((at_m[i], at_px[i]), (at_m[i] + HEADING_M * ahead[i], at_px[i] + ahead_px[i])):
@@ -205,12 +204,6 @@ def test_points_of_the_cloud_lie_on_the_bodies_that_the_camera_measured() -> Non
         away_m = np.array([mission.world.clearance_at_m(point_m) for point_m in points_m.tolist()])
     assert len(points_m) == len(source) > 100
     assert np.percentile(np.abs(away_m), 95) < 0.1
-
-
-def steps(path: Path, entity: str) -> list[int]:
-    """The steps at which an entity was recorded."""
-    batches = [chunk.to_record_batch() for chunk in chunks(path, entity) if not chunk.is_static]
-    return sorted(step for batch in batches for step in batch.column("step").to_pylist())
 
 
 def test_depth_survives_the_recording_within_two_percent() -> None:

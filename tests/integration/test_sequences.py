@@ -150,9 +150,18 @@ def test_other_recordings_are_not_touched(tmp_path: Path) -> None:
     assert {path: path.read_bytes() for path in (tmp_path / "r").rglob("*") if path.is_file()} == before
 
 
-def test_a_mover_that_reaches_the_camera_is_refused_and_its_recording_is_absent(tmp_path: Path) -> None:
-    into_the_lens = [{"from_m": [1.0, 0.0, 0.0], "to_m": [-1.0, 0.0, 0.0], "speed_m_s": 5.0}]
-    with pytest.raises(SensorError, match=r"in frame [45] the left camera is inside a body"):
+@pytest.mark.parametrize(
+    ("from_m", "speed_m_s", "told"),
+    [
+        ((1.0, 0.0, 0.0), 5.0, "in frame [45] the left camera"),
+        ((0.0, -0.4, 0.0), 1.0, "in frame [2-5] the right camera"),
+    ],
+)
+def test_a_mover_that_reaches_a_camera_is_refused_and_its_recording_is_absent(
+    from_m: tuple[float, ...], speed_m_s: float, told: str, tmp_path: Path
+) -> None:
+    into_the_lens = [{"from_m": from_m, "to_m": [-x for x in from_m], "speed_m_s": speed_m_s}]
+    with pytest.raises(SensorError, match=f"{told} is inside a body"):
         record(small("sim-approach", movers=into_the_lens), tmp_path / "r", 9, lambda frames: None)
     assert not list(tmp_path.iterdir())
 

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from voxdepth.tools import viewer
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.recording import recording
-from voxdepth.tools.viewer import PAGE_PORT, _free_port, _serve, open_viewer, require_display
+from voxdepth.tools.viewer import open_viewer, require_display
 from voxdepth.types import CorrectedDepth, Frame
 
 
@@ -33,7 +34,7 @@ def test_the_viewer_collects_nothing_about_its_use_and_leaves_the_configuration_
     (tmp_path / "attr.py").write_text('raise ImportError("a file of the user that is named like a library")')
     output = tmp_path / "output"
     with output.open("wb") as file:
-        viewer = subprocess.Popen(
+        process = subprocess.Popen(
             [sys.executable, "-P", "-c", program],
             cwd=tmp_path,
             env=environment,
@@ -42,12 +43,12 @@ def test_the_viewer_collects_nothing_about_its_use_and_leaves_the_configuration_
             start_new_session=True,
         )
     try:
-        _wait_for(lambda: _serves(output) or viewer.poll() is not None)
+        _wait_for(lambda: _serves(output) or process.poll() is not None)
         assert _serves(output), output.read_text()
         time.sleep(1)  # The first event is written when the viewer starts.
     finally:
-        viewer.send_signal(signal.SIGINT)
-        viewer.wait(timeout=30)
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=30)
     assert not list(home.rglob("*analytics*"))
     assert b"anonymous usage data" not in output.read_bytes()
 
@@ -59,16 +60,16 @@ def test_a_signal_to_the_command_ends_all_of_the_viewer(tmp_path: Path) -> None:
     command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()"]
     command += ["view", str(tmp_path / "one.rrd"), "--web"]
     with output.open("wb") as file:
-        viewer = subprocess.Popen(command, stdout=file, stderr=file, start_new_session=True)
+        process = subprocess.Popen(command, stdout=file, stderr=file, start_new_session=True)
     try:
-        _wait_for(lambda: _serves(output) or viewer.poll() is not None)
+        _wait_for(lambda: _serves(output) or process.poll() is not None)
         assert _serves(output), output.read_text()
-        viewer.send_signal(signal.SIGTERM)
-        assert viewer.wait(timeout=30) == 130
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=30) == 130
         _wait_for(lambda: not _serves(output))
         assert not _serves(output)
     finally:
-        viewer.kill()
+        process.kill()
 
 
 def _record(path: Path) -> None:
@@ -99,21 +100,17 @@ def test_a_folder_of_recordings_of_other_names_is_told_with_them(tmp_path: Path)
         open_viewer(tmp_path / "run.rrd")
 
 
-def test_a_taken_port_is_told_and_otherwise_avoided(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_taken_port_is_avoided(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         taken = other.getsockname()[1]
-        with pytest.raises(ToolError, match=f"port {taken} is taken: leave out --port"):
-            _serve(taken)
-        assert _free_port(taken) != taken
-    free = _free_port(PAGE_PORT)
-    options = _serve(free)
-    assert options[options.index("--web-viewer-port") + 1] == str(free)
-    data = options[options.index("--port") + 1]
-    assert (
-        f"open http://127.0.0.1:{free}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy" in capsys.readouterr().out
-    )
+        monkeypatch.setattr(viewer, "PAGE_PORT", taken)
+        options = viewer._serve()
+    page, data = (options[options.index(option) + 1] for option in ("--web-viewer-port", "--port"))
+    assert page != str(taken)
+    address = f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy"
+    assert f"open {address}" in capsys.readouterr().out
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")

@@ -158,7 +158,7 @@ def test_the_examples_of_configurations_are_accepted() -> None:
 
     default, paper = blocks(ROOT / "docs" / "cameras.md", "toml")
     assert resolve_config("temporal", tomllib.loads(default)).fill == "none"
-    assert resolve_config("voxdepth", tomllib.loads(paper)).motion == "per_frame"
+    assert resolve_config("voxdepth", tomllib.loads(paper)).dilation_px == 7
 
 
 def test_the_example_of_a_sequence_can_be_loaded(tmp_path: Path) -> None:

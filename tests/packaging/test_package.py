@@ -104,14 +104,14 @@ def test_commands_of_the_library_work_where_nothing_of_the_simulator_is_installe
     for command, words in (
         (("evaluate", "--data", "walk", "--methods", "raw,median", "--frames", "3"), "8 results"),
         (("correct", "walk", "--out", "corrected"), "report.json are in corrected"),
-        (("bench", "walk"), "machine:"),
+        (("bench", "--size", "160x120"), "machine:"),
         (("doctor",), "without"),
     ):
         found = done(*command)
         assert found.returncode == 0, (command, found.stdout, found.stderr)
         assert words in found.stdout
     page = (tmp_path / "evaluation" / "report.html").read_text()
-    assert "data:image/png" in page and "walk-holes" in page
+    assert "walk-holes" in page
     for command, words in ((("view", "x.rrd"), "no recording at"), (("evaluate", "sim-LN"), "testbed|pybullet")):
         found = done(*command)
         assert found.returncode == 2, found.stderr

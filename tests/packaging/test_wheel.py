@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 PYTHONS = ("3.11", "3.12", "3.13")
 NEED_EXTRA = ("learned",)
 """Correctors that the wheel alone does not run."""
-COMMANDS = (("--version",), ("config",), ("doctor",), ("bench", "--quick", "--size", "160x120"))
+COMMANDS = (("--version",), ("config",), ("doctor",), ("bench", "--size", "160x120"))
 RESULTS = """
 import hashlib, json
 from voxdepth.registry import create_corrector, installed_names

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.sequences import captures, load_sequence
+from scenarios.sequences import load_sequence, simulation
 from tests.property.test_temporal import seeds
-from tests.temporal_scenes import CAMERA, ROOM, frames_of, method, noisy, run, walk
+from tests.temporal_scenes import CAMERA, ROOM, depth_of, frames_of, method, noisy, run, walk
 from voxdepth import TemporalConfig, TemporalCorrector
 from voxdepth.metrics import is_correct
 from voxdepth.temporal.working_resolution import WorkingResolution
@@ -22,7 +22,7 @@ ROW, COL = np.indices(CAMERA.shape)
 
 def frame_of_disparity(disparity_px: FloatImage, index: int = 0) -> Frame:
     gray = np.full(CAMERA.shape, 128, np.uint8)
-    return Frame(stamp_s=index / 30, gray=gray, depth_m=RESOLUTION.depth(np.asarray(disparity_px, np.float32)))
+    return Frame(stamp_s=index / 30, gray=gray, depth_m=depth_of(RESOLUTION, np.asarray(disparity_px, np.float32)))
 
 
 def filled_px(disparity_px: FloatImage, decimation: int) -> FloatImage:
@@ -115,7 +115,7 @@ class TestHoverBeforeSpecks:
                 disparity_px[row - reach : row + reach + 1, col - reach : col + reach + 1] = 0
                 for down, right in TestSpeckles.SHAPES[place % 3]:
                     disparity_px[row + down, col + right] = near_px
-            frames.append(Frame(stamp_s=index / 30, gray=gray, depth_m=RESOLUTION.depth(disparity_px)))
+            frames.append(Frame(stamp_s=index / 30, gray=gray, depth_m=depth_of(RESOLUTION, disparity_px)))
         return frames
 
     @pytest.mark.slow
@@ -123,7 +123,7 @@ class TestHoverBeforeSpecks:
     @pytest.mark.parametrize("hole_px", [3, 15, 61])
     @pytest.mark.parametrize("near_px", [17.0, 40.0])
     def test_no_phantom_obstacle_grows(self, near_px: float, hole_px: int, decimation: int) -> None:
-        half_m = RESOLUTION.depth(self.TRUE_PX) / 2
+        half_m = depth_of(RESOLUTION, self.TRUE_PX) / 2
         for result in run(method(decimation=decimation), self.frames(60, hole_px=hole_px, near_px=near_px)):
             near = (result.depth_m > 0) & (result.depth_m < half_m)
             _, _, blobs, _ = cv2.connectedComponentsWithStats(near.astype(np.uint8))
@@ -147,8 +147,9 @@ class TestHeldOutConfidence:
         counts = np.zeros((2, len(TestHeldOutConfidence.SEQUENCES), len(Source), 5))
         for index, name in enumerate(TestHeldOutConfidence.SEQUENCES):
             corrector = None
-            seeded = load_sequence(name, TestHeldOutConfidence.SEED, {})
-            for capture in captures(seeded, TestHeldOutConfidence.FRAMES):
+            with simulation(load_sequence(name, TestHeldOutConfidence.SEED, {})) as simulated:
+                captures = [simulated.sensor.capture(pair) for pair in simulated.render(TestHeldOutConfidence.FRAMES)]
+            for capture in captures:
                 camera, true_m = capture.intrinsics, capture.depth_true_m
                 corrector = corrector or TemporalCorrector(camera, TemporalConfig(fill="all"))
                 frame = Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.temporal_scenes import CAMERA, pose
+from tests.temporal_scenes import CAMERA, depth_of, pose
 from voxdepth.temporal.fusion import FILLING_WEIGHT, MAX_WEIGHT, RELIABLE_WEIGHT, PixelClass, fuse
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
@@ -39,7 +39,7 @@ def test_depth_survives_the_way_through_disparity(
     resolution, rng = WorkingResolution.of(camera, decimation), np.random.default_rng(seed)
     depth_m = rng.uniform(resolution.focal_baseline_px_m / 900, 200, CAMERA.shape).astype(np.float32)
     depth_m[rng.random(depth_m.shape) < 0.2] = 0
-    np.testing.assert_allclose(resolution.depth(resolution.disparity(depth_m)), depth_m, rtol=1e-6)
+    np.testing.assert_allclose(depth_of(resolution, resolution.disparity(depth_m)), depth_m, rtol=1e-6)
 
 
 @given(seeds, st.floats(0, 0.9), st.floats(0, 0.9))

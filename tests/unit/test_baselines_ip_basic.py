@@ -34,6 +34,12 @@ def test_columns_are_extended_upwards() -> None:
     np.testing.assert_allclose(filled(depth_m), 4.0, atol=1e-3)
 
 
+def test_a_single_pixel_reaches_2_and_3_and_15_pixels_far() -> None:
+    depth_m = np.zeros((60, 81), np.float32)
+    depth_m[50, 40] = 4.0
+    np.testing.assert_array_equal(np.flatnonzero(filled(depth_m)[20]), np.arange(40 - 20, 40 + 21))
+
+
 def test_the_middle_of_a_large_hole_below_something_stays_open() -> None:
     depth_m = np.full((140, 140), 4.0, np.float32)
     depth_m[20:120, 20:120] = 0

@@ -9,10 +9,12 @@ import pytest
 from tests.baseline_frames import camera, frame, holed, scene, texture
 from voxdepth.baselines.global_smoother import GlobalSmoother
 from voxdepth.baselines.ip_basic import IpBasic
+from voxdepth.baselines.learned import Learned
 from voxdepth.baselines.lmeds import LMedS
 from voxdepth.baselines.realsense import RealSenseChain, RealSenseLeft
 from voxdepth.baselines.single_frame import Median, OpenCvInpaint
 from voxdepth.errors import FrameError
+from voxdepth.networks import has_runtime
 from voxdepth.types import CorrectedDepth, DepthCorrector, Intrinsics, Source
 
 Make = Callable[[Intrinsics], DepthCorrector]
@@ -22,15 +24,18 @@ FILLERS: dict[str, Make] = {
     "telea": lambda camera: OpenCvInpaint(),
     "navier-stokes": lambda camera: OpenCvInpaint(method="navier_stokes"),
     "global-smoother": GlobalSmoother,
+    "realsense-left": lambda camera: RealSenseLeft(),
 }
 """Those that never change a valid pixel."""
 CONSTANT: dict[str, Make] = FILLERS | {"lmeds": LMedS}
 """Those that leave a smooth frame as it is."""
-BASELINES: dict[str, Make] = CONSTANT | {
+ANY_SIZE: dict[str, Make] = CONSTANT | {
     "median": lambda camera: Median(),
     "realsense": lambda camera: RealSenseChain(replace(camera, baseline_m=0.1)),
-    "realsense-left": lambda camera: RealSenseLeft(),
 }
+"""Those that work on images of any size."""
+LEARNED: dict[str, Make] = {"learned": Learned} if has_runtime() else {}
+BASELINES = ANY_SIZE | LEARNED
 SHAPES = [(1, 1), (1, 9), (7, 1), (3, 200)]
 
 
@@ -43,7 +48,7 @@ def run(name: str, seed: int = 0, shape: tuple[int, int] = (30, 40), frames: int
     ]
 
 
-@pytest.mark.parametrize("name", CONSTANT)
+@pytest.mark.parametrize("name", CONSTANT | LEARNED)
 def test_a_constant_stays_constant(name: str) -> None:
     baseline = BASELINES[name](camera((30, 40)))
     for index in range(3):
@@ -77,15 +82,16 @@ def test_all_invalid_stays_invalid(name: str) -> None:
         assert not result.depth_m.any() and not result.source.any() and not result.confidence.any()
 
 
-@pytest.mark.parametrize("name", BASELINES)
+@pytest.mark.parametrize("name", ANY_SIZE)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_images_of_any_size_are_worked_on(name: str, shape: tuple[int, int]) -> None:
     for index, result in enumerate(run(name, shape=shape)):
         measured_m = scene(index, shape)
         assert result.depth_m.shape == shape and result.depth_m.dtype == np.float32
         assert np.isfinite(result.depth_m).all() and (result.depth_m >= 0).all()
-        assert ((result.source == Source.SENSOR) <= (measured_m > 0)).all()
-        np.testing.assert_array_equal(result.source > 0, result.depth_m > 0)
+        of_what = np.where(measured_m > 0, Source.SENSOR, Source.INPAINTED)
+        np.testing.assert_array_equal(result.source, np.where(result.depth_m > 0, of_what, Source.INVALID))
+        np.testing.assert_array_equal(result.confidence, (result.depth_m > 0) * np.where(measured_m > 0, 1, 0.5))
 
 
 @pytest.mark.parametrize("name", BASELINES)
@@ -150,7 +156,7 @@ def test_a_small_offset_in_depth_passes_through(name: str) -> None:
         np.testing.assert_allclose(shifted_m[expected_m > 0], expected_m[expected_m > 0] + 0.125, atol=1e-4)
 
 
-@pytest.mark.parametrize("name", ["lmeds", "global-smoother"])
+@pytest.mark.parametrize("name", ["lmeds", "global-smoother", *LEARNED])
 def test_frames_of_another_size_are_refused(name: str) -> None:
     with pytest.raises(FrameError, match=r"shape \(30, 40\), got \(31, 40\)"):
         BASELINES[name](camera((30, 40))).process(frame(scene(0, (31, 40))))

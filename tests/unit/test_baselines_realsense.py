@@ -8,7 +8,6 @@ import pytest
 from tests.realsense_files import SoftwareCamera
 from voxdepth.baselines.realsense import (
     RealSenseChain,
-    RealSenseLeft,
     fill_farthest,
     fill_from_left,
 )
@@ -21,15 +20,6 @@ CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=86, baseline_m
 def frame_of(depth_m: Any, stamp_s: float = 0.0) -> Frame:
     image = np.array(depth_m, np.float32)
     return Frame(stamp_s=stamp_s, gray=np.zeros(image.shape, np.uint8), depth_m=image)
-
-
-def holed(seed: int, shape: tuple[int, int] = (19, 23), holes: float = 0.4) -> np.ndarray:
-    """Smooth enough that filters act, with steps and holes."""
-    rng = np.random.default_rng(seed)
-    image = rng.normal(60, 8, shape).astype(np.float32)
-    image[5:12, 8:15] += 300
-    image[rng.random(shape) < holes] = 0
-    return image
 
 
 def moving_scene(n_frames: int) -> list[np.ndarray]:
@@ -50,17 +40,6 @@ def moving_scene(n_frames: int) -> list[np.ndarray]:
         frames.append(np.clip(np.rint(z * 1000), 0, 65535).astype(np.uint16))
     frames[-3][:] = 0
     return frames
-
-
-def test_hole_filling_keeps_what_was_measured_and_says_what_it_filled() -> None:
-    depth_m = holed(0)
-    result = RealSenseLeft().process(frame_of(depth_m))
-    valid = depth_m > 0
-    filled = ~valid & (result.depth_m > 0)
-    np.testing.assert_array_equal(result.depth_m[valid], depth_m[valid])
-    assert filled.sum() > 100
-    np.testing.assert_array_equal(result.source, valid * Source.SENSOR + filled * Source.INPAINTED)
-    np.testing.assert_array_equal(result.confidence, valid + 0.5 * filled)
 
 
 def test_the_chain_needs_the_baseline() -> None:

@@ -1,17 +1,16 @@
 """Correctors without a confidence of their own get the probability that is fitted to the source of a pixel."""
 
-import re
-from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from scenarios.experiments.confidence import fit
-from voxdepth.calibration import FILE, Fills, read
-from voxdepth.errors import ConfigError
+from scenarios.experiments.confidence import counted, fit
+from voxdepth.calibration import by_source, fitted
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare, create_corrector, installed_names
-from voxdepth.types import Frame, Intrinsics, Source
+from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=80, baseline_m=0.1)
 INSTALLED = [name for name in installed_names() if name != DEFAULT]
@@ -26,14 +25,14 @@ def holed_frame(k: int) -> Frame:
 
 @pytest.mark.parametrize("name", INSTALLED)
 def test_the_confidence_is_that_of_the_source_and_nothing_else_changes(name: str) -> None:
-    bare, calibrated, fills = create_bare(name, CAMERA), create_corrector(name, CAMERA), read(FILE)[name]
+    bare, calibrated, fills = create_bare(name, CAMERA), create_corrector(name, CAMERA), fitted()[name]
     assert calibrated.uses_gray == bare.uses_gray
     for k in range(3):
         before, after = bare.process(holed_frame(k)), calibrated.process(holed_frame(k))
         np.testing.assert_array_equal(before.depth_m, after.depth_m)
         np.testing.assert_array_equal(before.source, after.source)
         assert after.confidence.dtype == np.float32
-        np.testing.assert_array_equal(after.confidence, np.float32([0, 1, fills.memory, fills.inpainted])[after.source])
+        np.testing.assert_array_equal(after.confidence, by_source(fills)[after.source])
     calibrated.reset()
     bare.reset()
     np.testing.assert_array_equal(calibrated.process(holed_frame(0)).depth_m, bare.process(holed_frame(0)).depth_m)
@@ -53,31 +52,28 @@ def test_two_stages_stay_two_and_give_the_same_in_a_pipeline() -> None:
             np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
 
 
+def test_each_source_has_its_probability() -> None:
+    np.testing.assert_array_equal(by_source({"memory": 0.5, "inpainted": 0.25}), [0, 1, 0.5, 0.25])
+    np.testing.assert_array_equal(by_source({}), [0, 1, 0, 0])
+
+
 def test_every_corrector_but_the_default_is_in_the_file_and_no_fill_is_certain() -> None:
-    assert [*read(FILE), DEFAULT] == list(CORRECTOR_NAMES)
-    assert all(fills.by_source[Source.MEMORY :].max() < 1 for fills in read(FILE).values())
+    assert [*fitted(), DEFAULT] == list(CORRECTOR_NAMES)
+    assert all(0 <= by_source(fills)[Source.MEMORY :].max() < 1 for fills in fitted().values())
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("[raw", "Expected ']'"),
-        ("raw = 3", "raw: expected a table of keys, got 3"),
-        ("[raw]\nsensors = 1", "unknown key 'raw.sensors'"),
-        ("[raw]\nmemory = nan", "raw.memory"),
-        ("[raw]\nmemory = 1.5", "raw.memory: expected at most 1, got 1.5"),
-        (None, "No such file"),
-    ],
-)
-def test_a_bad_file_is_refused_with_what_to_do(text: str | None, reason: str, tmp_path: Path) -> None:
-    file = tmp_path / "bad.toml"
-    if text is not None:
-        file.write_text(text)
-    with pytest.raises(ConfigError, match=f"bad.toml: .*{re.escape(reason)}.*voxdepth experiment confidence"):
-        read(file)
+def test_depth_counts_where_the_truth_is_a_surface() -> None:
+    source = np.array([[Source.SENSOR, Source.MEMORY, Source.INPAINTED, Source.INPAINTED, Source.INVALID]], np.uint8)
+    depth_m = np.array([[1.0, 2.0, 3.0, 4.0, 0.0]], np.float32)
+    true_m = np.array([[1.0, 2.0, 9.0, np.inf, 1.0]], np.float32)
+    corrected = CorrectedDepth(depth_m=depth_m, confidence=np.ones_like(depth_m), source=source)
+    capture: Any = SimpleNamespace(depth_true_m=true_m, intrinsics=CAMERA)
+    n, correct = counted(corrected, capture)
+    by_source = {Source.SENSOR: (1, 1), Source.MEMORY: (1, 1), Source.INPAINTED: (1, 0), Source.INVALID: (0, 0)}
+    assert {source: (n[source], correct[source]) for source in by_source} == by_source
 
 
 def test_the_fit_is_the_share_of_correct_pixels() -> None:
     counts = np.zeros((2, len(Source)))
     counts[:, Source.INPAINTED] = 10_000, 2_504
-    assert fit(counts) == Fills(memory=0.0, inpainted=0.25)
+    assert fit(counts) == {"inpainted": 0.25}

@@ -85,23 +85,15 @@ class Package:
     def write_steps(self, source: str) -> None:
         (self._loops / "steps.py").write_text(source)
 
-    def start(self, code: str = CALL, **variables: str | Path) -> "subprocess.Popen[str]":
-        """A process that calls the package, with these variables of its environment."""
+    def run(self, code: str = CALL, **variables: str | Path) -> tuple[float, str]:
+        """What a process with these variables of its environment has computed with the package, and what it said."""
         places = {"HOME": self._folder / "home", "PYTHONPATH": os.pathsep.join([str(self._folder), str(REPOSITORY)])}
         kept = {name: value for name, value in os.environ.items() if name not in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR")}
         environment = kept | {name: str(value) for name, value in (places | variables).items()}
         command = [sys.executable, "-c", code]
-        return subprocess.Popen(command, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-
-    def run(self, code: str = CALL, **variables: str | Path) -> tuple[float, str]:
-        """What the process has computed, and what it has said."""
-        return result_of(self.start(code, **variables))
-
-
-def result_of(process: "subprocess.Popen[str]") -> tuple[float, str]:
-    output, said = process.communicate(timeout=120)
-    assert process.returncode == 0, said
-    return float(output), said
+        done = subprocess.run(command, env=environment, text=True, capture_output=True, timeout=120, check=False)
+        assert done.returncode == 0, done.stderr
+        return float(done.stdout), done.stderr
 
 
 def require_one_line(said: str) -> None:
@@ -142,16 +134,6 @@ def test_a_change_of_any_source_has_a_folder_of_its_own(package: Package, tmp_pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("variable", "kept_in"), [("XDG_CACHE_HOME", "elsewhere/voxdepth"), ("NUMBA_CACHE_DIR", "elsewhere")]
-)
-def test_the_folder_follows_the_environment(package: Package, tmp_path: Path, variable: str, kept_in: str) -> None:
-    require_one_line(package.run(**{variable: tmp_path / "elsewhere"})[1])
-    assert [path.name[:6] for path in (tmp_path / kept_in).iterdir()] == ["loops-"]
-    assert not (tmp_path / "home").exists()
-
-
-@pytest.mark.slow
 def test_without_a_folder_to_write_to_every_process_compiles(package: Package, tmp_path: Path) -> None:
     # Below a file there can be no folder, not even for a user who may write everywhere.
     (tmp_path / "file").touch()
@@ -165,13 +147,6 @@ def test_without_a_folder_to_write_to_every_process_compiles(package: Package, t
 def test_an_interruption_while_llvm_calls_python_is_not_lost(package: Package) -> None:
     assert package.run(INTERRUPTED)[0] == 12
     assert package.run(INTERRUPTED) == (12, "")  # As well when the functions are read from the disk.
-
-
-@pytest.mark.slow
-def test_processes_may_compile_at_the_same_time(package: Package) -> None:
-    processes = [package.start() for _ in range(2)]
-    assert [result_of(process)[0] for process in processes] == [12, 12]
-    assert package.run() == (12, "")
 
 
 @pytest.mark.parametrize("T", [np.eye(4, dtype=np.float32), np.eye(4, dtype=np.int64), np.eye(5)[:4, :4], [[1.0]]])

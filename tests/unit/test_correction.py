@@ -13,14 +13,12 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.errors import ScenarioError
-from scenarios.sensor_pictures import make_sheet
 from voxdepth.errors import DatasetError
 from voxdepth.paper.epochs import EpochEnd, Phase, VoxDepthDiagnostics
 from voxdepth.paper.registration import Registration, RegistrationStatus
 from voxdepth.ros import confidence_levels
 from voxdepth.soundness import fault_of
-from voxdepth.tools.correction import Correction, CorrectionConfig
+from voxdepth.tools.correction import Correction
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.output import to_millimetres
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
@@ -100,15 +98,15 @@ def whole_corrector(**changes: Any) -> SimpleNamespace:
 
 def planned(dataset: Frames | None = None, make: Callable[[], Any] = Remembering, frames: int = N_FRAMES) -> Correction:
     """A correction of the first frames of a dataset."""
-    config = CorrectionConfig(
-        corrector="remembering",
-        folder="walk",
-        format="tum",
-        intrinsics={"fx_px": 14.5, "width_px": 24},
-        versions={"numpy": "2"},
-        config={"window_frames": 10, "odometry": {"max_step_m": 0.5}},
-    )
-    return Correction(config=config, dataset=dataset or Frames(), frames=frames, corrector=make())
+    made_from = {
+        "corrector": "remembering",
+        "folder": "walk",
+        "format": "tum",
+        "intrinsics": {"fx_px": 14.5, "width_px": 24},
+        "versions": {"numpy": "2"},
+        "config": {"window_frames": 10, "odometry": {"max_step_m": 0.5}},
+    }
+    return Correction(made_from=made_from, dataset=dataset or Frames(), frames=frames, corrector=make())
 
 
 def ignore(done: int) -> None:
@@ -252,12 +250,6 @@ def test_depth_is_stored_in_millimetres_and_stays_valid_or_invalid_and_confidenc
     assert stored.dtype == np.uint16
     assert stored.tolist() == [[0, 1, 1, 1234, 1235, 65535, 65535, 65535]]
     assert confidence_levels(np.array([[0, 0.5, 0.999, 1]], np.float32)).tolist() == [[0, 128, 255, 255]]
-
-
-def test_a_sheet_of_corrected_depth_is_refused_with_what_shows_it(whole: Path, tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"out holds corrected depth, and .* of voxdepth record: to look"):
-        make_sheet(whole, tmp_path / "sheet.jpg")
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from voxdepth.datasets import DATASET_FORMATS, open_dataset
+from voxdepth.datasets import open_dataset
 from voxdepth.errors import ConfigError, DatasetError, FrameError
 from voxdepth.types import Intrinsics
 
@@ -74,12 +74,12 @@ def test_a_tolerance_that_makes_no_sense_is_refused(folder: Path, within_s: floa
             CALIBRATION.replace("fy_px", "fz_px"),
             r"unknown key 'fz_px' \(did you mean f._px or f._px\?\); it lacks fy_px: add",
         ),
-        (CALIBRATION.replace("fx_px = 7", "fx_px = '7'"), "expected a finite number for fx_px"),
-        (CALIBRATION.replace("fx_px = 7", "fx_px = nan"), "expected a finite number for fx_px"),
-        (CALIBRATION.replace("fx_px = 7", "fx_px" + ".a" * 5000 + " = 7"), "for fx_px, got a dict"),
-        (CALIBRATION.replace("fx_px = 7", "fx_px = true"), "expected a finite number for fx_px"),
+        (CALIBRATION.replace("fx_px = 7", "fx_px = '7'"), "fx_px must be a number, got '7'"),
+        (CALIBRATION.replace("fx_px = 7", "fx_px = nan"), "all numbers finite"),
+        (CALIBRATION.replace("fx_px = 7", "fx_px" + ".a" * 5000 + " = 7"), "describes no camera"),
+        (CALIBRATION.replace("fx_px = 7", "fx_px = true"), "fx_px must be a number"),
         (CALIBRATION.replace("fx_px = 7", "fx_px = 0"), "describes no camera"),
-        (CALIBRATION.replace("width_px = 8", "width_px = 8.0"), "expected a whole number for width_px"),
+        (CALIBRATION.replace("width_px = 8", "width_px = 8.0"), "width_px must be a whole number, got 8.0"),
         (CALIBRATION.replace("width_px = 8", "width_px = 99999999"), "1 to 65536 pixels a side"),
         (CALIBRATION.replace("cx_px = 4.0", "cx_px = 320.0"), "far outside of an image of 8x6"),
         (CALIBRATION.replace("cy_px = 3.0", "cy_px = -10.0"), "far outside of an image of 8x6"),
@@ -93,30 +93,12 @@ def test_a_calibration_that_makes_no_sense_is_refused(folder: Path, text: str, m
     assert "calibration.toml" in str(caught.value)
 
 
-def test_intrinsics_of_another_size_are_refused_when_a_frame_is_read(folder: Path) -> None:
-    given = Intrinsics(fx_px=3, fy_px=3, cx_px=4, cy_px=3, width_px=9, height_px=6)
-    with pytest.raises(DatasetError, match=r"expected 9x6 pixels in .*000000\.png, as the camera's intrinsics say"):
-        open_dataset(folder, intrinsics=given)[0]
-
-
 def test_an_empty_folder_is_told_what_every_format_needs(tmp_path: Path) -> None:
     with pytest.raises(DatasetError) as caught:
         open_dataset(tmp_path)
     message = str(caught.value)
-    assert all(f"{name} lacks " in message for name in DATASET_FORMATS)
+    assert all(f"{name} lacks " in message for name in ("tum", "realsense", "recording", "bag"))
     assert all(word in message for word in ("rgb.txt", "depth", "frames.csv"))
-
-
-@pytest.mark.parametrize("format", DATASET_FORMATS)
-def test_a_format_that_is_named_is_the_only_one_tried(tmp_path: Path, format: str) -> None:
-    with pytest.raises(DatasetError) as caught:
-        open_dataset(tmp_path, format)
-    assert [name for name in DATASET_FORMATS if f"{name} lacks" in str(caught.value)] == [format]
-
-
-def test_a_format_that_there_is_not_names_those_there_are(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="there is no dataset format 'kitti'; choose one of: auto, tum, realsense"):
-        open_dataset(tmp_path, "kitti")
 
 
 def test_a_file_or_nothing_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:

@@ -105,13 +105,6 @@ def test_the_header_gives_the_shape_that_the_decoder_finds(tmp_path: Path, image
     assert image_shape(written(tmp_path, image, suffix)) == SHAPE
 
 
-def test_a_progressive_jpeg_has_a_header_too(tmp_path: Path) -> None:
-    done, data = cv2.imencode(".jpg", COLOUR, (cv2.IMWRITE_JPEG_PROGRESSIVE, 1))
-    path = tmp_path / "progressive.jpg"
-    path.write_bytes(data.tobytes())
-    assert done and image_shape(path) == SHAPE
-
-
 def shape_or_none(path: Path, data: bytes) -> tuple[int, int] | None:
     path.write_bytes(data)
     try:

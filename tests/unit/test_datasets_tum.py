@@ -139,7 +139,7 @@ def test_images_of_another_size_need_a_calibration(folder: Path) -> None:
 def test_a_list_that_cannot_be_trusted_is_refused(folder: Path, text: str, message: str) -> None:
     (folder / "rgb.txt").write_text(text)
     with pytest.raises(DatasetError, match=message):
-        open_dataset(folder, "tum", intrinsics=CAMERA)
+        open_dataset(folder, intrinsics=CAMERA)
 
 
 @pytest.mark.parametrize("data", [b"\x80\x81\xff", b"1.0 a\0b.png\n"])

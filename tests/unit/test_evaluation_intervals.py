@@ -1,9 +1,9 @@
-"""Intervals of the share of close pixels and of errors over the frames of a sequence."""
+"""Intervals of the share of close pixels over the frames of a sequence."""
 
 import numpy as np
 import pytest
 
-from voxdepth.tools.evaluation.intervals import close_intervals, drawn_means, error_intervals
+from voxdepth.tools.evaluation.intervals import close_intervals, drawn_means
 from voxdepth.tools.evaluation.measurements import Measurement
 
 
@@ -46,14 +46,3 @@ def test_one_frame_has_no_interval_and_no_pixel_no_row() -> None:
 
 def test_frames_without_a_pixel_do_not_count() -> None:
     assert np.nanmin(drawn_means({"raw": [(1, 2), (0, 0)]})) == 0.5
-
-
-def test_the_change_of_the_error_is_that_of_pairs_of_frames() -> None:
-    raw = [(1.0, 10), (9.0, 10), (2.0, 10)]
-    sums = {"raw": raw, "temporal": [(0.8 * error, n) for error, n in raw], "telea": [(0.0, 0)] * 3}
-    values = {(method, m.metric): m for method, m in error_intervals(sums)}
-    assert {method for method, _ in values} == {"temporal"}
-    shown = [values["temporal", name].value for name in ("mae_change", "mae_change_low", "mae_change_high")]
-    assert shown == pytest.approx([-0.2] * 3)
-    assert not list(error_intervals({"temporal": raw}))
-    assert not list(error_intervals({"raw": [(0.0, 5)], "temporal": [(1.0, 5)]}))

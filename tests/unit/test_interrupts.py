@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.figure import Figure
 
 from scenarios import runner
 from scenarios.config import images_of, load_run
@@ -78,7 +79,7 @@ def test_a_run_that_is_asked_to_end_while_it_writes_has_all_its_files(
         write(path, content)
 
     monkeypatch.setattr(runner, "write", write_and_ask)
-    monkeypatch.setattr(runner, "draw_flight", lambda path, *_: path.touch())
+    monkeypatch.setattr(runner, "flight_figure", lambda *_: Figure())
     folder = runner.fly_and_write(load_run("city", 0, QUICK), tmp_path, record=True).folder
     files = {path.name for path in folder.iterdir()}
     assert files == {"config.toml", "metrics.json", "trajectories", "flight.png", "summary.html", "run.rrd"}

@@ -6,18 +6,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.errors import FrameError
-from voxdepth.metrics import Changes, Flicker, Share, ghost_share, survival
+from voxdepth.metrics import Flicker, Share, ghost_share, survival
 
 
 def row(*values: float) -> np.ndarray:
     return np.array([values], np.float32)
 
 
-def flicker_of(depths_m: list[np.ndarray], truths_m: list[np.ndarray], statics: list[np.ndarray]) -> Changes:
+def flicker_of(depths_m: list[np.ndarray], truths_m: list[np.ndarray], statics: list[np.ndarray]) -> Flicker:
     flicker = Flicker()
     for images in zip(depths_m, truths_m, statics, strict=True):
         flicker.add(*images)
-    return flicker.total
+    return flicker
 
 
 @given(st.floats(-0.4, 3.0), st.integers(0, 100))
@@ -27,7 +27,6 @@ def test_a_constant_error_does_not_flicker_although_the_scene_moves(error_m: flo
     depths_m = [truth_m + np.float32(error_m) for truth_m in truths_m]
     flicker = flicker_of(depths_m, truths_m, [truths_m[0] > 0] * 4)
     assert flicker.mean_change_m == pytest.approx(0, abs=1e-5)
-    assert flicker.switched_share == 0
 
 
 def test_an_alternating_error_flickers_by_twice_its_size() -> None:
@@ -44,9 +43,7 @@ def test_flicker_by_hand() -> None:
     after = row(5.5, 0.0, 0.0, 5.0, 9.0, 9.0)
     static = np.array([[True, True, True, True, False, True]])
     flicker = flicker_of([before, after], [row(5, 5, 5, 5, 5, 5), row(5, 5, 5, 5, 5, np.inf)], [static | True, static])
-    assert (flicker.pixels, flicker.changes, flicker.switched) == (4, 1, 2)
-    assert flicker.mean_change_m == pytest.approx(0.5)
-    assert flicker.switched_share == pytest.approx(2 / 4)
+    assert (flicker.changes, flicker.mean_change_m) == (1, pytest.approx(0.5))
 
 
 def test_a_pixel_counts_again_as_soon_as_it_rests() -> None:
@@ -58,9 +55,7 @@ def test_a_pixel_counts_again_as_soon_as_it_rests() -> None:
 
 
 def test_one_frame_has_no_flicker() -> None:
-    flicker = flicker_of([row(5)], [row(5)], [row(5) > 0])
-    assert flicker.mean_change_m is None
-    assert flicker.switched_share is None
+    assert flicker_of([row(5)], [row(5)], [row(5) > 0]).mean_change_m is None
 
 
 def test_a_depth_that_is_written_over_afterwards_was_taken_in_as_it_was() -> None:
@@ -69,7 +64,7 @@ def test_a_depth_that_is_written_over_afterwards_was_taken_in_as_it_was() -> Non
     flicker.add(depth_m, truth_m, static)
     depth_m[:], truth_m[:] = 7, 6
     flicker.add(depth_m, truth_m, static)
-    assert flicker.total.mean_change_m == pytest.approx(1.0)
+    assert flicker.mean_change_m == pytest.approx(1.0)
 
 
 def test_flicker_refuses_a_frame_of_another_size_and_a_depth_that_is_none() -> None:

@@ -98,6 +98,12 @@ def test_a_case_by_hand() -> None:
     assert sums.psnr_db(40.0) == pytest.approx(10 * np.log10(1600 / (4.5 / 4)))
 
 
+def test_exactly_five_percent_of_the_truth_is_close() -> None:
+    truth_m = np.full((1, 1), 10.0, np.float32)
+    close = [Sums.of(np.full_like(truth_m, depth), truth_m, truth_m > 0).close for depth in (9.49, 9.5, 10.5, 10.51)]
+    assert close == [0, 1, 1, 0]
+
+
 def test_exactly_ten_percent_is_neither_too_far_nor_too_near() -> None:
     truth_m = np.array([[10.0, 11.0]], np.float32)
     depth_m = np.array([[11.0, 10.0]], np.float32)

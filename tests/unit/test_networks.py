@@ -26,7 +26,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_shipped_network_is_small_and_its_card_tells_how_it_was_made(name: str) -> None:
-    content, card = (FOLDER / f"{name}.onnx").read_bytes(), read_card(FOLDER / f"{name}.toml").model_dump()
+    content, card = (FOLDER / f"{name}.onnx").read_bytes(), read_card(FOLDER / f"{name}.toml")
     assert len(content) == card["bytes"] <= LARGEST_BYTES
     assert hashlib.sha256(content).hexdigest() == card["sha256"]
     assert card["parameters"] <= 500_000
@@ -69,9 +69,7 @@ class TestBadFiles:
         with pytest.raises(ConfigError, match=rf"cannot read .*{name}\.{suffix}: .*restore it with pip install"):
             load(name, folder)
 
-    @pytest.mark.parametrize(
-        "text", ["format = [", "format = 1", 'format = "1"\nsha256 = ""', 'format = 1\nsha256 = "x"']
-    )
+    @pytest.mark.parametrize("text", ["format = [", "format = 1", "format = 1\nsha256 = 2"])
     def test_a_damaged_card_is_refused(self, name: str, text: str, folder: Path) -> None:
         (folder / f"{name}.toml").write_text(text)
         with pytest.raises(ConfigError, match=rf"{name}\.toml.*restore it with pip install") as told:

@@ -172,14 +172,11 @@ def test_without_a_gpu_cuda_is_refused_in_one_line() -> None:
         VoxDepth(CAMERA, CONFIG.model_copy(update={"device": "cuda"}))
 
 
-@pytest.mark.parametrize("device", ["warp-cpu", "auto"])
-def test_any_device_gives_the_bits_of_the_cpu(device: str) -> None:
-    if device == "auto" and cuda_devices():
-        pytest.skip("a GPU may round differently")
+def test_warp_gives_the_bits_of_the_cpu() -> None:
     depths, gray = [flat(10.0)] * 5 + [flat(0.0)], texture(0)
     pytest.importorskip("warp")
     expected = feed(VoxDepth(CAMERA, CONFIG), depths, gray)[-1]
-    found = feed(VoxDepth(CAMERA, CONFIG.model_copy(update={"device": device})), depths, gray)[-1]
+    found = feed(VoxDepth(CAMERA, CONFIG.model_copy(update={"device": "warp-cpu"})), depths, gray)[-1]
     assert (found.source == Source.MEMORY).mean() > 0.9
     np.testing.assert_array_equal(found.depth_m, expected.depth_m)
     np.testing.assert_array_equal(found.source, expected.source)
@@ -198,9 +195,8 @@ def approaching(start_m: float, step_m: float, n: int) -> list[Frame]:
     return frames
 
 
-@pytest.mark.parametrize("motion", ["constant", "per_frame"])
-def test_a_moving_camera_fuses_its_window_into_the_last_frame(motion: str) -> None:
-    config = VoxDepthConfig(window_frames=8, fusion_lag_frames=0, motion=motion)  # type: ignore[arg-type]
+def test_a_moving_camera_fuses_its_window_into_the_last_frame() -> None:
+    config = VoxDepthConfig(window_frames=8, fusion_lag_frames=0)
     *window, last = approaching(10.0, 0.1, 8)
     corrector = VoxDepth(CAMERA, config)
     for frame in window:

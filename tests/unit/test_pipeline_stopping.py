@@ -200,14 +200,14 @@ def test_a_pipeline_that_is_closed_before_its_first_frame_reads_none() -> None:
 def test_many_runs_of_every_kind_end() -> None:
     rng = np.random.default_rng(11)
     for _ in range(200):
-        n_frames, fails, stops, queue_size = (int(x) for x in rng.integers([0, 0, 0, 1], [8, 16, 16, 3]))
+        n_frames, fails, stops = (int(x) for x in rng.integers(0, [8, 16, 16]))
         corrector = [
             Staged(fail_at(fails, BROKEN)),
             Staged(nothing, fail_at(fails, BROKEN)),
             Whole(fail_at(fails, BROKEN)),
         ][int(rng.integers(3))]
         read = []
-        pipeline = CorrectionPipeline(corrector, frames(n_frames), queue_size=queue_size)
+        pipeline = CorrectionPipeline(corrector, frames(n_frames))
         closer = threading.Thread(target=pipeline.close)
         try:
             for pair in pipeline:

@@ -109,25 +109,6 @@ def test_what_was_written_reads_back_to_the_last_bit(seed: int, width: int, heig
             recording[1]
 
 
-@st.composite
-def any_intrinsics(draw: st.DrawFn) -> Intrinsics:
-    sizes = {name: draw(st.integers(1, 2**16)) for name in ("width_px", "height_px")}
-    lengths = {name: draw(st.floats(1e-3, 1e3)) for name in ("fx_px", "fy_px")}
-    lengths["baseline_m"] = draw(st.floats(1e-3, 10))
-    centre = {
-        name: draw(st.floats(-0.5, 1.5)) * sizes[side] for name, side in (("cx_px", "width_px"), ("cy_px", "height_px"))
-    }
-    return Intrinsics(**sizes, **lengths, **centre)
-
-
-@given(any_intrinsics())
-def test_intrinsics_read_back_equal(intrinsics: Intrinsics) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        with RecordingWriter(Path(folder), intrinsics=intrinsics, config_text=""):
-            pass
-        assert Recording.open(Path(folder)).intrinsics == intrinsics
-
-
 def test_the_table_has_the_time_and_the_pose_of_every_frame(whole: Path) -> None:
     rows = np.loadtxt(whole / "frames.csv", delimiter=",", skiprows=1)
     for row, capture in zip(rows, FRAMES, strict=True):

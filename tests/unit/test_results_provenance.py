@@ -21,7 +21,7 @@ def test_versions_are_those_that_are_installed() -> None:
 def test_a_result_says_what_it_was_made_with() -> None:
     found = tools.Provenance.here()
     assert found.versions["voxdepth"] == version("voxdepth")
-    assert found.processor and found.logical_processors >= 1
+    assert tools.processor_name() in found.machine
     assert found.commit is None or len(found.commit.rstrip("+")) >= 12
 
 

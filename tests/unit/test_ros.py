@@ -115,6 +115,8 @@ def test_compressed_depth_of_16_bits_is_read_with_and_without_a_header() -> None
         (with_header, "16UC1; compressedDepth png"),
         (with_header, "mono16; compressedDepth"),
         (without, "16UC1; png compressed "),
+        (with_header, ""),
+        (without, ""),
     ):
         np.testing.assert_array_equal(depth_of(a_compressed(data, format)), UNITS / np.float32(1000))
 

@@ -6,6 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -70,42 +71,22 @@ def test_a_frame_becomes_what_the_corrector_makes_of_it() -> None:
         np.testing.assert_allclose(gray_of(made["confidence"]) / 255, expected.confidence, atol=0.002)
 
 
-def counted(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
-    """What happens to correctors: cameras of new ones, and resets."""
-    events: list[tuple[str, Any]] = []
-
-    class Passing:
-        uses_gray = False
-
-        def __init__(self, camera: Intrinsics) -> None:
-            events.append(("new", camera))
-            self._inner = create_corrector("median", camera)
-
-        def reset(self) -> None:
-            events.append(("reset", None))
-            self._inner.reset()
-
-        def process(self, frame: Any) -> Any:
-            return self._inner.process(frame)
-
-        def close(self) -> None:
-            events.append(("close", None))
-
-    monkeypatch.setattr(CorrectorSpec, "create", lambda self, camera: Passing(camera))
-    return events
-
-
 def test_another_camera_gets_a_new_corrector_and_an_earlier_stamp_a_new_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Any] = []
+
+    def create(spec: CorrectorSpec, camera: Intrinsics) -> Any:
+        made.append(mock.Mock(wraps=create_corrector("median", camera), close=mock.Mock()))
+        return made[-1]
+
+    monkeypatch.setattr(CorrectorSpec, "create", create)
     corrector = stream().MessageCorrector(CorrectorSpec(name="median"), baseline_m=0.07)
-    events = counted(monkeypatch)
     for stamp_ns in (S, 2 * S, S, 3 * S):
         corrector.correct(gray_message(stamp_ns), depth_message(stamp_ns), info_message())
-    assert events == [("new", CAMERA), ("reset", None)]
+    assert [call[0] for call in made[0].method_calls] == ["process", "process", "reset", "process", "process"]
     corrector.correct(gray_message(S, WIDE), depth_message(S, WIDE), info_message(WIDE))
-    assert [kind for kind, _ in events[2:]] == ["close", "new"]
-    assert events[3][1].shape == WIDE.shape
+    assert [len(made), made[0].method_calls[-1][0], made[1].close.called] == [2, "close", False]
     corrector.close()
-    assert events[-1][0] == "close"
+    made[1].close.assert_called_once()
 
 
 @pytest.mark.parametrize(

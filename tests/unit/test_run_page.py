@@ -2,10 +2,12 @@
 
 import base64
 import io
+import json
 import re
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from scenarios import runner
@@ -36,6 +38,7 @@ def test_a_run_leaves_a_page_that_needs_nothing_else(tmp_path: Path) -> None:
     pages = [(folder / "summary.html").read_text() for folder in folders if folder is not None]
     assert pages[0] == pages[1], "the same run gives the same page"
     assert folders[0] is not None
+    assert json.loads((folders[0] / "metrics.json").read_text())["seed"] == 3
     for text in ("city, seed 3: depth truth, corrector raw", "<b>timeout</b>", "voxdepth run config.toml", "numpy"):
         assert text in pages[0]
     assert "run.rrd" not in pages[0], "there is no recording"
@@ -48,7 +51,7 @@ def test_a_run_leaves_a_page_that_needs_nothing_else(tmp_path: Path) -> None:
 def test_a_flight_counts_epochs_and_warns_if_frames_mostly_pass_through(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, window: int, passed: bool, ends: int
 ) -> None:
-    monkeypatch.setattr(runner, "draw_flight", lambda path, *_: path.touch())
+    monkeypatch.setattr(runner, "flight_figure", lambda *_: Figure())
     corrector = {"name": "voxdepth", "config": {"window_frames": window, "fusion_lag_frames": 0, "max_epoch_frames": 2}}
     changes = QUICK | images_of(96, 54) | {"corrector": corrector, "mission.cruise_speed_m_s": 1e-6}
     run = load_run("city", 3, changes)

@@ -82,17 +82,19 @@ def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Pa
     path.write_text(to_toml(run))
     assert load_run(str(path), None, {}) == run
     assert load_run(str(path), None, {"corrector": "temporal"}) == with_corrector("temporal")
+    path.write_text(to_toml(run).replace("seed = 0\n", "seed = 7\n", 1))
+    assert [load_run(str(path), seed, {}).seed for seed in (None, 0)] == [7, 0]
 
 
 def test_settings_in_brackets_are_keys_of_the_configuration() -> None:
-    assert parse_corrector("voxdepth[window_frames=8,motion=per_frame]")[1] == {
-        "window_frames": 8, "motion": "per_frame",
+    assert parse_corrector("voxdepth[window_frames=8,device=warp-cpu]")[1] == {
+        "window_frames": 8, "device": "warp-cpu",
     }  # fmt: skip
     assert parse_corrector("voxdepth[voxels.cell_m=[0.2,0.2,0.1],voxels.a=1,b.c=x]")[1] == {
         "voxels": {"cell_m": [0.2, 0.2, 0.1], "a": 1}, "b": {"c": "x"},
     }  # fmt: skip
-    config = with_corrector("voxdepth[window_frames=8,motion=per_frame]").scenario.corrector.resolved_config()
-    assert (config.window_frames, config.motion) == (8, "per_frame")
+    config = with_corrector("voxdepth[window_frames=8,device=warp-cpu]").scenario.corrector.resolved_config()
+    assert (config.window_frames, config.device) == (8, "warp-cpu")
 
 
 @pytest.mark.parametrize(

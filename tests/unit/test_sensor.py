@@ -8,23 +8,32 @@ from sim.camera_noise import exposure_gain
 from sim.depth_noise import DepthNoise, Disparity, Flicker, Scale
 from sim.errors import SensorError
 from sim.render import create_renderer
-from sim.sensor import RigConfig, StereoSensor, lowered
+from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher, occlusion_mask
-from sim.types import BodyPose, Capture
+from sim.types import BodyPose, Capture, Images
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
+from voxdepth.types import Intrinsics
 
 BASELINE_M = 0.095
 THETA = DepthNoise(scale=Scale(theta=0.3))
+WIDE = RigConfig(width_px=640, height_px=360).intrinsics
+POSE = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
 
 
-def stereo_pair(distance_m: float, width: int = 640, height: int = 360) -> tuple:
-    from voxdepth.types import Intrinsics
-
-    intrinsics = Intrinsics.from_hfov(width_px=width, height_px=height, hfov_deg=86, baseline_m=BASELINE_M)
-    with world_of(wall(distance_m)) as world:
+def stereo_pair(*bodies: Body, intrinsics: Intrinsics = WIDE) -> tuple[Images, Images]:
+    """What the left and the right camera see."""
+    with world_of(*bodies) as world:
         cameras = [camera_at(0, side * BASELINE_M / 2, 0, intrinsics=intrinsics) for side in (1, -1)]
         left, right = create_renderer("raycast", world).render(cameras)
-    return intrinsics, left, right
+    return left, right
+
+
+def capture_of(*bodies: Body, seed: int = 0, **config: object) -> Capture:
+    """What a drone at the origin measures."""
+    with world_of(*bodies, starts_m=[(0, 0, 0)]) as world:
+        renderer = create_renderer("raycast", world, threads=1)
+        (capture,) = StereoSensor(world, renderer, RigConfig.model_validate(config), seed=seed).captures([0], 0)
+    return capture
 
 
 @pytest.mark.parametrize("renderer", ["raycast", "tiny"])
@@ -46,10 +55,10 @@ def test_where_nothing_is_depth_is_infinite(renderer: str) -> None:
 
 @pytest.mark.parametrize("distance_m", [2.0, 7.0])
 def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) -> None:
-    intrinsics, left, right = stereo_pair(distance_m)
-    matcher = StereoMatcher(intrinsics, StereoConfig(min_texture=0), max_depth_m=40.0)
+    left, right = stereo_pair(wall(distance_m))
+    matcher = StereoMatcher(WIDE, StereoConfig(min_texture=0), max_depth_m=40.0)
     disparity = matcher.match(left.gray, right.gray)[0] / 16
-    expected = intrinsics.fx_px * BASELINE_M / distance_m
+    expected = WIDE.fx_px * BASELINE_M / distance_m
     valid = disparity[:, int(expected) + 8 :] >= 0
     assert valid.mean() > 0.97
     error = disparity[:, int(expected) + 8 :][valid] - expected
@@ -59,24 +68,19 @@ def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) 
 
 
 def test_the_left_band_that_the_right_camera_misses_is_as_wide_as_the_disparity() -> None:
-    intrinsics, left, right = stereo_pair(2.0)
-    occluded = occlusion_mask(left.depth_m, right.depth_m, intrinsics)
-    expected = intrinsics.fx_px * BASELINE_M / 2.0
+    left, right = stereo_pair(wall(2.0))
+    occluded = occlusion_mask(left.depth_m, right.depth_m, WIDE)
+    expected = WIDE.fx_px * BASELINE_M / 2.0
     assert abs(occluded.sum(axis=1) - expected).max() <= 1
     assert occluded[:, : int(expected) - 1].all()
 
 
 def test_the_shadow_beside_a_box_has_the_width_of_the_disparity_difference() -> None:
-    from voxdepth.types import Intrinsics
-
-    intrinsics = Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86, baseline_m=BASELINE_M)
     front_m, back_m = 2.0, 6.0
-    with world_of(wall(back_m), block(front_m, 1.0)) as world:
-        cameras = [camera_at(0, side * BASELINE_M / 2, 0, intrinsics=intrinsics) for side in (1, -1)]
-        left, right = create_renderer("raycast", world).render(cameras)
-    occluded = occlusion_mask(left.depth_m, right.depth_m, intrinsics)
-    band = int(intrinsics.fx_px * BASELINE_M / back_m) + 3
-    expected = intrinsics.fx_px * BASELINE_M * (1 / front_m - 1 / back_m)
+    left, right = stereo_pair(wall(back_m), block(front_m, 1.0))
+    occluded = occlusion_mask(left.depth_m, right.depth_m, WIDE)
+    band = int(WIDE.fx_px * BASELINE_M / back_m) + 3
+    expected = WIDE.fx_px * BASELINE_M * (1 / front_m - 1 / back_m)
     assert abs(occluded[180, band:].sum() - expected) <= 1
     assert not occluded[5, band:].any()
 
@@ -90,12 +94,11 @@ def test_far_surfaces_and_holes_are_told_apart() -> None:
 
 
 def test_bright_frames_saturate_and_dark_ones_lose_their_texture() -> None:
-    pose = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
     config = RigConfig(width_px=160, height_px=120, mount_forward_m=0.0, exposure_sigma=1.2)
     darkest, *_, brightest = sorted(range(100), key=lambda frame: exposure_gain(1.2, 0, frame, seed=0))
     with world_of(wall(3.0)) as world:
         sensor = StereoSensor(world, create_renderer("raster", world), config, seed=0)
-        dark, bright = (sensor.capture(sensor.render([pose], frame)[0]) for frame in (darkest, brightest))
+        dark, bright = (sensor.capture(sensor.render([POSE], frame)[0]) for frame in (darkest, brightest))
     assert (bright.gray_left == 255).mean() > 0.9
     assert (bright.depth_raw_m == 0).mean() > 0.5
     assert dark.gray_left.mean() < 20
@@ -128,9 +131,7 @@ def test_a_capture_of_some_drones_is_part_of_the_capture_of_all() -> None:
 
 
 def test_the_noisy_tier_has_holes_where_the_right_camera_is_blocked() -> None:
-    config = RigConfig(width_px=160, height_px=120, depth="noisy")
-    with world_of(wall(6.0), block(2.0, 1.0), starts_m=[(0, 0, 0)]) as world:
-        (capture,) = StereoSensor(world, create_renderer("raycast", world), config, seed=0).captures([0], 0)
+    capture = capture_of(wall(6.0), block(2.0, 1.0), width_px=160, height_px=120, depth="noisy")
     np.testing.assert_array_equal(capture.depth_raw_m == 0, capture.occluded)
     assert 0.01 < capture.occluded.mean() < 0.2
     seen = ~capture.occluded
@@ -138,36 +139,25 @@ def test_the_noisy_tier_has_holes_where_the_right_camera_is_blocked() -> None:
 
 
 def test_a_baseline_wider_than_the_image_can_match_is_refused() -> None:
-    config = RigConfig(width_px=160, height_px=120, baseline_m=2.0)
-    with world_of(wall(4.0), starts_m=[(0, 0, 0)]) as world, pytest.raises(SensorError, match="shorten the baseline"):
-        StereoSensor(world, create_renderer("raycast", world), config, seed=0)
+    with pytest.raises(SensorError, match="shorten the baseline"):
+        capture_of(wall(4.0), width_px=160, height_px=120, baseline_m=2.0)
 
 
 @pytest.mark.parametrize("radius_m", [0.01, 0.1])
 def test_thin_things_cast_shadows_as_wide_as_themselves_at_most(radius_m: float) -> None:
     pole = Body(name="pole", kind="building", shape=Cylinder(radius_m, 6.0), position_m=(2.0, 0.0, 0.0))
-    intrinsics = RigConfig(width_px=640, height_px=360).intrinsics
-    with world_of(wall(6.0), pole) as world:
-        cameras = [camera_at(0, side * BASELINE_M / 2, 0, intrinsics=intrinsics) for side in (1, -1)]
-        left, right = create_renderer("raycast", world).render(cameras)
-    band = int(intrinsics.fx_px * BASELINE_M / 6.0) + 3
-    occluded = occlusion_mask(left.depth_m, right.depth_m, intrinsics)[180, band:].sum()
-    step_px = intrinsics.fx_px * BASELINE_M * (1 / 2.0 - 1 / 6.0)
-    assert abs(occluded - min(step_px, 2 * radius_m / 2.0 * intrinsics.fx_px)) <= 1.5
+    left, right = stereo_pair(wall(6.0), pole)
+    band = int(WIDE.fx_px * BASELINE_M / 6.0) + 3
+    occluded = occlusion_mask(left.depth_m, right.depth_m, WIDE)[180, band:].sum()
+    step_px = WIDE.fx_px * BASELINE_M * (1 / 2.0 - 1 / 6.0)
+    assert abs(occluded - min(step_px, 2 * radius_m / 2.0 * WIDE.fx_px)) <= 1.5
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 75])
 def test_slanted_walls_hide_nothing_of_themselves(yaw_deg: float) -> None:
-    slanted = Body(
-        name="slanted",
-        kind="building",
-        shape=Box((0.2, 60.0, 60.0)),
-        position_m=(4.0, 0.0, 0.0),
-        yaw_rad=np.radians(yaw_deg),
-    )
-    with world_of(slanted) as world:
-        cameras = [camera_at(0, side * BASELINE_M / 2, 0) for side in (1, -1)]
-        left, right = create_renderer("raycast", world).render(cameras)
+    shape = Box((0.2, 60.0, 60.0))
+    slanted = Body(name="slanted", shape=shape, position_m=(4.0, 0.0, 0.0), yaw_rad=np.radians(yaw_deg))
+    left, right = stereo_pair(slanted, intrinsics=CAMERA)
     occluded = occlusion_mask(left.depth_m, right.depth_m, CAMERA)
     col = np.arange(CAMERA.width_px) - CAMERA.fx_px * BASELINE_M / left.depth_m
     assert not occluded[col >= 0.5].any()
@@ -175,13 +165,12 @@ def test_slanted_walls_hide_nothing_of_themselves(yaw_deg: float) -> None:
 
 
 def test_every_sensor_model_with_a_right_image_reports_occlusion() -> None:
-    pose = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
     masks = []
     with world_of(wall(6.0), block(2.0, 1.0)) as world:
         for depth in ("truth", "noisy", "stereo"):
             config = RigConfig(depth=depth, mount_forward_m=0.0)
             sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=0, right=True)
-            masks.append(sensor.capture(sensor.render([pose], 0)[0]).occluded)
+            masks.append(sensor.capture(sensor.render([POSE], 0)[0]).occluded)
     assert masks[0].sum() > 100
     np.testing.assert_array_equal(masks[0], masks[1])
     np.testing.assert_array_equal(masks[0], masks[2])
@@ -189,9 +178,8 @@ def test_every_sensor_model_with_a_right_image_reports_occlusion() -> None:
 
 def test_the_sky_keeps_its_depth_under_noise_and_nothing_reads_farther() -> None:
     noise = DepthNoise(scale=Scale(theta=0.5), disparity=Disparity(sigma_px=0.05))
-    config = RigConfig(width_px=160, height_px=120, depth="noisy", noise=noise, max_depth_m=40.0)
-    with world_of(wall(30.0, side_m=20.0), starts_m=[(0, 0, 0)]) as world:
-        (capture,) = StereoSensor(world, create_renderer("raycast", world), config, seed=1).captures([0], 0)
+    rig = {"width_px": 160, "height_px": 120, "depth": "noisy", "noise": noise, "max_depth_m": 40.0}
+    capture = capture_of(wall(30.0, side_m=20.0), seed=1, **rig)
     sky = np.isinf(capture.depth_true_m)
     assert sky.mean() > 0.2
     assert capture.depth_raw_m.max() <= 40.0
@@ -206,34 +194,15 @@ def test_noise_that_makes_no_sense_is_refused() -> None:
     assert RigConfig(photon_sigma=3.0, stereo=StereoConfig(min_texture=4.0)).photon_sigma == 3.0
 
 
-def capture_of_a_wall(**config: object) -> Capture:
-    with world_of(wall(4.0), starts_m=[(0, 0, 0)]) as world:
-        renderer = create_renderer("raycast", world, threads=1)
-        (image,) = StereoSensor(world, renderer, RigConfig.model_validate(config), seed=0).captures([0], 0)
-    return image
-
-
 def share_within(image: Capture, share: float) -> float:
     error = np.abs(image.depth_raw_m - image.depth_true_m) / image.depth_true_m
     return float(np.mean((error <= share) & (image.depth_raw_m > 0)))
 
 
 def test_less_light_means_more_noise_and_less_depth() -> None:
-    images = [capture_of_a_wall(light_stops=stops) for stops in (0.0, -3.0, -6.0)]
+    images = [capture_of(wall(4.0), light_stops=stops) for stops in (0.0, -3.0, -6.0)]
     noise = [float(np.std(np.diff(image.gray_left[::2].astype(float), axis=1))) for image in images]
     assert noise == sorted(noise)
     depth = [share_within(image, 0.1) for image in images]
     assert depth[0] > 0.8
     assert depth[0] > depth[1] + 0.1 > depth[2] + 0.2
-
-
-def test_rows_that_are_out_of_line_cost_depth() -> None:
-    shares = [share_within(capture_of_a_wall(misalignment_px=rows), 0.1) for rows in (0.0, 1.0, 2.0, 4.0)]
-    assert shares[0] > shares[1] + 0.02 > shares[2] + 0.1 > shares[3] + 0.4
-
-
-@pytest.mark.parametrize("rows", [-1, 2])
-def test_an_image_is_lowered_by_whole_rows(rows: int) -> None:
-    gray = np.random.default_rng(0).integers(0, 256, (20, 30), dtype=np.uint8)
-    inside = slice(max(rows, 0), 20 + min(rows, 0))
-    np.testing.assert_array_equal(lowered(gray, rows)[inside], np.roll(gray, rows, axis=0)[inside])

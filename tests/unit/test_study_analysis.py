@@ -133,7 +133,9 @@ def test_hits_are_those_of_leaders_and_followers_apart() -> None:
     )
     records = {key: replace(one, drones=drones) for key, one in data.records.items()}
     (a,), (without,) = summary(replace(data, records=records)), summary(data)
-    found = {measure.name: estimate.value for measure in MEASURES if (estimate := a.estimate(measure))}
+    found = {
+        measure.heading.partition(" [")[0]: estimate.value for measure in MEASURES if (estimate := a.estimate(measure))
+    }
     assert found["hits of leaders"] == pytest.approx(100 / 40)
     assert found["hits of followers"] == pytest.approx(100 / 200)
     assert found["unsafe commitments"] == pytest.approx(300 / 240)

@@ -48,7 +48,7 @@ def test_every_arm_flies_every_level_of_the_axis_unless_it_names_its_own_and_see
     assert [(s.arm, s.level) for s in specs] == [*((a, s) for a in "ab" for s in STOPS), ("full", 0.0)] * 2
     assert [s.run.scenario.rig.light_stops for s in specs[:9]] == list(STOPS)
     assert specs[1].title == "scenario city, arm a at -0.5, seed 0"
-    assert by_importance(planned, specs, specs) == specs
+    assert by_importance(planned, specs) == specs
 
 
 @pytest.mark.parametrize(

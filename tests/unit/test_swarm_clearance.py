@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from scenarios.config import Scenario, load_run
 from scenarios.files import shipped_names
+from sim.drone import VELOCITY_GAIN_PER_S
 from sim.render import create_renderer
 from sim.sensor import RigConfig, StereoSensor
 from swarm.approach import DECEL_M_S2, DRONE_GAP_M, neighbour_limits, stopping_speed_m_s
@@ -70,10 +71,9 @@ def sight_needed_m(scenario: Scenario, speed_m_s: float) -> float:
 
     To the reaction belongs the time by which the airframe follows its commands late.
     """
-    airframe = scenario.airframe
-    reaction_s = 1 / scenario.rig.rate_hz + scenario.latency_s + 1 / airframe.velocity_gain_per_s
+    reaction_s = 1 / scenario.rig.rate_hz + scenario.latency_s + 1 / VELOCITY_GAIN_PER_S
     stop_m = stopping_distance_m(speed_m_s, reaction_s)
-    return stop_m + airframe.radius_m + scenario.mission.pilot.keep_m - scenario.rig.mount_forward_m
+    return stop_m + scenario.airframe.radius_m + scenario.mission.pilot.keep_m - scenario.rig.mount_forward_m
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Holes that are filled by votes: the situations of an axis, the memory, the previous fill, and bad input."""
 
+from itertools import product
 from typing import Any
 
 import cv2
@@ -8,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.temporal_scenes import depth_of
 from voxdepth import TemporalConfig, TemporalCorrector
 from voxdepth.temporal import filling
 from voxdepth.temporal.filling import HoleFiller, Known
-from voxdepth.temporal.rays import AXES, COLS, ROWS, trace_rays
+from voxdepth.temporal.rays import AXES, COLS, ROWS, Rays, march, trace_rays
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics, MaskImage
 
@@ -34,7 +36,7 @@ class Result:
             np.asarray(votes.get(name, 0) * (known_px == 0), np.float32) for name in ("memory", "seen", "previous")
         ]
         self.inpainted, self.border = HoleFiller(resolution, shadow_factor).fill(
-            Known(known_px, *others), FULL.depth(full_px)
+            Known(known_px, *others), depth_of(FULL, full_px)
         )
         self.disparity_px = np.kron(known_px + self.inpainted.disparity_px, np.ones((decimation,) * 2))
         self.probability = np.kron(self.inpainted.probability, np.ones((decimation,) * 2))
@@ -53,6 +55,15 @@ def with_holes(true_px: Any, hole: MaskImage) -> FloatImage:
     return np.where(hole, 0, true_px).astype(np.float32)
 
 
+def nearest(known_px: FloatImage, row: int, col: int, ray: int) -> tuple[float, float]:
+    """Disparity of the nearest known pixel along a ray, and the number of steps to it."""
+    sign, steps, end_px = 1 if ray < AXES else -1, 0, np.float32(0)
+    while end_px == 0 and 0 <= row < known_px.shape[0] and 0 <= col < known_px.shape[1]:
+        steps, end_px = steps + 1, known_px[row, col]
+        row, col = row + sign * ROWS[ray % AXES], col + sign * COLS[ray % AXES]
+    return float(end_px), steps - 1 if end_px > 0 else np.inf
+
+
 @given(seeds, st.floats(0.05, 0.95))
 @settings(max_examples=10)
 def test_every_ray_ends_at_the_nearest_known_pixel(seed: int, holes: float) -> None:
@@ -60,15 +71,21 @@ def test_every_ray_ends_at_the_nearest_known_pixel(seed: int, holes: float) -> N
     known_px = np.where(rng.random((11, 17)) < holes, 0, rng.uniform(1, 9, (11, 17))).astype(np.float32)
     place = np.ascontiguousarray(np.argwhere(known_px == 0), np.int32)
     rays = trace_rays(known_px, place)
-    for k, (row, col) in enumerate(place):
-        for ray in range(2 * AXES):
-            sign, steps, end_px = 1 if ray < AXES else -1, 0, np.float32(0)
-            v, u = row, col
-            while end_px == 0 and 0 <= v < 11 and 0 <= u < 17:
-                steps, end_px = steps + 1, known_px[v, u]
-                v, u = v + sign * ROWS[ray % AXES], u + sign * COLS[ray % AXES]
-            assert rays.end_px[ray, k] == end_px
-            assert rays.steps[ray, k] == (steps - 1 if end_px > 0 else np.inf)
+    for k, ray in product(range(len(place)), range(2 * AXES)):
+        assert (rays.end_px[ray, k], rays.steps[ray, k]) == nearest(known_px, *place[k], ray)
+    full_px, number = (
+        np.kron(known_px, np.ones((2, 2), np.float32)),
+        np.repeat(np.arange(len(place), dtype=np.int32), 4),
+    )
+    border = np.ascontiguousarray(
+        2 * place[number] + np.tile([[0, 0], [0, 1], [1, 0], [1, 1]], (len(place), 1)), np.int32
+    )
+    of_pixels = Rays.empty(2 * AXES, len(border))
+    march(known_px, depth_of(FULL, full_px), FULL.focal_baseline_px_m, border, number, rays.steps, of_pixels)
+    for k, ray in product(range(len(border)), (0, 2, AXES, AXES + 2)):  # Rows and columns: diagonals may pass others.
+        end_px, steps = nearest(full_px, *border[k], ray)
+        assert of_pixels.steps[ray, k] == steps
+        assert of_pixels.end_px[ray, k] == pytest.approx(end_px)
 
 
 class TestSurfaces:
@@ -136,7 +153,8 @@ class TestDiscontinuities:
         measured_px = np.where(edge > COL, FAR_PX, NEAR_PX)
         hole = (edge - 7 <= COL) & (edge > COL)
         frames = [
-            Frame(stamp_s=k / 30, gray=texture(), depth_m=FULL.depth(with_holes(measured_px, hole))) for k in range(3)
+            Frame(stamp_s=k / 30, gray=texture(), depth_m=depth_of(FULL, with_holes(measured_px, hole)))
+            for k in range(3)
         ]
         corrector = TemporalCorrector(CAMERA, TemporalConfig(decimation=2))
         shown_px = FULL.disparity([corrector.process(frame) for frame in frames][-1].depth_m)
@@ -178,8 +196,9 @@ class TestMemoryAndPreviousFill:
     def result(self, **votes: Any) -> Result:
         return Result(with_holes(FAR_PX, self.HOLE), **votes)
 
-    def test_a_memory_without_evidence_is_outvoted_by_near_ends(self) -> None:
+    def test_a_memory_without_evidence_is_outvoted_by_ends_that_agree(self) -> None:
         np.testing.assert_allclose(self.result(memory=9).disparity_px[self.RIM], FAR_PX, atol=0.01)
+        np.testing.assert_allclose(self.result(memory=9).disparity_px[self.MIDDLE], FAR_PX, atol=0.01)
 
     def test_a_memory_that_was_seen_often_from_a_camera_at_rest_outvotes_them(self) -> None:
         result = self.result(memory=9, seen=12)
@@ -216,7 +235,7 @@ class TestBadInput:
     @DECIMATIONS
     def test_a_corner_is_continued_by_little(self, decimation: int) -> None:
         measured_px = with_holes(FAR_PX, (ROW >= 20) | (COL >= 20))
-        frame = Frame(stamp_s=0, gray=texture(), depth_m=FULL.depth(measured_px))
+        frame = Frame(stamp_s=0, gray=texture(), depth_m=depth_of(FULL, measured_px))
         shown = TemporalCorrector(CAMERA, TemporalConfig(decimation=decimation)).process(frame).depth_m > 0
         assert 400 <= np.count_nonzero(shown) < 2000
 

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.temporal_scenes import CAMERA, ROOM, frame_of, pose, render
+from tests.temporal_scenes import CAMERA, ROOM, depth_of, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
+from voxdepth.image_pool import ImagePool
 from voxdepth.temporal.confidence import UNANIMOUS_FILL, estimate_confidence
 from voxdepth.temporal.forward_warp import ForwardWarp
 from voxdepth.temporal.fusion import PixelClass
@@ -28,7 +29,7 @@ ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=
 
 def measurement_of(full_px: FloatImage, decimation: int, camera: Intrinsics = CAMERA) -> Measurement:
     resolution = WorkingResolution.of(camera, decimation)
-    frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=resolution.depth(full_px))
+    frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=depth_of(resolution, full_px))
     return measure(frame, resolution)
 
 
@@ -114,7 +115,7 @@ class TestMeasurement:
 def shown_from(full_px: FloatImage, estimate: Estimate, camera: Intrinsics = CAMERA) -> Shown:
     """The output from estimates at half resolution, by a measurement at full resolution."""
     resolution = WorkingResolution.of(camera, 2)
-    return Upsampler(camera.shape, resolution).show(resolution.depth(full_px), estimate)
+    return Upsampler(camera.shape, resolution).show(depth_of(resolution, full_px), estimate)
 
 
 def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage, camera: Intrinsics = CAMERA) -> FloatImage:
@@ -371,3 +372,23 @@ def test_large_images_are_remembered_at_half_their_size() -> None:
     ):  # fmt: skip
         camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70)
         assert default_decimation(camera) == decimation, f"{width_px} x {height_px}"
+
+
+def address(image: np.ndarray) -> int:
+    return int(image.__array_interface__["data"][0])
+
+
+def test_memory_is_used_again_when_nobody_holds_the_image_or_a_part_of_it() -> None:
+    pool = ImagePool((3, 5), np.uint8)
+    image = pool.image()
+    before = address(image)
+    del image
+    assert address(pool.image()) == before
+    part = pool.image()[1:, ::2].T.view(np.int8)
+    buffer = memoryview(pool.image()).cast("B")
+    held = pool.image()
+    held[...], part[...] = 1, 2
+    for _ in range(10):
+        pool.image()[...] = 3
+    assert (held == 1).all() and (part == 2).all()
+    assert len(buffer) == 15 and set(buffer) != {3}

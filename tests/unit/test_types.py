@@ -242,7 +242,11 @@ def test_metres_with_some_sky_get_no_warning() -> None:
 @pytest.mark.parametrize("size", [(320, 240), (213, 160), (640, 480)])
 def test_an_image_that_is_resized_after_matching_keeps_the_error_of_its_depth(size: tuple[int, int]) -> None:
     camera = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=80, baseline_m=0.1)
-    assert camera.scaled(*size).focal_baseline_px_m == pytest.approx(camera.focal_baseline_px_m)
+    small, x, y = camera.scaled(*size), 0.3, -0.2
+    assert small.focal_baseline_px_m == pytest.approx(camera.focal_baseline_px_m)
+    u, v = camera.fx_px * x + camera.cx_px, camera.fy_px * y + camera.cy_px
+    assert small.fx_px * x + small.cx_px == pytest.approx((u + 0.5) * size[0] / 640 - 0.5)
+    assert small.fy_px * y + small.cy_px == pytest.approx((v + 0.5) * size[1] / 480 - 0.5)
 
 
 @pytest.mark.parametrize(("max_width_px", "shape"), [(320, (182, 320)), (1, (1, 1)), (1000, (363, 640))])

@@ -1,4 +1,4 @@
-"""Laws of the voxel grid."""
+"""Laws of the voxel grid, on the CPU and on Warp's CPU device, and that both give the same bits."""
 
 import numpy as np
 import pytest
@@ -6,18 +6,43 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from tests.voxel_twins import integrate_points, occupied_centres
-from voxdepth.geometry import back_project, transform
+from tests.helpers import project_nearest
+from voxdepth.geometry import PointArray, back_project, transform
+from voxdepth.paper.steps import create_grid
 from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
-from voxdepth.types import Intrinsics
+from voxdepth.paper.warp_voxels import WarpVoxelGrid
+from voxdepth.types import FloatImage, Intrinsics
 
 SMALL = VoxelConfig(half_width_m=6.0, half_height_m=4.0, depth_m=10.0)
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80)
+TURNED = np.array([[0.98, -0.05, 0.2, 0.1], [0.06, 0.99, -0.02, -0.2], [-0.2, 0.03, 0.97, 0.3], [0, 0, 0, 1]])
+DEPTHS = {
+    "empty": np.zeros(CAMERA.shape, np.float32),
+    "one pixel": np.where(np.arange(48 * 64).reshape(48, 64) == 777, np.float32(3.3), np.float32(0)),
+    "nan": np.full(CAMERA.shape, np.nan, np.float32),
+    "beyond": np.full(CAMERA.shape, 1e9, np.float32),
+    "infinite": np.full(CAMERA.shape, np.inf, np.float32),
+    "negative": np.full(CAMERA.shape, -2.0, np.float32),
+}
+DEVICES = pytest.mark.parametrize("device", ["cpu", "warp-cpu"])
+Grid = VoxelGrid | WarpVoxelGrid
 
 
-def cloud(seed: int, n: int = 500) -> np.ndarray:
+def depth_image(seed: int) -> FloatImage:
     rng = np.random.default_rng(seed)
-    return (rng.uniform(-1, 1, size=(n, 3)) * [5, 3, 4] + [0, 0, 5]).astype(np.float32)
+    return np.where(rng.random(CAMERA.shape) < 0.3, 0, rng.uniform(0.2, 12, CAMERA.shape)).astype(np.float32)
+
+
+def both_grids(config: VoxelConfig = SMALL) -> tuple[VoxelGrid, WarpVoxelGrid]:
+    return VoxelGrid(config, CAMERA), WarpVoxelGrid(config, CAMERA, device="cpu")
+
+
+def cells(points_m: PointArray, config: VoxelConfig = SMALL) -> set[tuple[int, ...]]:
+    """The cells of points within the grid."""
+    found = np.floor(points_m / np.array(config.cell_m)).astype(int)
+    half = np.array(config.shape) // (2, 2, 1)
+    inside = (found >= -half * (1, 1, 0)).all(axis=1) & (found < half).all(axis=1)
+    return set(map(tuple, found[inside].tolist()))
 
 
 def test_the_default_grid_is_packed_in_less_than_48_megabytes() -> None:
@@ -26,41 +51,53 @@ def test_the_default_grid_is_packed_in_less_than_48_megabytes() -> None:
     assert grid.words.nbytes * 8 == pytest.approx(np.prod(VoxelConfig().shape), rel=1e-5)
 
 
-@given(st.integers(0, 1000))
-def test_every_point_is_within_half_a_voxel_of_an_occupied_centre(seed: int) -> None:
-    points, grid = cloud(seed, 40), VoxelGrid(SMALL, CAMERA)
-    integrate_points(grid, points)
-    centres = occupied_centres(grid)
-    assert len(centres) <= len(points)
-    off_cells = np.abs(points[:, None] - centres[None]) / np.array(SMALL.cell_m)
-    assert (off_cells.max(axis=2).min(axis=1) <= 0.5 + 1e-3).all()
-
-
-def test_clearing_empties_the_grid() -> None:
-    grid = VoxelGrid(SMALL, CAMERA)
-    integrate_points(grid, cloud(0))
+@DEVICES
+@pytest.mark.parametrize("T", [np.eye(4), TURNED])
+def test_images_mark_the_cells_of_their_moved_points_until_the_grid_is_cleared(device: str, T: np.ndarray) -> None:
+    grid, expected = create_grid(device, SMALL, CAMERA), set()  # type: ignore[arg-type]
+    for seed in (1, 2):
+        grid.integrate(depth_image(seed), T)
+        expected |= cells(transform(T, back_project(depth_image(seed), CAMERA)))
+    found = cells(grid.occupied().centres_m)
+    assert len(found ^ expected) <= 0.002 * len(expected)  # points on the border of two cells, by rounding
     grid.clear()
-    assert len(occupied_centres(grid)) == 0
+    assert len(grid.occupied().centres_m) == 0
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.3])
-def test_images_give_the_voxels_of_their_moved_points(yaw: float) -> None:
-    depth_m = np.random.default_rng(1).uniform(1, 8, CAMERA.shape).astype(np.float32)
-    depth_m[::7] = 0
-    T = np.eye(4)
-    T[:3, :3] = [[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]]
-    T[:3, 3] = 0.2, -0.1, 0.5
-    by_image, by_points = VoxelGrid(SMALL, CAMERA), VoxelGrid(SMALL, CAMERA)
-    by_image.integrate(depth_m, T)
-    integrate_points(by_points, transform(T, back_project(depth_m, CAMERA)))
-    differing = np.bitwise_count(by_image.words ^ by_points.words).sum()
-    assert differing <= 0.002 * len(occupied_centres(by_points))  # points on the border of two cells, by rounding
+@given(st.integers(0, 1000))
+def test_both_grids_have_the_same_bits_and_project_the_nearest_centres(seed: int) -> None:
+    host, warp = both_grids()
+    for depth_m, T in ((depth_image(seed), np.eye(4)), (depth_image(seed + 1), TURNED)):
+        host.integrate(depth_m, T)
+        warp.integrate(depth_m, T)
+    np.testing.assert_array_equal(host.words, warp._words.numpy())
+    expected = project_nearest(host.occupied().centres_m, CAMERA)
+    assert expected.any()
+    np.testing.assert_array_equal(host.project(), expected)
+    np.testing.assert_array_equal(warp.project(), expected)
 
 
-def test_cells_may_be_chosen() -> None:
-    coarse = VoxelGrid(SMALL.model_copy(update={"cell_m": (1.0, 1.0, 1.0)}), CAMERA)
-    integrate_points(coarse, np.array([[0.2, 0.2, 3.2], [0.7, 0.9, 3.9], [1.2, 0.2, 3.2]], np.float32))
-    np.testing.assert_array_equal(occupied_centres(coarse), [[0.5, 0.5, 3.5], [1.5, 0.5, 3.5]])
+@DEVICES
+@pytest.mark.parametrize("name", DEPTHS)
+@pytest.mark.parametrize("T", [np.eye(4), TURNED])
+def test_only_what_is_a_depth_within_the_grid_is_marked(device: str, name: str, T: np.ndarray) -> None:
+    grid = create_grid(device, SMALL, CAMERA)  # type: ignore[arg-type]
+    grid.integrate(DEPTHS[name], T)
+    assert len(grid.occupied().centres_m) == (name == "one pixel")
+    assert np.isfinite(grid.project()).all()
+
+
+@pytest.mark.parametrize("sides", [(3, 2, 900), (40, 3, 7), (1, 1, 1)])
+def test_grids_whose_rows_end_within_a_word_are_projected_alike(sides: tuple[int, int, int]) -> None:
+    x, y, z = sides
+    config = VoxelConfig(cell_m=(0.1, 0.1, 0.01), half_width_m=0.1 * x, half_height_m=0.1 * y, depth_m=0.01 * z)
+    host, warp = both_grids(config)
+    host.words[:] = np.random.default_rng(5).integers(0, 2**32, config.n_words, np.uint32)
+    host.words[-1] = 0  # Its last bits belong to no cell.
+    warp._words.assign(host.words)
+    expected = project_nearest(host.occupied().centres_m, CAMERA)
+    np.testing.assert_array_equal(host.project(), expected)
+    np.testing.assert_array_equal(warp.project(), expected)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 
 from sim import frames
 from sim.bodies import Body, Box, Heightfield, Mesh, Scene, Weather, WindConfig
-from sim.drone import GRAVITY_M_S2, AirframeConfig, VelocityController, Wind
+from sim.drone import (
+    DRAG_PER_S,
+    GRAVITY_M_S2,
+    MAX_THRUST_TO_WEIGHT,
+    VELOCITY_GAIN_PER_S,
+    AirframeConfig,
+    VelocityController,
+    Wind,
+)
 from sim.errors import SceneError
 from sim.render import RendererName, create_renderer
 from sim.scenes import CitySpec
@@ -47,7 +55,7 @@ def test_the_law_turns_with_the_world_about_the_vertical_and_obeys_its_limits(
         here = controllers[0].actuate(velocity, attitude, rates, desired, yaw_rad, DT_S)
         there = controllers[1].actuate(velocity @ R.T, turned, rates @ R.T, desired @ R.T, yaw_rad + turn_rad, DT_S)
         np.testing.assert_allclose(here @ R.T, there, rtol=1e-9, atol=1e-9 * (1 + speed_m_s))
-    most_n = CONFIG.max_thrust_to_weight * CONFIG.mass_kg * GRAVITY_M_S2
+    most_n = MAX_THRUST_TO_WEIGHT * CONFIG.mass_kg * GRAVITY_M_S2
     assert all(0 <= thrust_n <= most_n for thrust_n in controllers[0].thrust_n)
 
 
@@ -109,6 +117,8 @@ def test_contacts_are_recorded_once_with_what_was_hit() -> None:
     first = next(c for c in world.contacts if c.other == "wall")
     assert 1.0 < first.time_s < 2.0
     assert first.speed_m_s == pytest.approx(2.9, abs=0.3)
+    (head_on,) = (c for c in world.contacts if c.kind == "drone")
+    assert head_on.speed_m_s == pytest.approx(3.6, abs=0.3), "both speeds add up"
 
 
 def test_clearance_is_the_gap_to_the_collision_sphere() -> None:
@@ -147,18 +157,16 @@ def test_worlds_do_not_share_a_client_and_repeat_bit_by_bit() -> None:
 
 def test_wind_carries_a_drone_along_until_its_controller_holds_against_it() -> None:
     """The controller is proportional: the drone drifts at the speed at which its command balances the force."""
-    config = AirframeConfig()
-    gain_per_s = config.velocity_gain_per_s + config.drag_per_s
+    gain_per_s = VELOCITY_GAIN_PER_S + DRAG_PER_S
     weather = Weather(wind=WindConfig(mean_m_s=(0.0, 6.0, 0.0)))
     with World(Scene(seed=1, bodies=(), weather=weather), np.array([[0.0, 0.0, 5.0]])) as world:
         fly(world, [go(0, 0, 0)], 4)
         drift_m_s = world.states[0].velocity_m_s
-    np.testing.assert_allclose(drift_m_s, [0, config.drag_per_s * 6.0 / gain_per_s, 0], atol=0.01)
+    np.testing.assert_allclose(drift_m_s, [0, DRAG_PER_S * 6.0 / gain_per_s, 0], atol=0.01)
 
 
 def test_gusts_have_their_deviation_and_settle() -> None:
-    airframe = AirframeConfig(drag_per_s=0.5)
-    wind = Wind(WindConfig(mean_m_s=(2.0, 0.0, 0.0), gust_m_s=1.5, gust_s=0.1), airframe, 1 / 240, seed=3)
+    wind = Wind(WindConfig(mean_m_s=(10.0, 0.0, 0.0), gust_m_s=7.5, gust_s=0.1), CONFIG, 1 / 240, seed=3)
     force_n = np.array([wind.step_n() for _ in range(60_000)])
     np.testing.assert_allclose(force_n.mean(axis=0), [1.2, 0, 0], atol=0.06)
     np.testing.assert_allclose(force_n.std(axis=0), 1.5 * 0.6, rtol=0.06)

@@ -40,7 +40,7 @@ class Baseline(ABC):
         """Correct a frame, see `CorrectedDepth.of`.
 
         Raises:
-            FrameError: The frame has another size than the camera, or no pose although the method needs it.
+            FrameError: The frame has another size than the camera.
         """
         if self._intrinsics is not None:
             frame.require_shape(self._intrinsics.shape)

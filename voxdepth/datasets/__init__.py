@@ -16,10 +16,7 @@ from ..types import Frame, Intrinsics
 if TYPE_CHECKING:
     from ..ros import Header
 
-__all__ = ["DATASET_FORMATS", "Dataset", "open_dataset"]
-
-DATASET_FORMATS = ("tum", "realsense", "recording", "bag")
-"""All formats, in the order in which they are tried."""
+__all__ = ["Dataset", "open_dataset"]
 
 WITHIN_S = 0.02
 """Largest difference of the times of two images of one frame, unless it is stated."""
@@ -29,7 +26,7 @@ class Dataset(Protocol):
     """Frames of one camera on disk, in order of time. An image is read when its frame is requested."""
 
     format: str
-    """One of `DATASET_FORMATS`."""
+    """`tum`, `realsense`, `recording` or `bag`."""
     intrinsics: Intrinsics
     """Intrinsics of the camera; every frame has its shape."""
 
@@ -53,7 +50,6 @@ class Dataset(Protocol):
 
 def open_dataset(
     path: Path,
-    format: str = "auto",
     *,
     intrinsics: Intrinsics | None = None,
     depth_topic: str | None = None,
@@ -61,11 +57,10 @@ def open_dataset(
     within_s: float = WITHIN_S,
     units_per_m: float | None = None,
 ) -> Dataset:
-    """Open a dataset: a folder, or the file of a bag.
+    """Open a dataset: a folder, or the file of a bag. The first format whose files are there is taken.
 
     Args:
         path: The unpacked archive of the dataset, the folder that the camera's tool exported to, or a bag.
-        format: One of `DATASET_FORMATS`; `auto` takes the first whose files are there.
         intrinsics: Intrinsics of the camera. They take precedence over a `calibration.toml` in the folder, which has
             the fields of `Intrinsics`, and that over the intrinsics of the format.
         depth_topic: Topic of the depth in a bag; needed where several are there.
@@ -76,7 +71,7 @@ def open_dataset(
             precedence over the one of a `calibration.toml`, and that over the one of the format.
 
     Raises:
-        ConfigError: There is no such format, topics are named for another format than a bag, or `within_s` is negative.
+        ConfigError: Topics are named for another format than a bag, or `within_s` is negative.
         FrameError: `units_per_m` makes no sense.
         DatasetError: The folder is missing or of no known format, or a list or calibration in it is damaged.
         ModuleNotFoundError: It is a bag, and the package `rosbags` is not installed.
@@ -87,24 +82,21 @@ def open_dataset(
     from .recording import RecordingDataset
     from .tum import TumDataset
 
-    if format != "auto" and format not in DATASET_FORMATS:
-        raise ConfigError(f"there is no dataset format {format!r}; choose one of: auto, {', '.join(DATASET_FORMATS)}")
     if not 0 <= within_s < inf:
         raise ConfigError(f"within_s must be a number of seconds of at least 0, got {within_s}")
     path = Path(path)
     require_dataset(path, SUFFIXES)
-    classes = (TumDataset, RealSenseDataset, RecordingDataset, BagDataset)
-    readers = {reader.format: reader for reader in classes if format in ("auto", reader.format)}
+    folders = (TumDataset, RealSenseDataset, RecordingDataset)
     try:
-        lacking = {name: reader.lacking(path) for name, reader in readers.items()}
-        fitting = [name for name, lack in lacking.items() if not lack]
+        lacking = {reader.format: reader.lacking(path) for reader in (*folders, BagDataset)}
+        fitting = [reader for reader in folders if not lacking[reader.format]]
         options: dict[str, Any] = {"within_s": within_s, "units_per_m": units_per_m}
-        if fitting == [BagDataset.format] or (BagDataset.format in fitting and (depth_topic or gray_topic)):
+        if not lacking[BagDataset.format] and (depth_topic or gray_topic or not fitting):
             return BagDataset(path, intrinsics, depth_topic=depth_topic, gray_topic=gray_topic, **options)
         if depth_topic or gray_topic:
             raise ConfigError(f"only bags have topics: {path} is none")
         if fitting:
-            return readers[fitting[0]](path, intrinsics, **options)
+            return fitting[0](path, intrinsics, **options)
     except OSError as error:
         raise DatasetError(f"cannot look into {path} ({error}); check its permissions") from error
     needs = "; ".join(f"{name} lacks {lack}" for name, lack in lacking.items())

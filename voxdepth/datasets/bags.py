@@ -96,8 +96,7 @@ class BagDataset:
         units_per_m: float | None = None,
     ) -> None:
         found = bag_in(path)
-        if found is None:
-            raise DatasetError(f"expected a bag in {path}, got none or several: name a file ({', '.join(SUFFIXES)})")
+        assert found is not None, "nothing is lacking"
         self._path = path
         images = Images(Bag(found))
         depth = images.depth(depth_topic)
@@ -349,9 +348,6 @@ class Bag:
         from rosbags.typesys import Stores, get_typestore
 
         self.path = path
-        for part in list_folder(path):
-            if part.exists() and not (part.is_file() or part.is_dir()):  # To open a pipe would wait for its writer.
-                raise DatasetError(f"expected files in the bag {path}, got something else in {part}; restore it")
         with _bag_errors(path):
             # Definitions in the bag count before those of this store: some bags of ROS 2 have none.
             self._reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))

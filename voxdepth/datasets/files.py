@@ -1,6 +1,5 @@
 """Reading of folders, lists, calibrations and paths. A `DatasetError` names the file that is damaged, and its fault."""
 
-import sys
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import MISSING, asdict, fields
@@ -27,6 +26,8 @@ WANTED = {
     "height_px": "height of the images [px]",
 }
 """Fields that may not, and what they are."""
+LONGEST_REASON = 300
+"""Number of characters of an error that quotes a value of a file."""
 LARGEST_FILE_BYTES = 2**28
 """Larger files are no images or lists of one camera."""
 
@@ -162,21 +163,13 @@ def stated(intrinsics: Intrinsics) -> dict[str, int | float]:
 def intrinsics_from(values: Mapping[str, object], path: Path, found: Iterable[str] = ()) -> Intrinsics:
     """Intrinsics of the fields that the file `path` gives; those that have a default may be left out.
 
-    A `DatasetError` tells all problems at once, those that were found before first, with the missing lines as a note.
+    A `DatasetError` tells all unknown and missing keys at once, with the missing lines as a note, after what was found
+    before; else what is wrong with the first number that makes no sense.
     """
     kinds = {field.name: field.type for field in fields(Intrinsics)}
     known = (*kinds, UNITS_PER_M)
     unknown = [name for name in values if name not in kinds]
     found = [*found, *(f"unknown key {name!r}{did_you_mean(*similar(name, known))}" for name in unknown)]
-    numbers: dict[str, Any] = {}
-    for name, value in ((name, value) for name, value in values.items() if name in kinds):
-        number = as_number(value)
-        if number is None or (kinds[name] is int and type(value) is not int):
-            wanted = "a whole number" if kinds[name] is int else "a finite number"
-            got = str(value)[:80] if isinstance(value, str | int | float) else f"a {type(value).__name__}"
-            found.append(f"expected {wanted} for {name}, got {got}")
-        else:
-            numbers[name] = int(number) if kinds[name] is int else number
     if missing := [name for name in WANTED if name not in values]:
         found.append(f"it lacks {', '.join(missing)}: add these lines with the values of your camera")
     if found:
@@ -184,14 +177,11 @@ def intrinsics_from(values: Mapping[str, object], path: Path, found: Iterable[st
         for name in missing:
             error.add_note(f"{name} = {0 if kinds[name] is int else 'nan'}  # {WANTED[name]}")
         raise error
+    numbers: dict[str, Any] = dict(values)
     try:
+        for name, value in numbers.items():
+            if type(value) is int and kinds[name] is not int:
+                numbers[name] = float(value)
         return Intrinsics(**numbers)
-    except FrameError as error:
-        raise DatasetError(f"{path} describes no camera: {error}") from error
-
-
-def as_number(value: object) -> float | None:
-    """A value of a file as a finite number; None if it is none."""
-    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max:
-        return float(value)
-    return None
+    except (FrameError, OverflowError, RecursionError) as error:
+        raise DatasetError(f"{path} describes no camera: {str(error)[:LONGEST_REASON]}") from error

@@ -17,7 +17,7 @@ from typing import Any
 from ..errors import DatasetError
 from ..types import Intrinsics
 from ..units import Unit
-from .files import CALIBRATION, as_number, intrinsics_from, list_images, read_text
+from .files import CALIBRATION, intrinsics_from, list_images, read_text
 from .images import image_shape
 from .names import in_order
 from .pairs import Pair, PairedImages
@@ -28,6 +28,8 @@ METADATA = ("camera_intrinsic.json", "intrinsic.json")
 DEPTH_SUFFIXES = (".png", ".tiff", ".tif", ".npy")
 GRAY_SUFFIXES = (".png", ".jpg", ".jpeg")
 RATE_HZ = 30.0
+LARGEST = 1e12
+"""Larger numbers in the metadata make no sense."""
 
 
 class RealSenseDataset(PairedImages):
@@ -101,11 +103,10 @@ class RealSenseDataset(PairedImages):
         return intrinsics_from({**values, **sizes}, path)
 
     def _positive(self, key: str, default: float = 0.0) -> float:
-        number = as_number(self._metadata.get(key, default))
-        if number is None or number <= 0:
-            given = str(self._metadata[key])[:80]
-            raise DatasetError(f"expected a positive number for {key} in {self._metadata_path}, got {given}")
-        return number
+        value = self._metadata.get(key, default)
+        if not isinstance(value, int | float) or not 0 < value <= LARGEST:
+            raise DatasetError(f"expected a positive number for {key} in {self._metadata_path}, got {str(value)[:80]}")
+        return float(value)
 
 
 def _gray_folder(folder: Path) -> Path | None:

@@ -1,4 +1,4 @@
-"""Which pixels are judged, whether images fit together, bins of range, and which depths count as right."""
+"""Which pixels are judged, whether images fit together, and which depths count as right."""
 
 from dataclasses import fields
 from typing import Any, Self
@@ -8,15 +8,6 @@ import numpy.typing as npt
 
 from ..errors import FrameError
 from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, MaskImage
-
-RANGE_BINS_M: dict[str, tuple[float, float]] = {
-    "0-2 m": (0.0, 2.0),
-    "2-5 m": (2.0, 5.0),
-    "5-10 m": (5.0, 10.0),
-    "10-20 m": (10.0, 20.0),
-    "20+ m": (20.0, np.inf),
-}
-"""Lower bound (inclusive) and upper bound (exclusive) of the true depth of each bin [m]."""
 
 
 class Addable:
@@ -33,7 +24,8 @@ def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
     Raises:
         FrameError: The mask is not Boolean.
     """
-    require_mask(mask)
+    if mask.dtype != np.bool_:  # NumPy would take it for indices of rows.
+        raise FrameError(f"expected a mask of type bool, got {mask.dtype}; compare the image with 0 first")
     return np.asarray(mask & (truth_m > 0) & (truth_m < np.inf))
 
 
@@ -49,12 +41,6 @@ def select_judged(
     judged = judged_pixels(truth_m, mask)
     require_depth(depth_m[judged])
     return depth_m[judged], truth_m[judged]
-
-
-def require_mask(mask: npt.NDArray[Any]) -> None:
-    """Raise a `FrameError` for a mask that is not Boolean, which NumPy would take for indices of rows."""
-    if mask.dtype != np.bool_:
-        raise FrameError(f"expected a mask of type bool, got {mask.dtype}; compare the image with 0 first")
 
 
 def require_same_shape(**images: npt.NDArray[Any]) -> None:

@@ -13,27 +13,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ConfigDict, Field
 
 from ..errors import ConfigError
-from ..model import Model, explained
 
 FOLDER = Path(__file__).parent
 FORMAT = 1
 """Version of the inputs and outputs of the networks, which this library and a network must share."""
 EXTRA = "learned"
 Images = npt.NDArray[np.float32]
-
-
-class Card(Model):
-    """What is known of a network. Only the digest and the format matter to the library."""
-
-    model_config = ConfigDict(extra="allow")
-
-    format: int
-    """Has to be `FORMAT`."""
-    sha256: str = Field(pattern="^[0-9a-f]{64}$")
-    """Digest of the ONNX file."""
 
 
 class Network:
@@ -77,32 +64,33 @@ def load(name: str, folder: Path = FOLDER) -> Network:
     if not has_runtime():
         raise ConfigError(f"the network {name!r} needs ONNX Runtime: pip install 'voxdepth[{EXTRA}]'")
     file, card = folder / f"{name}.onnx", read_card(folder / f"{name}.toml")
-    if card.format != FORMAT:
+    if card["format"] != FORMAT:
         raise ConfigError(
-            f"{file} is a network of format {card.format}, and this version of voxdepth reads format {FORMAT}: install "
-            "the network and the library from the same version, or train it again"
+            f"{file} is a network of format {card['format']}, and this version of voxdepth reads format {FORMAT}: "
+            "install the network and the library from the same version, or train it again"
         )
     try:
         content = file.read_bytes()
     except OSError as error:
         raise ConfigError(f"cannot read the network {file}: {error.strerror}; {_RESTORE}") from error
     digest = hashlib.sha256(content).hexdigest()
-    if digest != card.sha256:
+    if digest != card["sha256"]:
         raise ConfigError(
-            f"{file} is damaged or of another version: expected the SHA-256 {card.sha256[:12]}..., got {digest[:12]}..."
-            f"; {_RESTORE}"
+            f"{file} is damaged or of another version: expected the SHA-256 {card['sha256'][:12]}..., got "
+            f"{digest[:12]}...; {_RESTORE}"
         )
     return Network(content)
 
 
-def read_card(file: Path) -> Card:
-    """Read the card of a network, or raise a `ConfigError`."""
+def read_card(file: Path) -> dict[str, Any]:
+    """What is known of a network, of which the library needs `format` and `sha256`; else it is a `ConfigError`."""
     try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
+        card = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read the card {file}: {str(error).splitlines()[0]}; {_RESTORE}") from error
-    with explained(Card, ConfigError, f"the card {file} is damaged, {_RESTORE}: "):
-        return Card.model_validate(content)
+    if not isinstance(card.get("sha256"), str) or "format" not in card:
+        raise ConfigError(f"the card {file} is damaged: expected the keys format and sha256; {_RESTORE}")
+    return card
 
 
 _RESTORE = f"restore it with pip install --force-reinstall 'voxdepth[{EXTRA}]'"

@@ -1,7 +1,5 @@
 """Configuration of the paper's method."""
 
-from typing import Literal
-
 import numpy as np
 from pydantic import Field, field_validator
 
@@ -9,7 +7,6 @@ from ..devices import DeviceName
 from ..model import Model
 from .voxels import LARGEST_EXTENT_M, VoxelConfig
 
-MotionModelName = Literal["constant", "per_frame"]
 NEAR_SHARE = 0.5
 """Share of the template's depth below which a pixel is too near. Paper: "less than half"."""
 LARGEST = float(np.finfo(np.float32).max)
@@ -25,9 +22,6 @@ class VoxDepthConfig(Model):
     fusion_lag_frames: int = Field(default=3, ge=0)
     """Frames from the last of a window to the first that its template corrects, while fusion runs in the background: 3
     frames are 100 ms at 30 Hz, slightly more than a fusion takes. 0 waits for it within the call."""
-    motion: MotionModelName = "constant"
-    """`constant`: the motion between the first two frames of a window holds for all, as in the paper. `per_frame`: it
-    is measured between all neighbours, which is slower and follows turns."""
     voxels: VoxelConfig = VoxelConfig()
     dilation_px: int = Field(default=5, ge=1, le=99)
     """Window whose farthest depth makes the projected cloud dense (Eq. dilate); odd. A larger one closes wider gaps and
@@ -49,8 +43,8 @@ class VoxDepthConfig(Model):
     median_size_px: int = 5
     """Window of the median filter against flicker: 1 (off), 3 or 5."""
     device: DeviceName = "cpu"
-    """What fuses and projects voxels: `cpu`, `cuda`, `warp-cpu` (the kernels of `cuda` without a GPU), or `auto`.
-    Frames are corrected on the CPU."""
+    """What fuses and projects voxels: `cpu`, `cuda`, or `warp-cpu` (the kernels of `cuda` without a GPU). Frames are
+    corrected on the CPU."""
 
     @field_validator("dilation_px")
     @classmethod

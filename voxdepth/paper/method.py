@@ -1,6 +1,6 @@
 """The method of the paper: templates that are fused in one state and correct frames in the other."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -13,9 +13,9 @@ from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compile_all, compiled
 from ..corrector import StreamCorrector, checked_config
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
-from .config import MotionModelName, VoxDepthConfig
+from .config import VoxDepthConfig
 from .epochs import Epochs, Template, VoxDepthDiagnostics
-from .odometry import Odometry, PhotometricOdometry, PriorsFirst
+from .odometry import Odometry, PhotometricOdometry, motion_between
 from .registration import ChainedRegistration, Features, OrbRegistration, Registration, RegistrationStatus
 from .steps import combine, create_grid, dilated, warped
 from .voxels import VoxelGrid
@@ -29,16 +29,12 @@ SENSOR_CONFIDENCE, OTHER_CONFIDENCE = np.float32(1), np.float32(0.5)
 That of `create_corrector` is a probability, see `voxdepth.calibration`.
 """
 
-MotionModel = Callable[[Sequence[Frame], Odometry], list[FloatArray | None]]
-"""Returns `T_last_frame`, shape (4, 4), of each frame; None for a frame whose pose is not known."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Aligned:
     """A frame with everything that its correction needs: the result of the first half of the work."""
 
     frame: Frame
-    template: Template | None
     diagnostics: VoxDepthDiagnostics
     timings_s: Mapping[str, float]
 
@@ -63,14 +59,11 @@ class VoxDepth(StreamCorrector):
         self._config = config
         registration = ChainedRegistration if config.chained else OrbRegistration
         self._registration = registration(config, camera.shape)
-        odometry = PriorsFirst(PhotometricOdometry(camera))
-        motion_model = MOTION_MODELS[config.motion]
         self._epochs = Epochs(
             partial(
                 fuse_window,
                 grid=create_grid(config.device, config.voxels, camera),
-                odometry=odometry,
-                motion_model=motion_model,
+                odometry=PhotometricOdometry(camera),
                 dilation_px=config.dilation_px,
             ),
             self._registration.follows,
@@ -113,12 +106,12 @@ class VoxDepth(StreamCorrector):
             epoch_end=epoch_end,
             template=template,
         )
-        return Aligned(frame=frame, template=template, diagnostics=diagnostics, timings_s=timer.times_s)
+        return Aligned(frame=frame, diagnostics=diagnostics, timings_s=timer.times_s)
 
     def combine(self, aligned: Aligned) -> CorrectedDepth:
         """Correct the aligned frame, which depends on nothing else."""
         timer, registration = StepTimer(aligned.timings_s), aligned.diagnostics.registration
-        measured_m, template = aligned.frame.depth_m, aligned.template if registration.ok else None
+        measured_m, template = aligned.frame.depth_m, aligned.diagnostics.template if registration.ok else None
         depth_m, source_before = measured_m, (measured_m > 0).view(np.uint8)
         with timer("warp"):  # from the original, since repeated warps would mix edges
             if template is not None:
@@ -160,29 +153,18 @@ def _label(
             confidence[row, col] = certain if is_valid else float32(0)
 
 
-def constant_velocity(window: Sequence[Frame], odometry: Odometry) -> list[FloatArray | None]:
-    """The motion between the first two frames holds for the whole window, as in the paper.
+def poses_in_last(window: Sequence[Frame], odometry: Odometry) -> list[FloatArray | None]:
+    """`T_last_frame`, shape (4, 4), of each frame of a window; None for a frame whose pose is not known.
 
-    Frame i is then `T^(n-1-i)` away from the last, which gives the cloud of the nested Eq. fuse up to voxel rounding.
-    Without that motion only the last frame has a pose.
+    As in the paper, the motion between the first two frames holds for the whole window: frame i is `T^(n-1-i)` away
+    from the last, which gives the cloud of the nested Eq. fuse up to voxel rounding. Without that motion only the last
+    frame has a pose.
     """
     last = len(window) - 1
-    T = odometry.estimate(window[0], window[1]) if last else None
+    T = motion_between(window[0], window[1], odometry) if last else None
     if T is None:
         return [*([None] * last), np.eye(4)]
     return [np.linalg.matrix_power(T, last - i) for i in range(len(window))]
-
-
-def motion_per_frame(window: Sequence[Frame], odometry: Odometry) -> list[FloatArray | None]:
-    """The motion is measured between all neighbours; frames before a failure have no pose."""
-    poses: list[FloatArray | None] = [None] * len(window)
-    T_last_frame = poses[-1] = np.eye(4)
-    for i in reversed(range(len(window) - 1)):
-        T = odometry.estimate(window[i], window[i + 1])
-        if T is None:
-            break
-        T_last_frame = poses[i] = T_last_frame @ T
-    return poses
 
 
 def fuse_window(
@@ -190,7 +172,6 @@ def fuse_window(
     features: Features,
     grid: "VoxelGrid | WarpVoxelGrid",
     odometry: Odometry,
-    motion_model: MotionModel,
     dilation_px: int,
 ) -> Template:
     """Fuse successive frames into a template in the camera of the last one, which has these features.
@@ -200,7 +181,7 @@ def fuse_window(
     timer = StepTimer()
     with timer("fused"):
         with timer("motion"):
-            poses = motion_model(window, odometry)
+            poses = poses_in_last(window, odometry)
         with timer("voxelise"):
             grid.clear()
             for frame, T_last_frame in zip(window, poses, strict=True):
@@ -217,6 +198,3 @@ def fuse_window(
         features=features,
         timings_s=timer.times_s,
     )
-
-
-MOTION_MODELS: dict[MotionModelName, MotionModel] = {"constant": constant_velocity, "per_frame": motion_per_frame}

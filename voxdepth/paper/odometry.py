@@ -74,7 +74,7 @@ class PhotometricOdometry:
     along facades and at most 22 mm over sunny ground. Over snow, where the texture is far away and a sideways
     translation looks like a rotation, errors were 5 mm in the median, but 3 of 44 were above 50 mm, the largest 166 mm,
     and the checks did not detect them. All of 216 pairs of different places failed. These figures and those of
-    the constants are printed by `pytest tests/bench/test_odometry.py -m bench -s`.
+    the constants are printed by `pytest tests/bench/test_odometry.py -m bench -s` at commit 5958986.
     """
 
     def __init__(self, intrinsics: Intrinsics) -> None:
@@ -100,28 +100,15 @@ class PhotometricOdometry:
         return np.asarray(T_target_source, np.float64) if solved else None
 
 
-class PriorsFirst:
-    """Odometry from the poses of both frames, or from another odometry if a frame has no pose.
+def motion_between(source: Frame, target: Frame, odometry: Odometry) -> FloatArray | None:
+    """`T_target_source` by the poses of both frames, or by an odometry if one has none; None if it is not found.
 
     Poses may jump, for example when a loop is closed, so their motion must be plausible as well.
     """
-
-    def __init__(self, odometry: Odometry) -> None:
-        self._odometry = odometry
-
-    def estimate(self, source: Frame, target: Frame) -> FloatArray | None:
-        """See `Odometry`."""
-        T = motion_of_priors(source, target)
-        if T is None:
-            return self._odometry.estimate(source, target)
-        return T if is_plausible(T) else None
-
-
-def motion_of_priors(source: Frame, target: Frame) -> FloatArray | None:
-    """`T_target_source` by the poses of two frames, shape (4, 4); None if a frame has no pose."""
     if source.T_world_cam is None or target.T_world_cam is None:
-        return None
-    return inverse_rigid(target.T_world_cam) @ source.T_world_cam
+        return odometry.estimate(source, target)
+    T = inverse_rigid(target.T_world_cam) @ source.T_world_cam
+    return T if is_plausible(T) else None
 
 
 def is_plausible(T: FloatArray) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from numba import float32, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled
-from ..devices import DeviceName, present
+from ..devices import DeviceName, require_device
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
 from .voxels import VoxelConfig, VoxelGrid
 
@@ -63,8 +63,8 @@ def combine(
 
 
 def create_grid(device: DeviceName, config: VoxelConfig, intrinsics: Intrinsics) -> "VoxelGrid | WarpVoxelGrid":
-    """Create an empty grid on a device, or raise a `ConfigError`, see `present`."""
-    device = present(device)
+    """Create an empty grid on a device, or raise a `ConfigError`, see `require_device`."""
+    require_device(device)
     if device == "cpu":
         return VoxelGrid(config, intrinsics)
     from .warp_voxels import WarpVoxelGrid

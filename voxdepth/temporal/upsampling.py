@@ -9,6 +9,7 @@ from numba import boolean, float32, int64, uint8, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
 from ..geometry import fill_from_nearest
+from ..image_pool import ImagePool
 from ..types import FloatImage, GrayImage, Source
 from .fusion import PixelClass
 from .rays import PLACES, Places
@@ -51,8 +52,8 @@ class Upsampler:
     """Makes the output for frames of one size from the working pixels."""
 
     def __init__(self, shape: tuple[int, int], resolution: WorkingResolution) -> None:
-        self._shape = shape
         self._resolution = resolution
+        self._floats, self._bytes = ImagePool(shape, np.float32), ImagePool(shape, np.uint8)
 
     def show(self, measured_m: FloatImage, estimate: Estimate, min_fill_confidence: float = 0.0) -> Shown:
         """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
@@ -62,7 +63,7 @@ class Upsampler:
 
         Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
         """
-        shown = Shown(*(np.empty(self._shape, kind) for kind in (np.float32, np.uint8, np.float32)))
+        shown = Shown(self._floats.image(), self._bytes.image(), self._floats.image())
         measured_m, resolution = np.ascontiguousarray(measured_m), self._resolution
         focal_baseline_px_m = resolution.focal_baseline_px_m
         disparity_px = estimate.disparity_px

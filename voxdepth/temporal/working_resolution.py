@@ -78,12 +78,6 @@ class WorkingResolution:
             disparity_px = np.float32(self.focal_baseline_px_m) / depth_m
         return np.where((disparity_px > 0) & (disparity_px <= MAX_DISPARITY_PX), disparity_px, np.float32(0))
 
-    def depth(self, disparity_px: FloatImage) -> FloatImage:
-        """Depth [m] of disparity [px], both of shape (H, W); 0 = invalid in both."""
-        with np.errstate(divide="ignore", over="ignore"):
-            depth_m = np.float32(self.focal_baseline_px_m) / disparity_px
-        return np.where(disparity_px >= MIN_DISPARITY_PX, depth_m, np.float32(0))
-
 
 def require_large(camera: Intrinsics, what: str) -> None:
     """Raise a `ConfigError`, which says what needs it, for images with a side below `MIN_SIDE_PX`."""

@@ -1,8 +1,7 @@
 """Latency of the correctors, each frame with all of them in turn on one core.
 
-The frames are a few in memory that are played for as long as the measurement lasts: of a recording, or drawn. The drawn
-ones are of a walk between boards on a plane. Their depth has the faults that cost time to correct: noise of the
-disparity, and no depth on bare boards, on the sky, and where the second camera does not see.
+The frames are drawn, of a walk between boards on a plane. Their depth has the faults that cost time to correct: noise
+of the disparity, and no depth on bare boards, on the sky, and where the second camera does not see.
 """
 
 import os
@@ -10,11 +9,9 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import cycle, islice
-from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import cv2
 import numpy as np
@@ -23,7 +20,6 @@ from .. import TemporalCorrector, VoxDepth
 from ..baselines.learned import Learned
 from ..baselines.realsense import RealSenseChain
 from ..corrector import StreamCorrector
-from ..datasets import open_dataset
 from ..devices import cuda_devices
 from ..networks import has_runtime
 from ..paper.config import VoxDepthConfig
@@ -31,9 +27,9 @@ from ..types import DepthCorrector, FloatArray, FloatImage, Frame, Intrinsics
 from .table import Column, Table, Value
 
 N_IMAGES, RATE_HZ = 16, 30.0
-"""Number of images in a loop."""
-WALK = Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86, baseline_m=0.095)
-"""The camera that walks."""
+"""Number of images, which are played forwards and backwards in turn, and their rate."""
+HFOV_DEG, BASELINE_M = 86.0, 0.095
+"""Horizontal field of view and baseline of the camera."""
 SPEED_M_S, HEIGHT_M, FARTHEST_M = 1.2, 1.4, 14.0
 """Speed and height of the camera, and the depth from which on there is sky."""
 N_BOARDS, BARE_SHARE, BARE_GRAY = 24, 0.25, 220.0
@@ -42,53 +38,60 @@ DISPARITY_NOISE_PX, TEXTURE_PX_PER_M = 0.1, 40.0
 FRAME = "whole frame"
 N_FRAMES, WARM_UP_FRAMES = 300, 20
 """Frames that are timed, and those before the clock starts: caches and clock rates need them."""
-PERCENTILES = {"p50_ms": 50, "p95_ms": 95, "p99_ms": 99, "max_ms": 100}
+PERCENTILES = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
 Method = Callable[[Frame], Mapping[str, float]]
 """Processes a frame and returns the times [s] of its steps, and of the whole as `FRAME`."""
-Latencies = dict[str, dict[str, dict[str, float]]]
-"""Percentiles and `n` by method and step, whose last one is `FRAME`."""
+Latencies = dict[str, dict[str, list[float]]]
+"""Times of all frames [s] by method and step, whose last one is `FRAME`."""
 
 
-@dataclass(frozen=True, eq=False)
-class FrameLoop:
-    """Frames of one camera, which are played forwards and backwards in turn."""
-
-    intrinsics: Intrinsics
-    frames: Sequence[Frame]
-
-    @property
-    def size(self) -> str:
-        """Width and height, as in 640x360."""
-        return f"{self.intrinsics.width_px}x{self.intrinsics.height_px}"
-
-    def resized(self, width_px: int, height_px: int) -> "FrameLoop":
-        """A loop of images of another size, as of a camera that matches at it; gray is interpolated, depth is not."""
-
-        def images(frame: Frame) -> dict[str, Any]:
-            gray = cv2.resize(frame.gray, (width_px, height_px), interpolation=cv2.INTER_LINEAR)
-            depth_m = cv2.resize(frame.depth_m, (width_px, height_px), interpolation=cv2.INTER_NEAREST)
-            return {"gray": gray, "depth_m": depth_m}
-
-        camera = replace(self.intrinsics.scaled(width_px, height_px), disparity_scale=1)
-        return FrameLoop(camera, [replace(frame, **images(frame)) for frame in self.frames])
-
-    def play(self, frames: int) -> Iterator[Frame]:
-        """Yield that many frames at 30 Hz, in continuous motion; they share the images of the loop."""
-        order = cycle([*self.frames, *self.frames[-2:0:-1]])
-        return (replace(frame, stamp_s=k / RATE_HZ) for k, frame in enumerate(islice(order, frames)))
+def camera_of(width_px: int, height_px: int) -> Intrinsics:
+    """Return the camera that walks, with images of a size."""
+    return Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=HFOV_DEG, baseline_m=BASELINE_M)
 
 
-def load_frames(recording: Path | None) -> FrameLoop:
-    """Return the first frames of a recording, or drawn ones if there is none; a bad recording is a `DatasetError`."""
-    if recording is None:
-        return FrameLoop(WALK, list(walk(N_IMAGES)))
-    dataset = open_dataset(recording)
-    return FrameLoop(dataset.intrinsics, [dataset[index] for index in range(min(N_IMAGES, len(dataset)))])
+def measure(camera: Intrinsics, frames: int, others: Mapping[str, Method] = MappingProxyType({})) -> Latencies:
+    """Correct each drawn frame with each method in turn, after `WARM_UP_FRAMES` frames: with others, then ours."""
+    with one_core():
+        correctors = _correctors(camera)
+        methods = {**others, "realsense": _timed(RealSenseChain(camera))}
+        methods |= {name: _timed(each) for name, each in correctors.items()}
+        times_s: Latencies = {name: defaultdict(list) for name in methods}
+        for k, frame in enumerate(played(list(walk(N_IMAGES, camera)), WARM_UP_FRAMES + frames)):
+            for name, method in methods.items():
+                for step, time_s in method(frame).items():
+                    if k >= WARM_UP_FRAMES:
+                        times_s[name][step].append(time_s)
+        for corrector in correctors.values():
+            corrector.close()
+    return times_s
 
 
-def walk(frames: int, intrinsics: Intrinsics = WALK, seed: int = 0) -> Iterator[Frame]:
+def tables(size: str, latencies: Latencies) -> Iterator[Table]:
+    """A table of the methods, with the ratio of their median to that of the first, and one of each one's steps."""
+    columns = [Column(name, "ms") for name in PERCENTILES]
+    first_s = np.median(next(iter(latencies.values()))[FRAME])
+
+    def row(name: str, times_s: Sequence[float], last: Value) -> list[Value]:
+        return [name, *(1e3 * np.percentile(times_s, list(PERCENTILES.values()))).tolist(), last]
+
+    rows = [row(name, steps[FRAME], float(np.median(steps[FRAME]) / first_s)) for name, steps in latencies.items()]
+    yield Table.of(f"methods, {size}, one core, each frame in turn", ("method", *columns, "ratio"), rows)
+    for name, steps in latencies.items():
+        if len(steps) > 1:
+            rows = [row(step, times_s, len(times_s)) for step, times_s in steps.items()]
+            yield Table.of(f"{name}, {size}", ("step", *columns, "frames"), rows)
+
+
+def played(images: Sequence[Frame], frames: int) -> Iterator[Frame]:
+    """Yield that many frames in continuous motion, forwards and backwards in turn; they share the images."""
+    order = cycle([*images, *images[-2:0:-1]])
+    return (replace(frame, stamp_s=k / RATE_HZ) for k, frame in enumerate(islice(order, frames)))
+
+
+def walk(frames: int, intrinsics: Intrinsics) -> Iterator[Frame]:
     """Yield frames of a camera that walks straight ahead, at 30 Hz. The camera must have a baseline."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     layers = [cv2.resize(rng.random((n, n)), (512, 512)) for n in (16, 64, 256, 512)]
     noise = np.sum(layers, axis=0)
     texture = 20 + 215 * (noise - noise.min()) / np.ptp(noise)
@@ -122,45 +125,6 @@ def _measure(depth_m: FloatArray, i: Intrinsics, rng: np.random.Generator) -> Fl
     with np.errstate(divide="ignore"):
         measured_m = np.where(hidden | (noisy_px <= 0.25), 0, i.focal_baseline_px_m / noisy_px)
     return measured_m.astype(np.float32)
-
-
-def percentiles(times_s: Sequence[float]) -> dict[str, float]:
-    """Percentiles of at least one time in seconds, linear between the samples, and the sample size `n`."""
-    values_ms = 1e3 * np.percentile(times_s, list(PERCENTILES.values()))
-    return {"n": len(times_s), **dict(zip(PERCENTILES, values_ms.tolist(), strict=True))}
-
-
-def measure(loop: FrameLoop, frames: int, others: Mapping[str, Method] = MappingProxyType({})) -> Latencies:
-    """Correct each frame of a loop with each method in turn, after `WARM_UP_FRAMES` frames: with others, then ours."""
-    with one_core():
-        correctors = _correctors(loop.intrinsics)
-        methods = {**others, "realsense": _timed(RealSenseChain(loop.intrinsics))}
-        methods |= {name: _timed(each) for name, each in correctors.items()}
-        times_s: dict[str, dict[str, list[float]]] = {name: defaultdict(list) for name in methods}
-        for k, frame in enumerate(loop.play(WARM_UP_FRAMES + frames)):
-            for name, method in methods.items():
-                for step, time_s in method(frame).items():
-                    if k >= WARM_UP_FRAMES:
-                        times_s[name][step].append(time_s)
-        for corrector in correctors.values():
-            corrector.close()
-    return {name: {step: percentiles(series) for step, series in steps.items()} for name, steps in times_s.items()}
-
-
-def tables(size: str, methods: Latencies) -> Iterator[Table]:
-    """A table of the methods, and one of the steps of each corrector."""
-    columns = [Column(name.removesuffix("_ms"), "ms") for name in PERCENTILES]
-    first_ms = next(iter(methods.values()))[FRAME]["p50_ms"]
-
-    def row(name: str, latency: Mapping[str, float], last: float) -> list[Value]:
-        return [name, *(latency[percentile] for percentile in PERCENTILES), last]
-
-    rows = [row(name, steps[FRAME], steps[FRAME]["p50_ms"] / first_ms) for name, steps in methods.items()]
-    yield Table.of(f"methods, {size}, one core, each frame in turn", ("method", *columns, "ratio"), rows)
-    for name, steps in methods.items():
-        if len(steps) > 1:
-            rows = [row(step, latency, latency["n"]) for step, latency in steps.items()]
-            yield Table.of(f"{name}, {size}", ("step", *columns, "frames"), rows)
 
 
 def _correctors(intrinsics: Intrinsics) -> dict[str, StreamCorrector]:

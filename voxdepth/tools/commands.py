@@ -119,22 +119,22 @@ def _planned(
     """Resolve and check everything before anything is written."""
     from ..datasets.files import stated
     from ..registry import config_of
-    from .correction import Correction, CorrectionConfig
+    from .correction import Correction
     from .provenance import CORRECTION, versions
 
     if len(dataset) < (frames or 1):
         raise ToolError(f"{folder} has {len(dataset)} frames, {frames or 1} were asked for")
     resolved = spec.resolved_config() or config_of(spec.name)
-    planned = CorrectionConfig(
-        corrector=spec.name,
-        folder=folder.resolve().name,
-        format=dataset.format,
-        intrinsics=stated(dataset.intrinsics),
-        versions=versions(CORRECTION),
-        config=None if resolved is None else resolved.model_dump(mode="json", exclude_none=True),
-    )
+    made_from = {
+        "corrector": spec.name,
+        "folder": folder.resolve().name,  # Without its path, since a folder may be moved.
+        "format": dataset.format,
+        "intrinsics": stated(dataset.intrinsics),
+        "versions": versions(CORRECTION),
+        "config": None if resolved is None else resolved.model_dump(mode="json", exclude_none=True),
+    }
     return Correction(
-        config=planned,
+        made_from=made_from,
         dataset=dataset,
         frames=frames or len(dataset),
         corrector=spec.create(dataset.intrinsics),
@@ -239,29 +239,22 @@ def _comment(text: str | None) -> list[str]:
     return [f"# {line}" for line in textwrap.wrap(" ".join((text or "").split()), COMMENT_WIDTH)]
 
 
-def bench(
-    recording: Annotated[
-        Path | None, typer.Argument(metavar="DIR", help="A recorded sequence to measure with. Default: drawn frames.")
-    ] = None,
-    size: Annotated[str | None, typer.Option(help="Image size, as in 160x120. Default: that of the frames.")] = None,
-) -> None:
+def bench(size: Annotated[str, typer.Option(help="Image size.")] = "640x360") -> None:
     """Measure how fast the correctors are here, in all and step by step, beside a baseline that equals librealsense."""
     from rich.console import Console
 
-    from .benchmark import N_FRAMES, load_frames, measure, tables
+    from .benchmark import N_FRAMES, camera_of, measure, tables
     from .provenance import CORRECTION, Provenance
 
-    wanted = parsed_size(size)
-    if wanted is not None and not all(side in SIDES_PX for side in wanted):
+    width_px, height_px = parsed_size(size)
+    if not (width_px in SIDES_PX and height_px in SIDES_PX):
         sides = f"{SIDES_PX.start} to {SIDES_PX.stop - 1}"
         raise ToolError(f"--size must have {sides} pixels on each side, got {size}")
     made, console = Provenance.here(CORRECTION), Console()
-    loop = load_frames(recording)
-    loop = loop if wanted is None else loop.resized(*wanted)
-    with console.status(f"correcting {N_FRAMES} frames of {loop.size} with each method in turn"):
-        timings = measure(loop, N_FRAMES)
+    with console.status(f"correcting {N_FRAMES} frames of {size} with each method in turn"):
+        latencies = measure(camera_of(width_px, height_px), N_FRAMES)
     console.print(*made.lines(), sep="\n", soft_wrap=True, highlight=False)
-    for table in tables(loop.size, timings):
+    for table in tables(size, latencies):
         table.print(console)
 
 
@@ -270,21 +263,15 @@ def view(
     web: Annotated[
         bool, typer.Option("--web", help="Serve to a browser on 127.0.0.1 instead of opening a window.")
     ] = False,
-    port: Annotated[
-        int | None,
-        typer.Option(min=1024, max=65535, help="Port of the page of --web. Default: 9090, or else a free one."),
-    ] = None,
 ) -> None:
     """Open a recording in the Rerun viewer."""
     from .viewer import PARTIAL_RECORDING, RECORDING, open_viewer
 
-    if port is not None and not web:
-        raise ToolError("--port is the port of the page in a browser: give --web, too")
     whole, partial = path / RECORDING, path / PARTIAL_RECORDING
     if partial.is_file() and not whole.exists():
         typer.echo(f"the run has not ended or was killed: {partial} holds what it recorded so far", err=True)
         whole = partial
-    open_viewer(whole if path.is_dir() else path, web=web, port=port)
+    open_viewer(whole if path.is_dir() else path, web=web)
 
 
 def new(

@@ -33,24 +33,12 @@ Fact = str | int | float
 
 
 @dataclass(frozen=True, kw_only=True)
-class CorrectionConfig:
-    """Everything that a result depends on, except the images themselves."""
-
-    corrector: str
-    folder: str
-    """Name of the input folder without its path, since a folder may be moved."""
-    format: str
-    intrinsics: dict[str, int | float]
-    versions: dict[str, str]
-    config: dict[str, Any] | None = None
-    """Resolved configuration of the corrector; None for a corrector without one."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Correction:
     """A correction that is ready to run."""
 
-    config: CorrectionConfig
+    made_from: Mapping[str, Any]
+    """Everything that the result depends on, except the images themselves: name and configuration of the corrector,
+    name and format of the input folder, intrinsics, and versions."""
     dataset: Dataset
     frames: int
     """Number of frames of the dataset to correct, from the first one on."""
@@ -77,10 +65,10 @@ class Correction:
             self.output(path, self.dataset) as output,
         ):
             lines = list(self._correct(output, listener, progress))
-            report = _report(self.config, lines)
+            report = _report(self.made_from, lines)
             table = _csv([line.columns() for line in lines])
             text = json.dumps(report, indent=2, allow_nan=False) + "\n"
-            known = {name: value for name, value in vars(self.config).items() if value is not None}
+            known = {name: value for name, value in self.made_from.items() if value is not None}
             output.describe({CONFIG: tomli_w.dumps(known), FRAMES: table, REPORT: text})
         return report
 
@@ -99,8 +87,8 @@ class Correction:
             return nullcontext(lambda index, frame, corrected: None)
         from .recording import recording, scale_of
 
-        recording_id = f"{self.config.folder}-{self.config.corrector}"
-        has_stages = self.config.corrector == PAPER
+        recording_id = f"{self.made_from['folder']}-{self.made_from['corrector']}"
+        has_stages = self.made_from["corrector"] == PAPER
         return recording(path, recording_id, scale_of(self.dataset, self.frames), has_stages=has_stages)
 
 
@@ -140,13 +128,13 @@ def require_absent(out: Path) -> None:
         raise ToolError(f"{out} cannot be replaced as a whole: name a new folder in it")
 
 
-def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, Any]:
+def _report(made_from: Mapping[str, Any], lines: Sequence[FrameLine]) -> dict[str, Any]:
     """Summarise all frames. Everything that depends on the clock or the machine is below the key `wall`."""
     n_raw = sum(line.values["raw_pixels"] for line in lines)
     pixels = {source: sum(line.values[_column(source)] for line in lines) for source in Source}
     n_pixels, frame_s = sum(pixels.values()), [sum(line.wall_s.values()) for line in lines if line.wall_s]
     return {
-        **vars(config),
+        **made_from,
         "frames": len(lines),
         "pixel_shares": {source.name.lower(): n / n_pixels for source, n in pixels.items()},
         "raw_median_m": _spread([line.values["raw_median_m"] for line in lines if line.values["raw_pixels"]] or [0.0]),

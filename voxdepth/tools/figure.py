@@ -2,10 +2,9 @@
 
 import base64
 import io
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -15,18 +14,8 @@ if TYPE_CHECKING:
 DPI = 110
 PANEL_IN = (5.2, 3.8)
 """Width and height of a panel."""
-MARKERS = "os^vD<>phX*dP8"
-"""Marker of the k-th line or point."""
-N_COLORS = 20
-"""Number of colours of lines that are told apart: ten strong ones, and then ten pale ones."""
-LEGEND_COLUMNS = 8
+LEGEND_COLUMNS = 4
 """Largest number of entries side by side in a shared legend."""
-LETTERS_PER_IN = 14
-"""Letters of a legend that fit into an inch; a line and the gaps around it take as much as 7."""
-LEGEND_ROW_IN, LEGEND_MARGIN_IN = 0.175, 0.25
-"""Height of a row of a shared legend, and of what is around it."""
-FEW_DECADES, SOME_DECADES = 1.0, 3.0
-"""Axes of up to so many decades have ticks at equal distances, or at 1, 2 and 5; longer ones have powers of ten."""
 INVISIBLE = "\N{ZERO WIDTH SPACE}"
 
 Draw = Callable[["Axes"], None]
@@ -87,35 +76,12 @@ def panel_figure(
 
 
 def line_color(k: int) -> tuple[float, float, float]:
-    """Return the colour of the k-th line or point, RGB in 0..1; they begin again after `N_COLORS`."""
+    """Return the colour of the k-th line, RGB in 0..1: ten strong ones, then ten pale ones, and then these again."""
     from matplotlib import colormaps
 
     strong, pale = k % 10, k // 10 % 2  # The map has a strong and a pale one by turns.
     red, green, blue, _ = colormaps["tab20"](2 * strong + pale)
     return red, green, blue
-
-
-def label_axes(axes: "Axes", title: str, x: str, y: str) -> None:
-    """Set the title, both axis labels (with their units) and a grid."""
-    axes.set_title(title, fontsize=9, parse_math=False)
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(alpha=0.3)
-
-
-def log_scale(axes: "Axes", name: Literal["x", "y"]) -> None:
-    """Make an axis logarithmic once all is drawn; its ticks are plain numbers that do not touch each other."""
-    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
-
-    axes.set(**{f"{name}scale": "log"})
-    (low, high), axis = getattr(axes, f"get_{name}lim")(), getattr(axes, f"{name}axis")
-    decades = math.log10(high / low)
-    if decades <= FEW_DECADES:
-        axis.set_major_locator(MaxNLocator(5))
-    else:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades <= SOME_DECADES else (1,)))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
 
 
 def plotted(frame: "pd.DataFrame", title: str, x: str, y: str, **style: Any) -> Draw:
@@ -129,7 +95,9 @@ def plotted(frame: "pd.DataFrame", title: str, x: str, y: str, **style: Any) -> 
         frame.rename(columns=lambda name: legend_label(str(name))).plot(
             ax=axes, fontsize=7, legend=False, **looks | style
         )
-        label_axes(axes, title, x, y)
+        axes.set_title(title, fontsize=9, parse_math=False)
+        axes.set(xlabel=x, ylabel=y)
+        axes.grid(alpha=0.3)
         if len(frame.columns) > 1:
             axes.legend(fontsize=7)
 
@@ -148,10 +116,7 @@ def image_shown(title: str, image: Any, **style: Any) -> Draw:
 
 
 def add_shared_legend(figure: "Figure") -> None:
-    """Put one legend of all panels below them in the place of their own; the figure grows for it.
-
-    A dollar sign in a name begins no formula.
-    """
+    """Put one legend of all panels below the figure in the place of their own; no dollar sign begins a formula."""
     labels: dict[str, Any] = {}
     for axes in figure.axes:
         handles, names = axes.get_legend_handles_labels()
@@ -159,12 +124,8 @@ def add_shared_legend(figure: "Figure") -> None:
         if (own := axes.get_legend()) is not None:
             own.remove()
     if labels:
-        fitting = int(LETTERS_PER_IN * figure.get_figwidth() / (max(map(len, labels)) + 7))
-        columns = max(1, min(LEGEND_COLUMNS, fitting))
-        rows = -(-len(labels) // columns)
-        figure.set_figheight(figure.get_figheight() + LEGEND_ROW_IN * rows + LEGEND_MARGIN_IN)
-        place: dict[str, Any] = {"loc": "outside lower center", "ncols": columns, "fontsize": 8}
-        for text in figure.legend(list(labels.values()), list(labels), **place).get_texts():
+        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0), "ncols": LEGEND_COLUMNS}
+        for text in figure.legend(list(labels.values()), list(labels), fontsize=8, **below).get_texts():
             text.set_parse_math(False)
 
 
@@ -174,7 +135,7 @@ def legend_label(name: str) -> str:
 
 
 def png_of(figure: "Figure") -> bytes:
-    """Return a figure as PNG, without anything that changes from call to call."""
+    """Return a figure with all that is around it as PNG, without anything that changes from call to call."""
     data = io.BytesIO()
-    figure.savefig(data, format="png", metadata={"Software": None})
+    figure.savefig(data, format="png", metadata={"Software": None}, bbox_inches="tight")
     return data.getvalue()

@@ -1,7 +1,6 @@
 """Folders that one process at a time writes to."""
 
 import fcntl
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,20 +20,14 @@ def locked(folder: Path, busy: str) -> Iterator[None]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+        file = (folder / LOCK).open("a")
     except OSError as error:
         raise ToolError(f"cannot write to {folder}: {error.strerror}; choose a writable folder") from error
-    try:
-        _flock(handle, folder, busy)
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ToolError(busy) from error
+        except OSError as error:
+            raise ToolError(f"cannot lock {folder}: {error.strerror}; choose a folder on another disk") from error
         yield
-    finally:
-        os.close(handle)
-
-
-def _flock(handle: int, folder: Path, busy: str) -> None:
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise ToolError(busy) from error
-    except OSError as error:
-        raise ToolError(f"cannot lock {folder}: {error.strerror}; choose a folder on another disk") from error

@@ -53,10 +53,8 @@ Baseline = Annotated[
 ]
 
 
-def parsed_size(text: str | None) -> tuple[int, int] | None:
-    """Return width and height of an image size, None when none is given."""
-    if text is None:
-        return None
+def parsed_size(text: str) -> tuple[int, int]:
+    """Return width and height of an image size."""
     width, cross, height = text.partition("x")
     if not (cross and width.isdecimal() and height.isdecimal()):
         raise ToolError(f"--size must look like 160x120, got {text!r}")

@@ -136,11 +136,6 @@ def mcap_file(path: Path, dataset: Dataset) -> Iterator[Output]:
     (bag / f"{bag.name}{MCAP}").rename(path)
 
 
-def is_correction(folder: Path) -> bool:
-    """Whether a folder is what `image_folder` writes."""
-    return all((folder / name).exists() for name in (CONFIG, FRAMES, REPORT, DEPTH, CONFIDENCE))
-
-
 def to_millimetres(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
     """Convert depth to millimetres, shape (H, W): 0 where invalid, 65535 for everything beyond 65.535 m."""
     return np.where(depth_m > 0, np.rint(np.clip(depth_m, 0.001, 65.535) * 1000), 0).astype(np.uint16)

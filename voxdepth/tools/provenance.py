@@ -38,15 +38,11 @@ CPU_INFO = Path("/proc/cpuinfo")
 class Provenance:
     """Versions, machine and source, written next to every result."""
 
-    processor: str
-    logical_processors: int
-    platform: str
-    """Architecture and operating system."""
+    machine: str
+    """Processor, number of logical ones, architecture and operating system."""
     python: str
     gpus: tuple[str, ...]
     """Names of the CUDA devices that Warp finds; none if it is not installed."""
-    load: float | None
-    """Mean number of running processes in the minute before: if it is not about 0, other work slowed this one down."""
     commit: str | None
     """Of the source tree, with a plus sign if files were changed since; None if the code is not in a Git checkout."""
     versions: dict[str, str]
@@ -55,12 +51,9 @@ class Provenance:
     def here(cls, packages: Sequence[str] = CORRECTION) -> Self:
         """Return the provenance of a result that is made now in this process."""
         return cls(
-            processor=processor_name(),
-            logical_processors=os.cpu_count() or 1,
-            platform=f"{platform.machine()}, {platform.system()}",
+            machine=machine(),
             python=platform.python_version(),
             gpus=cuda_devices(),
-            load=os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
             commit=source_commit(),
             versions=versions(packages),
         )
@@ -68,9 +61,8 @@ class Provenance:
     def lines(self) -> list[str]:
         """What a reader of a time must know."""
         return [
-            f"machine: {self.processor}, {self.logical_processors} processors, Python {self.python}",
+            f"machine: {self.machine}, Python {self.python}",
             f"GPU: {', '.join(self.gpus) or 'none'}",
-            f"load in the last minute, before: {'unknown' if self.load is None else format(self.load, '.1f')}",
             f"versions: {', '.join(f'{name} {version}' for name, version in self.versions.items())}",
         ]
 

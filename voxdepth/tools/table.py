@@ -1,6 +1,5 @@
 """Tables with units, from which CSV, Markdown, terminal text and HTML are made."""
 
-import csv
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -32,12 +31,6 @@ SENTENCE = 50
 def is_missing(value: Value) -> bool:
     """Return whether an entry is None or NaN."""
     return value is None or (not isinstance(value, str) and isnan(value))
-
-
-def csv_entry(value: Any) -> Any:
-    """A value as an entry of a CSV file: an apostrophe precedes a text that a spreadsheet would run as a formula."""
-    is_formula = isinstance(value, str) and value.startswith(FORMULA) and value != MISSING
-    return f"'{value}" if is_formula else value
 
 
 @dataclass(frozen=True)
@@ -80,18 +73,10 @@ class Table:
     """The raw values, each row in the order of `columns`."""
     note: str = ""
     """What a reader must know beside the title."""
-    name: str = "table"
-    """Stem of its file."""
 
     @classmethod
     def of(
-        cls,
-        title: str,
-        columns: Sequence[Column | str],
-        rows: Sequence[Sequence[Value]],
-        *,
-        note: str = "",
-        name: str = "table",
+        cls, title: str, columns: Sequence[Column | str], rows: Sequence[Sequence[Value]], *, note: str = ""
     ) -> Self:
         """Build a table from rows of values; a row that is not as long as `columns` is a `ValueError`.
 
@@ -101,13 +86,13 @@ class Table:
         for row in rows:
             if len(row) != len(named):
                 raise ValueError(f"expected {len(named)} values in a row of {title!r}, got {len(row)}")
-        return cls(title=title, columns=named, rows=[list(row) for row in rows], note=note, name=name)
+        return cls(title=title, columns=named, rows=[list(row) for row in rows], note=note)
 
     @classmethod
-    def of_frame(cls, title: str, frame: "pd.DataFrame", *, note: str = "", name: str = "table") -> Self:
+    def of_frame(cls, title: str, frame: "pd.DataFrame", *, note: str = "") -> Self:
         """Build a table from a frame whose columns are headings with their units, without its index."""
         rows = frame.astype(object).where(frame.notna(), None).to_numpy().tolist()
-        return cls.of(title, [Column.of(heading) for heading in frame], rows, note=note, name=name)
+        return cls.of(title, [Column.of(heading) for heading in frame], rows, note=note)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -127,23 +112,9 @@ class Table:
         place = [column.name for column in self.columns].index(name)
         return [row[place] for row in self.rows]
 
-    def frame(self) -> "pd.DataFrame":
-        """The raw values below the headings; an int stays an int beside a missing value."""
-        import pandas as pd
-
-        return pd.DataFrame(list(self.rows), columns=self.headings, dtype=object)
-
     def is_numeric(self, place: int) -> bool:
         """Return whether a column has a unit or holds a number."""
         return bool(self.columns[place].unit) or any(isinstance(row[place], int | float) for row in self.rows)
-
-    def csv(self) -> bytes:
-        """Return the raw values below the headings; an entry that is unknown is empty."""
-        text = io.StringIO()
-        lines = csv.writer(text, lineterminator="\n")
-        lines.writerow(self.headings)
-        lines.writerows([None if is_missing(value) else csv_entry(value) for value in row] for row in self.rows)
-        return text.getvalue().encode()
 
     def markdown(self) -> str:
         """Return the table as GitHub Markdown, without its title; numbers are aligned to the right."""
@@ -199,15 +170,23 @@ def write_frame(stem: Path, frame: "pd.DataFrame") -> list[Path]:
 
     The frame has the column types that the Parquet file shall have. A failure is a `ToolError`.
     """
-    from pandas.api.types import is_numeric_dtype
-
     parquet = io.BytesIO()
     frame.to_parquet(parquet, index=False)
-    texts = {name: frame[name].map(csv_entry) for name in frame if not is_numeric_dtype(frame[name])}
-    files = {
-        stem.with_name(f"{stem.name}.csv"): frame.assign(**texts).to_csv(index=False, lineterminator="\n").encode(),
-        stem.with_name(f"{stem.name}.parquet"): parquet.getvalue(),
-    }
-    for path, data in files.items():
-        write(path, data)
-    return list(files)
+    files = {f"{stem.name}.csv": csv_of(frame), f"{stem.name}.parquet": parquet.getvalue()}
+    for name, data in files.items():
+        write(stem.with_name(name), data)
+    return [stem.with_name(name) for name in files]
+
+
+def csv_of(frame: "pd.DataFrame") -> bytes:
+    """Return a frame as a CSV file; an apostrophe precedes a text that a spreadsheet would run as a formula."""
+    from pandas.api.types import is_numeric_dtype
+
+    texts = {name: frame[name].map(_csv_entry) for name in frame if not is_numeric_dtype(frame[name])}
+    text: str = frame.assign(**texts).to_csv(index=False, lineterminator="\n")
+    return text.encode()
+
+
+def _csv_entry(value: Any) -> Any:
+    is_formula = isinstance(value, str) and value.startswith(FORMULA) and value != MISSING
+    return f"'{value}" if is_formula else value

@@ -24,12 +24,11 @@ LOCAL = "127.0.0.1"
 """The only address that the viewer listens on."""
 PAGE_PORT, DATA_PORT = 9090, 9876
 """Ports of the page and of the recording where they are free, the same as Rerun's."""
-
 SHOWN = 5
 """Largest number of recordings that an error names."""
 
 
-def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> None:
+def open_viewer(path: Path, *, web: bool = False) -> None:
     """Show a recording in a window until it is closed, or serve it to a browser until the user interrupts it.
 
     The viewer collects no statistics of its use: it finds a configuration that forbids it, which is deleted at the end,
@@ -38,10 +37,9 @@ def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> No
     Args:
         path: The `.rrd` file.
         web: Whether it is served to a browser, on 127.0.0.1.
-        port: Port of the page for the browser; None takes a free one.
 
     Raises:
-        ToolError: The file is no recording, there is no display, the port is taken, or the viewer failed.
+        ToolError: The file is no recording, there is no display, or the viewer failed.
     """
     if not path.is_file():
         if (path.parent / "calibration.toml").is_file():
@@ -57,7 +55,7 @@ def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> No
         raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
     require_installed("rerun")
     if web:
-        options = _serve(port)
+        options = _serve()
     else:
         require_display(f"voxdepth view {path} --web")
         options = ["--port", "auto"]
@@ -98,27 +96,20 @@ def require_display(instead: str) -> None:
         raise ToolError(f"there is no display for a window: {instead} shows the recording in a browser")
 
 
-def _serve(port: int | None) -> list[str]:
+def _serve() -> list[str]:
     """Choose free ports, tell the address of the page, and return the options of Rerun for them."""
-    if port is not None and not _is_free(port):
-        raise ToolError(f"port {port} is taken: leave out --port, and a free one is used")
-    page, data = port or _free_port(PAGE_PORT), _free_port(DATA_PORT)
+    page, data = _free_port(PAGE_PORT), _free_port(DATA_PORT)
     address = quote(f"rerun+http://{LOCAL}:{data}/proxy", safe="")
     typer.echo(f"open http://{LOCAL}:{page}?url={address} in a browser; Ctrl-C ends the viewer")
     return ["--serve-web", "--web-viewer-port", str(page), "--port", str(data)]
 
 
 def _free_port(usual: int) -> int:
-    """Return the usual port if it is free, or else another one."""
-    if _is_free(usual):
-        return usual
+    """Return the usual port if no program answers there, or else another one."""
+    with socket.socket() as probe:
+        if probe.connect_ex((LOCAL, usual)) != 0:
+            return usual
     with socket.socket() as probe:
         probe.bind((LOCAL, 0))
         chosen: int = probe.getsockname()[1]
     return chosen
-
-
-def _is_free(port: int) -> bool:
-    """Return whether no program answers at a port."""
-    with socket.socket() as probe:
-        return probe.connect_ex((LOCAL, port)) != 0

@@ -66,7 +66,7 @@ def is_finished(folder: Path, digest: str) -> bool:
     """Whether the folder has the whole network of the inputs with that digest."""
     try:
         load(NAME, folder)
-        return read_card(folder / f"{NAME}.toml").model_dump().get("inputs") == digest
+        return read_card(folder / f"{NAME}.toml").get("inputs") == digest
     except ConfigError:
         return False
 

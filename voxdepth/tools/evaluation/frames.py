@@ -9,17 +9,13 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from ...metrics import RANGE_BINS_M
-from ...types import FloatImage, Frame, GrayImage, Intrinsics, MaskImage
+from ...types import FloatImage, Frame, Intrinsics, MaskImage
 from ..files import as_tool_error
 
-BINS = tuple(RANGE_BINS_M)
-"""Ranges of the reference depth, in rising order."""
 ALL, NEAR = "all", "0-20 m"
-RANGES = {ALL: (0, 1, 2, 3, 4), NEAR: (0, 1, 2, 3)} | {name: (index,) for index, name in enumerate(BINS)}
-"""Bins by the name of a range. Most tables are about `NEAR`, the depths that a drone avoids obstacles by."""
-NONE = 255
-"""Bin of a pixel without a reference."""
+"""All pixels, and the range of most measurements: the depths that a drone avoids obstacles by."""
+NEAR_M = 20.0
+"""End of that range [m]."""
 HOLES = "holes"
 """Mask of the pixels that the sensor has no depth for."""
 MEASURED, OCCLUDED = "measured", "occluded"
@@ -64,12 +60,13 @@ class EvaluationFrame:
     departed_m: FloatImage | None = None
     """Depth of the moving object that left a pixel some frames ago [m], shape (H, W); 0 elsewhere."""
 
-    def bins(self) -> GrayImage:
-        """Return the index into `BINS` of each pixel, shape (H, W); `NONE` where the reference depth is 0 or +inf."""
-        starts_m = [start_m for start_m, _ in RANGE_BINS_M.values()]
-        bins = np.digitize(self.reference_m, starts_m[1:]).astype(np.uint8)
-        bins[~((self.reference_m > 0) & (self.reference_m < np.inf))] = NONE
-        return bins
+    def known(self) -> MaskImage:
+        """Return the pixels with a reference, shape (H, W)."""
+        return np.asarray((self.reference_m > 0) & (self.reference_m < np.inf))
+
+    def near(self) -> MaskImage:
+        """Return those of them within `NEAR_M`, shape (H, W)."""
+        return np.asarray((self.reference_m > 0) & (self.reference_m < np.float32(NEAR_M)))
 
     def masks(self, hidden: str) -> dict[str, MaskImage]:
         """Return the masks that a frame has but `ALL`, where `hidden` is the name of the hidden pixels."""

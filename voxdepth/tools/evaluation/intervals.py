@@ -1,4 +1,4 @@
-"""Intervals of the share of close pixels and of errors: a bootstrap over the frames of a sequence."""
+"""Intervals of the share of close pixels: a bootstrap over the frames of a sequence."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from .frames import NEAR
-from .measurements import AS_GIVEN, FILLED, Measurement
+from .measurements import AS_GIVEN, Measurement
 from .methods import is_baseline
 
 SEED, RESAMPLES = 0, 2000
@@ -16,10 +16,6 @@ CLOSE = ("close", "close_low", "close_high")
 """The share of all pixels within 5 % of the reference, and the ends of its interval."""
 LEAD = ("close_lead", "close_lead_low", "close_lead_high")
 """The difference of that share from the share of the best other baseline, and the ends of its interval."""
-
-ERROR_CHANGE = ("mae_change", "mae_change_low", "mae_change_high")
-"""The change of the mean absolute error of measured pixels from that of raw depth, and the ends of its interval."""
-RAW = "raw"
 
 Sums = Mapping[str, Sequence[tuple[float, float]]]
 """Sum over some pixels of every frame, and number of these pixels, by method; all methods have the same frames."""
@@ -40,25 +36,11 @@ def close_intervals(counts: Sums, mask: str) -> Measured:
     draws = drawn_means(counts)
     for method in draws:
         n = len(counts[method])
-        _, *ends = _measured(CLOSE, draws[method], mask, AS_GIVEN, n)  # The share is among the results of the method.
+        _, *ends = _measured(CLOSE, draws[method], mask, n)  # The share is among the results of the method.
         yield from ((method, m) for m in ends)
         if others := [name for name in draws if name != method and is_baseline(name)]:
             lead = draws[method] - draws[draws[others].iloc[0].idxmax()]
-            yield from ((method, m) for m in _measured(LEAD, lead, mask, AS_GIVEN, n))
-
-
-def error_intervals(errors_m: Sums) -> Measured:
-    """Yield the change of each method's mean error from that of raw depth, with its interval, see `close_intervals`.
-
-    Args:
-        errors_m: Sum of the absolute errors of measured pixels [m], and their number.
-    """
-    draws = drawn_means(errors_m)
-    if RAW in draws and draws[RAW].iloc[0] > 0:
-        changes = draws.div(draws[RAW].where(draws[RAW] > 0), axis="index") - 1
-        for method in changes.drop(columns=RAW):
-            own = _measured(ERROR_CHANGE, changes[method], "measured", FILLED, len(errors_m[method]))
-            yield from ((method, m) for m in own)
+            yield from ((method, m) for m in _measured(LEAD, lead, mask, n))
 
 
 def drawn_means(sums: Sums) -> pd.DataFrame:
@@ -74,8 +56,8 @@ def drawn_means(sums: Sums) -> pd.DataFrame:
     return pd.DataFrame(means).dropna(axis="columns", how="all")
 
 
-def _measured(metrics: Sequence[str], draws: pd.Series, mask: str, on: str, n: int) -> Iterator[Measurement]:
+def _measured(metrics: Sequence[str], draws: pd.Series, mask: str, n: int) -> Iterator[Measurement]:
     """Yield the first of the draws from n frames, and the ends of the interval of the others; one frame has none."""
     ends = draws[1:].quantile(ENDS) if n > 1 else [None, None]
     for metric, value in zip(metrics, (float(draws[0]), *ends), strict=True):
-        yield Measurement(metric, mask, NEAR, on, value, "share", n)
+        yield Measurement(metric, mask, NEAR, AS_GIVEN, value, "share", n)

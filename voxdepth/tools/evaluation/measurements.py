@@ -1,6 +1,6 @@
-"""The long table of an evaluation: one row per number, with queries by metric, mask, range and pixels."""
+"""The long table of an evaluation: one row per number, which is selected by metric, mask, range and pixels."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -48,28 +48,12 @@ class Measurement(NamedTuple):
     """Number of pixels or frames."""
 
 
-class Measurements:
-    """The long table of `MEASUREMENT_COLUMNS`, with at most one row per sequence, method and `Selector`."""
+def long_table(rows: Iterable[tuple[Any, ...]]) -> pd.DataFrame:
+    """Return rows of `MEASUREMENT_COLUMNS` in their order as a frame; an undefined value is NaN."""
+    return pd.DataFrame(list(rows), columns=list(MEASUREMENT_COLUMNS)).astype(COLUMN_TYPES)
 
-    def __init__(self, rows: Iterable[tuple[Any, ...]]) -> None:
-        self.frame = pd.DataFrame(list(rows), columns=list(MEASUREMENT_COLUMNS)).astype(COLUMN_TYPES)
-        """The rows in their order; an undefined value is NaN."""
-        indexed = self.frame.set_index([*Selector._fields, "sequence", "method"])[["value", "n"]]
-        self._indexed = indexed.sort_index()
 
-    def select(self, selector: Selector) -> pd.DataFrame:
-        """Return the columns `value` and `n` by sequence and method; the frame has no row if nothing was measured."""
-        try:
-            return self._indexed.loc[tuple(selector)]
-        except KeyError:
-            return self._indexed.iloc[:0].droplevel(list(Selector._fields))
-
-    def table(self, columns: Mapping[str, Selector]) -> pd.DataFrame:
-        """Return a column of values for each selector by its heading, by sequence and method; NaN where undefined."""
-        values = {heading: self.select(selector)["value"] for heading, selector in columns.items()}
-        return pd.DataFrame(values, pd.MultiIndex.from_frame(self.frame[["sequence", "method"]].drop_duplicates()))
-
-    def value(self, sequence: str, method: str, selector: Selector) -> float | None:
-        """Return one value, or None if it was not measured or is undefined."""
-        value = self.select(selector)["value"].get((sequence, method))
-        return None if pd.isna(value) else float(value)
+def select(table: pd.DataFrame, selector: Selector) -> pd.DataFrame:
+    """Return the columns `value` and `n` of a long table by sequence and method; no row if nothing was measured."""
+    chosen = (table[list(Selector._fields)] == selector).all(axis="columns")
+    return table[chosen].set_index(["sequence", "method"])[["value", "n"]]

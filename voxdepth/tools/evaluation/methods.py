@@ -27,7 +27,7 @@ from ...types import CorrectedDepth, DepthCorrector, Intrinsics
 from ..errors import ToolError
 from .frames import EvaluationFrame, Frames, Reference
 from .measurements import Measurement, of_frames
-from .results import Scores, encoded_thumbnail
+from .results import Scores
 from .scoring import Score
 
 DEFAULT_FILLED = f"{DEFAULT}[fill=all]"
@@ -99,7 +99,7 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     with _instance(method, intrinsics) as corrector:  # The warm-up loads, compiles and caches what is needed.
         for index, frame in enumerate(islice(frames, method.warm_up_frames)):
             _processed(corrector, frame, index)
-    score, times_s = Score(reference, intrinsics), []
+    score, times_s = Score(reference), []
     with _instance(method, intrinsics) as corrector:
         start_s = _other_threads_s()
         for index, frame in enumerate(frames):
@@ -110,8 +110,6 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s)),
         frame_close=score.frame_close,
-        frame_errors_m=score.frame_errors_m,
-        thumbnail=encoded_thumbnail(corrected.depth_m),
     )
 
 

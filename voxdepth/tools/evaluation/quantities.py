@@ -9,18 +9,13 @@ import pandas as pd
 
 from ..table import MISSING
 from .frames import HOLES, MEASURED
-from .intervals import CLOSE, ERROR_CHANGE, LEAD
-from .measurements import AS_GIVEN, FILLED, Selector, of_frames
+from .intervals import CLOSE, LEAD
+from .measurements import AS_GIVEN, FILLED, Selector, of_frames, select
 from .recordings import HELD_OUT
 from .scoring import (
-    BELIEVED,
-    BELIEVED_RANGE,
-    FILL_RATE,
     GHOSTS,
-    PLANE_FIT_RMS,
     STATIC,
     SURVIVAL,
-    Z_ACCURACY,
 )
 from .suite import Evaluation
 
@@ -43,12 +38,8 @@ class Quantity:
     note: str = ""
     best: Literal["low", "high", ""] = ""
     """Whether the lowest or the highest first number is marked; empty for none."""
-    digits: int = 0
-    """Decimal places beyond those of the unit."""
     is_interval: bool = False
     """Whether the second and the third number are the ends of an interval around the first one."""
-    short: str = ""
-    """Name of its column in the terminal; empty for none."""
 
     @property
     def heading(self) -> str:
@@ -64,7 +55,7 @@ class Quantity:
 
     def _number(self, value: float) -> str:
         factor, places = UNITS[self.unit]
-        return MISSING if isnan(value) else f"{factor * value:.{places + self.digits}f}"
+        return MISSING if isnan(value) else f"{factor * value:.{places}f}"
 
 
 def fitted(quantity: Quantity, values: pd.DataFrame) -> Quantity:
@@ -73,7 +64,7 @@ def fitted(quantity: Quantity, values: pd.DataFrame) -> Quantity:
     return replace(quantity, unit="mm") if is_small else quantity
 
 
-def select(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame]:
+def numbers_of(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return values and sample sizes, one column per selector, by sequence and method; empty if there are none."""
     parts = [_select(evaluation, selector) for selector in quantity.selectors]
     values, counts = (pd.concat([part[name] for part in parts], axis=1, keys=range(len(parts))) for name in parts[0])
@@ -82,13 +73,13 @@ def select(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd
 
 def is_measured(evaluation: Evaluation, quantity: Quantity) -> bool:
     """Return whether any method has a number of a quantity in any sequence."""
-    return bool(select(evaluation, quantity)[0].notna().any(axis=None))
+    return bool(numbers_of(evaluation, quantity)[0].notna().any(axis=None))
 
 
 def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
     """Select measurements, but no errors of measured pixels where these are the reference: methods were given them."""
     masks = HIDDEN_MASKS if selector.mask == HIDDEN else (selector.mask,)
-    found = pd.concat([evaluation.measurements.select(selector._replace(mask=mask)) for mask in masks])
+    found = pd.concat([select(evaluation.measurements, selector._replace(mask=mask)) for mask in masks])
     if selector.mask in ("all", "measured") and selector.metric != "coverage":
         true = [info.name for info in evaluation.sequences.values() if info.reference.independent == "all"]
         return found[found.index.isin(true, level="sequence")]
@@ -102,7 +93,6 @@ WITHIN_5 = Quantity(
     "A pixel that is left empty counts as wrong. The interval is a bootstrap over the frames.",
     best="high",
     is_interval=True,
-    short="within 5 %",
 )
 OVER_BEST = Quantity(
     "That share less that of the best other baseline, within 20 m, with a 95 % interval",
@@ -111,57 +101,44 @@ OVER_BEST = Quantity(
     "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth and "
     "temporal; the best is compared with the second best, so this ranks nobody.",
     is_interval=True,
-    short="less best other baseline",
 )
+TIME = Quantity(
+    "Time per frame, median / 95th percentile / in threads of its own beside that",
+    "ms",
+    [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
+    "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a method's "
+    "own threads: voxdepth fuses its window in one.",
+)
+HEADLINES = (WITHIN_5, OVER_BEST, TIME)
+"""What the terminal shows."""
 # fmt: off
 QUANTITIES = (
     Quantity("Coverage: pixels with depth, surfaces within 20 m", "%", [Selector("coverage", on=FILLED)],
-             "Errors of methods that fill less than 90 % say little beside those of others.", short="filled"),
+             "Errors of methods that fill less than 90 % say little beside those of others."),
     Quantity("MAE of the pixels that a method fills, surfaces within 20 m", "m", [Selector("mae", on=FILLED)],
-             "Not comparable where coverages differ: a method that leaves the hard pixels out errs less.",
-             short="MAE filled"),
+             "Not comparable where coverages differ: a method that leaves the hard pixels out errs less."),
     Quantity("MAE of all pixels within 20 m, after completion by the nearest valid", "m", [Selector("mae")],
-             best="low", short="MAE all"),
+             best="low"),
     Quantity("MAE in the sensor's holes (held-out pixels where there is no truth), within 20 m, after completion", "m",
-             [Selector("mae", HIDDEN)], best="low", short="MAE holes"),
+             [Selector("mae", HIDDEN)], best="low"),
     Quantity("More than 10 % too far / too near in those holes (held-out pixels), within 20 m, after completion", "%",
              [Selector("too_far", HIDDEN), Selector("too_near", HIDDEN)],
-             "Together, because a bias to one side wins either alone.", short="far/near"),
+             "Together, because a bias to one side wins either alone."),
     Quantity("Flicker: mean change of the error of static pixels within 20 m from frame to frame", "m",
              [Selector("flicker", STATIC, on=FILLED)],
-             "Without the truth it is the change of the depth, where the gray image hardly changes.", short="flicker"),
-    Quantity("Time per frame, median / 95th percentile / in threads of its own beside that", "ms",
-             [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
-             "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a "
-             "method's own threads: voxdepth fuses its window in one.", short="p50/p95/beside"),
+             "Without the truth it is the change of the depth, where the gray image hardly changes."),
+    TIME,
     Quantity("Coverage of the sensor's holes (held-out pixels), within 20 m", "%",
-             [Selector("coverage", HIDDEN, on=FILLED)], short="coverage of holes"),
+             [Selector("coverage", HIDDEN, on=FILLED)]),
     WITHIN_5,
     OVER_BEST,
-    Quantity("MAE of measured pixels within 20 m", "m", [Selector("mae", MEASURED, on=FILLED)], best="low",
-             short="mean error of measured"),
-    Quantity("Change of the mean error of measured pixels from raw's, within 20 m, with a 95 % interval", "%",
-             [Selector(metric, MEASURED, on=FILLED) for metric in ERROR_CHANGE],
-             "The interval is a bootstrap over the frames of both.", best="low", is_interval=True,
-             short="mean against raw's"),
-    Quantity("Fill rate: pixels with depth in the central 40 % of the width and of the height", "%", [FILL_RATE],
-             short="fill rate"),
-    Quantity("Z accuracy: signed median error there, of the true distance", "%", [Z_ACCURACY],
-             "Above 0 is too far. Only sequences with the truth have it.", digits=1, short="Z accuracy"),
-    Quantity("Plane-fit RMS error there, of the distance", "%", [PLANE_FIT_RMS],
-             "Only of frames in which the sensor sees a plane there, such as a wall; n is their number.", best="low",
-             digits=1, short="plane-fit RMS"),
-    Quantity(f"Obstacle errors of believed fills: more than 10 % too far / too near, {BELIEVED_RANGE}", "%",
-             [Selector(metric, BELIEVED, BELIEVED_RANGE, FILLED) for metric in ("too_far", "too_near")],
-             "Holes (held-out pixels where there is no truth) that a method fills with a confidence of at least 0.5, "
-             "or at all if it gives none. Too far hides an obstacle, too near is a phantom."),
+    Quantity("MAE of measured pixels within 20 m", "m", [Selector("mae", MEASURED, on=FILLED)], best="low"),
     Quantity("Survival: pixels of moving objects within 5 % of the truth, by the method / of raw depth", "%", SURVIVAL,
-             "A hole does not survive. Only sequences with known moving objects have it.", best="high",
-             short="survival, raw"),
+             "A hole does not survive. Only sequences with known moving objects have it.", best="high"),
     Quantity("Ghosts: filled pixels nearer to the object that left 5 frames ago than to the background, by the method "
              "/ of raw depth", "%", GHOSTS,
              "Nearer by the geometric mean. A method that leaves such pixels empty has no ghosts: see the sample "
-             "sizes.", best="low", short="ghosts, raw"),
+             "sizes.", best="low"),
 )
-"""What the report shows, a table of all methods on all sequences each, and the terminal if it has a short name."""
+"""What the report shows, a table of all methods on all sequences each."""
 # fmt: on

@@ -1,38 +1,28 @@
 """The output of an evaluation: tables, a page without scripts or external parts, and the terminal output."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from ... import registry
 from ..files import write
 from ..page import TEMPLATES, render_page
-from ..provenance import CORRECTION, Provenance
-from ..table import MISSING, Column, Table, write_frame
-from .error_maps import error_maps
-from .quantities import QUANTITIES, Quantity, fitted, is_measured, select
+from ..provenance import Provenance
+from ..table import MISSING, Table, write_frame
+from .quantities import HEADLINES, QUANTITIES, Quantity, fitted, is_measured, numbers_of
 from .suite import Evaluation
-from .verdict import verdict
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 FAILED, BEST = "failed", "*"
 """Text of a method that failed, and mark of the best one of a sequence."""
-ALL_JUDGED = 0.995
-"""Share of the pixels without depth with a reference that is told as all."""
-FOOTNOTE = (
-    "surfaces within 20 m; errors of all, and in holes, are after completion by the nearest valid, and far/near is the "
-    "share of holes that is more than 10 % off then; within 5 % counts empty pixels as wrong, with a 95 % bootstrap "
-    "interval over frames; survival and ghosts are those of moving objects; times are with OpenCV on one thread; "
-    f"{BEST} is the best"
-)
 
 
 def write_report(out: Path, evaluation: Evaluation) -> None:
     """Write `results.csv`, `results.parquet` and `report.html`, each in one step; a failure is a `ToolError`."""
-    write_frame(out / "results", evaluation.measurements.frame)
+    write_frame(out / "results", evaluation.measurements)
     write(out / "report.html", rendered(evaluation).encode())
 
 
@@ -40,12 +30,10 @@ def rendered(evaluation: Evaluation) -> str:
     """Return the text of the page."""
     return render_page(
         TEMPLATES / "report.html.j2",
-        verdict=verdict(evaluation),
         failures=_failure_rows(evaluation),
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
-        error_maps=error_maps(evaluation),
         sequences=_sequence_table(evaluation),
-        machine=Provenance.here(CORRECTION),
+        machine=Provenance.here().lines(),
     )
 
 
@@ -54,55 +42,32 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
 
     Methods that failed everywhere are left out, and sequences without a number if another has one.
     """
-    quantity, texts, sizes = _shown(evaluation, quantity)
-    texts = texts[~(texts == FAILED).all(axis="columns")]
-    measured = [name for name in texts if not texts[name].isin([MISSING, FAILED]).all()] or list(texts)
-    rows = [[registry.title(name), *texts.loc[name, measured]] for name in texts.index]
-    rows.append(["n", *(sizes.get(name, MISSING) for name in measured)])
-    return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note)
-
-
-def print_results(console: "Console", evaluation: Evaluation) -> None:
-    """Print the verdict and a table for each sequence, and say which methods failed."""
-    console.print(verdict(evaluation), "", sep="\n", soft_wrap=True, markup=False, highlight=False)
-    found = [_shown(evaluation, quantity) for quantity in QUANTITIES if quantity.short]
-    for info in evaluation.sequences.values():
-        title = f"{info.name}: {info.frames} frames of {info.size}, {info.near_pixels:,} pixels within 20 m"
-        judged = f", which judges {info.judged_share:.0%} of those without depth"
-        by = info.reference.name + judged * (info.judged_share < ALL_JUDGED)
-        console.print(f"{title}, scored by {by}", soft_wrap=True, markup=False)
-        known = [one for one in found if not one.texts[info.name].isin([MISSING, FAILED]).all()]
-        columns = [Column("method"), *(Column(one.quantity.short, one.quantity.unit) for one in known)]
-        rows = zip(evaluation.methods, *(one.texts[info.name] for one in known), strict=True)
-        Table.of("", columns, list(rows)).print(console)
-    console.print(FOOTNOTE, soft_wrap=True)
-    for result in evaluation.failures:
-        failed = f"{result.sequence}, {result.method} failed: {result.error}"
-        console.print(failed, soft_wrap=True, markup=False, style="red")
-
-
-class Shown(NamedTuple):
-    """A quantity as people read it."""
-
-    quantity: Quantity
-    """The same in the unit that fits."""
-    texts: pd.DataFrame
-    """Text of every result (rows: methods; columns: sequences)."""
-    sizes: dict[str, str]
-    """Sample sizes by sequence."""
-
-
-def _shown(evaluation: Evaluation, quantity: Quantity) -> Shown:
-    values, counts = select(evaluation, quantity)
+    values, counts = numbers_of(evaluation, quantity)
     quantity = fitted(quantity, values)
     texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True))
     texts |= {best: f"{texts[best]} {BEST}" for best in _best(quantity, values[0])}
     texts |= {(result.sequence, result.method): FAILED for result in evaluation.failures}
-    methods, sequences = evaluation.methods, list(dict.fromkeys(result.sequence for result in evaluation.results))
-    grid = [[texts.get((sequence, method), MISSING) for sequence in sequences] for method in methods]
+    sequences = list(dict.fromkeys(result.sequence for result in evaluation.results))
+    rows = {method: [texts.get((name, method), MISSING) for name in sequences] for method in evaluation.methods}
+    shown = pd.DataFrame(rows, sequences).T
+    shown = shown[~(shown == FAILED).all(axis="columns")]
+    measured = [name for name in shown if not shown[name].isin([MISSING, FAILED]).all()] or list(shown)
     ends = counts.stack().groupby("sequence").agg(["min", "max"]).astype(int)
-    sizes = {str(name): range_text(low, high) for name, low, high in ends.itertuples(name=None)}
-    return Shown(quantity, pd.DataFrame(grid, methods, sequences), sizes)
+    sizes = {name: range_text(low, high) for name, low, high in ends.itertuples(name=None)}
+    titled = [[registry.title(method), *shown.loc[method, measured]] for method in shown.index]
+    last = ["n", *(sizes.get(name, MISSING) for name in measured)]
+    return Table.of(quantity.heading, ["method", *measured], [*titled, last], note=quantity.note)
+
+
+def print_results(console: "Console", evaluation: Evaluation) -> None:
+    """Print the sequences, the tables that most decide, and which methods failed; the page has the other tables."""
+    _sequence_table(evaluation).print(console)
+    for quantity in HEADLINES:
+        if is_measured(evaluation, quantity):
+            method_table(evaluation, quantity).print(console)
+    for result in evaluation.failures:
+        failed = f"{result.sequence}, {result.method} failed: {result.error}"
+        console.print(failed, soft_wrap=True, markup=False, style="red")
 
 
 def _best(quantity: Quantity, values: pd.Series) -> list[tuple[str, str]]:
@@ -126,24 +91,15 @@ def _sequence_table(evaluation: Evaluation) -> Table:
     rows = [
         {
             "sequence": info.name, "scored by": info.reference.name, "frames": info.frames, "image [px]": info.size,
-            "focal length [px]": info.camera.fx_px, "baseline [m]": info.camera.baseline_m, "seed": info.seed,
-            "scored pixels": info.pixels,
+            "seed": info.seed, "scored pixels": info.pixels,
             "not measured, or held out [%]": 100 * info.hidden_pixels / max(1, info.pixels),
             "of those without depth, judged [%]": 100 * info.judged_share,
-            "SHA-256": info.digest[:16],
         }
         for info in evaluation.sequences.values()
     ]  # fmt: skip
     return Table.of_frame("Sequences", pd.DataFrame(rows, dtype=object))
 
 
-def count_text(count: int) -> str:
-    """Write a number of pixels as people read it."""
-    if count >= 10**6:
-        return f"{count / 10**6:.1f} M"
-    return f"{count / 1000:.1f} k" if count >= 1000 else str(count)
-
-
 def range_text(low: int, high: int) -> str:
-    """Write the smallest and the largest of some numbers of pixels as people read them."""
-    return " to ".join(dict.fromkeys((count_text(low), count_text(high))))
+    """Write the smallest and the largest of some numbers of pixels."""
+    return f"{low:,}" if low == high else f"{low:,} to {high:,}"

@@ -5,19 +5,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from ...colors import picked
-from ...types import FloatImage, Intrinsics
+from ...types import Intrinsics
 from ..files import as_tool_error, write
-from ..output import encode, to_millimetres
 from .frames import Reference
 from .measurements import Measurement
-
-THUMBNAIL_PX = 240
-"""Largest width of the depth image that is kept of the last frame of a sequence."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,10 +20,6 @@ class Scores:
     measurements: tuple[Measurement, ...] = ()
     frame_close: tuple[tuple[int, int], ...] = ()
     """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
-    frame_errors_m: tuple[tuple[float, int], ...] = ()
-    """Sum of the absolute errors of measured pixels within 20 m of every frame [m], and number of these pixels."""
-    thumbnail: bytes = b""
-    """Depth of the last frame, as `encoded_thumbnail` gives it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,8 +27,6 @@ class SequenceInfo:
     """The part of a sequence that methods were compared on."""
 
     name: str
-    digest: str
-    """SHA-256 of its images and poses."""
     frames: int
     seed: int | None
     """Seed of a rendered sequence; None for a measured one."""
@@ -53,10 +40,6 @@ class SequenceInfo:
     """Number of those that methods are given no depth of."""
     holes: int
     """Number of pixels of all frames that the methods were given no depth of, whether they have a reference or not."""
-    reference_thumbnail: bytes = b""
-    """Reference depth of the last frame, as `encoded_thumbnail` gives it."""
-    raw_thumbnail: bytes = b""
-    """Depth of the last frame that methods were given."""
 
     @property
     def size(self) -> str:
@@ -73,9 +56,7 @@ class SequenceInfo:
 class Result(Scores):
     """The result of one method on one sequence, as its file holds it."""
 
-    __pydantic_config__ = ConfigDict(
-        extra="forbid", ser_json_inf_nan="constants", ser_json_bytes="base64", val_json_bytes="base64"
-    )
+    __pydantic_config__ = ConfigDict(extra="forbid", ser_json_inf_nan="constants")
     sequence: str
     method: str
     key: dict[str, Any] = field(default_factory=dict)
@@ -107,14 +88,3 @@ def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> Result |
 def store(out: Path, result: Result) -> None:
     """Write the file of a result in one step; a failure is a `ToolError`."""
     write(path_of(out, result.sequence, result.method), STORED.dump_json(result, indent=1) + b"\n")
-
-
-def encoded_thumbnail(depth_m: FloatImage) -> bytes:
-    """Encode depth [m], shape (H, W), as a narrowed PNG with 16 bits and millimetres."""
-    return encode(picked(to_millimetres(depth_m), min(THUMBNAIL_PX, depth_m.shape[1])))
-
-
-def decoded_thumbnail(png: bytes) -> FloatImage:
-    """Decode a thumbnail to depth [m], shape (H, W)."""
-    image = np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED))
-    return image.astype(np.float32) / np.float32(1000)

@@ -7,17 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...errors import VoxDepthError
 from ..errors import ToolError
 from ..locks import locked
 from ..provenance import CORRECTION, EVALUATION_SOURCES, code_digest, processor_name, versions
-from .frames import ALL, NEAR, NONE, RANGES, FrameFile, Frames, FrameSource
-from .intervals import close_intervals, error_intervals
-from .measurements import Measurements
+from .frames import FrameFile, Frames, FrameSource
+from .intervals import close_intervals
+from .measurements import long_table
 from .methods import Method, MethodError, run
 from .recordings import Kind, Opened, RecordedSource
-from .results import Result, SequenceInfo, encoded_thumbnail, load, store
+from .results import Result, SequenceInfo, load, store
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,8 @@ class Evaluation:
     """Number of results that had been finished before."""
 
     @cached_property
-    def measurements(self) -> Measurements:
-        """All measurements as the long table, with one row of the metric `error` per failed result."""
+    def measurements(self) -> pd.DataFrame:
+        """All measurements as a long table, with one row of the metric `error` per failed result."""
         rows: list[tuple[Any, ...]] = []
         for result in self.results:
             where = result.sequence, result.method
@@ -79,11 +80,9 @@ class Evaluation:
             rows += [(*where, *m, "") for m in result.measurements]
         for info in self.sequences.values():
             ours = [result for result in self.results if result.sequence == info.name and result.frame_close]
-            found = [*close_intervals({result.method: result.frame_close for result in ours}, info.reference.hidden)]
-            if info.reference.independent == "all":
-                found += error_intervals({result.method: result.frame_errors_m for result in ours})
+            found = close_intervals({result.method: result.frame_close for result in ours}, info.reference.hidden)
             rows += [(info.name, method, *m, "") for method, m in found]
-        return Measurements(rows)
+        return long_table(rows)
 
     @cached_property
     def sequences(self) -> dict[str, SequenceInfo]:
@@ -133,44 +132,37 @@ def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> 
     with FrameFile(plan.out) as frames:
         try:
             source = requested.open(plan.out, plan.frames, tell)
-            total = _number_of_frames(plan, source)
-            digest = source.digest(total)
-            keys = {method.name: _key(source, method, total, digest) for method in plan.methods}
-            finished = {method.name: _finished(plan, name, method, keys[method.name]) for method in plan.methods}
-            info = next((result.info for result in finished.values() if result is not None), None)
-            if info is None or None in finished.values():
+            if len(source) == 0:
+                raise ToolError(f"{name!r} holds no whole frame: expected at least one; record it again")
+            total = min(plan.frames, len(source))
+            of_sequence = _key(source, total)
+            keys = {method.name: of_sequence | {"config": method.config} for method in plan.methods}
+            own = [method.name for method in plan.methods if not method.is_foreign]
+            finished = {each: result for each in own if (result := load(plan.out, name, each, keys[each])) is not None}
+            info = next((result.info for result in finished.values()), None)
+            if info is None or len(finished) < len(keys):
                 frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
-                info = describe(source, frames, digest)
+                info = describe(source, frames)
         except VoxDepthError as error:
             reason = " ".join(str(error).split())
             yield from ((Result(sequence=name, method=method.name, error=reason), False) for method in plan.methods)
             return
         for method in plan.methods:
             tell(f"{name}, {method.name}")
-            result = finished[method.name]
-            if result is None:
-                scores = _scores(source, method, frames)
-                result = Result(sequence=name, method=method.name, key=keys[method.name], info=info, **scores)
-                store(plan.out, result)
-            yield result, finished[method.name] is not None
+            if method.name in finished:
+                yield finished[method.name], True
+                continue
+            scores = _scores(source, method, frames)
+            result = Result(sequence=name, method=method.name, key=keys[method.name], info=info, **scores)
+            store(plan.out, result)
+            yield result, False
 
 
-def _number_of_frames(plan: Plan, source: FrameSource) -> int:
-    if len(source) == 0:
-        raise ToolError(f"{source.name!r} holds no whole frame: expected at least one; record it again")
-    return min(plan.frames, len(source))
-
-
-def _key(source: FrameSource, method: Method, frames: int, digest: str) -> dict[str, Any]:
-    """Return everything that the result of a method on a sequence with a digest depends on, beside both names."""
-    made_with = versions(CORRECTION) | {"processor": processor_name()}
-    made_with["code"] = code_digest((*EVALUATION_SOURCES, *source.code))
-    return {"frames": frames, "digest": digest, "config": method.config, "versions": made_with}
-
-
-def _finished(plan: Plan, sequence: str, method: Method, key: dict[str, Any]) -> Result | None:
-    """Return the finished result of a method on a sequence; None if there is none, or the method's code is foreign."""
-    return None if method.is_foreign else load(plan.out, sequence, method.name, key)
+def _key(source: FrameSource, frames: int) -> dict[str, Any]:
+    """Return everything that results on the first frames of a sequence depend on, beside its name and the method."""
+    code = code_digest((*EVALUATION_SOURCES, *source.code))
+    made_with = versions(CORRECTION) | {"processor": processor_name(), "code": code}
+    return {"frames": frames, "digest": source.digest(frames), "versions": made_with}
 
 
 def _scores(source: FrameSource, method: Method, frames: Frames) -> dict[str, Any]:
@@ -180,29 +172,25 @@ def _scores(source: FrameSource, method: Method, frames: Frames) -> dict[str, An
         return {"error": str(error)}
 
 
-def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
-    """Describe the frames of a sequence, at least one, whose contents have a digest."""
-    counts, hidden, holes = np.zeros(256, np.int64), 0, 0
+def describe(source: FrameSource, frames: Frames) -> SequenceInfo:
+    """Describe the frames of a sequence, at least one."""
+    pixels, near_pixels, hidden_pixels, holes = 0, 0, 0, 0
     for frame in frames:
-        bins = frame.bins()
-        counts += np.bincount(bins.ravel(), minlength=256)
-        hidden += int(np.count_nonzero(frame.hidden & (bins != NONE)))
+        known = frame.known()
+        pixels += int(np.count_nonzero(known))
+        near_pixels += int(np.count_nonzero(frame.near()))
+        hidden_pixels += int(np.count_nonzero(frame.hidden & known))
         holes += int(np.count_nonzero(frame.frame.depth_m == 0))
     return SequenceInfo(
         name=source.name,
-        digest=digest,
         frames=len(frames),
         seed=source.seed,
         camera=source.intrinsics,
         reference=source.reference,
-        pixels=int(counts[list(RANGES[ALL])].sum()),
-        near_pixels=int(counts[list(RANGES[NEAR])].sum()),
-        hidden_pixels=hidden,
+        pixels=pixels,
+        near_pixels=near_pixels,
+        hidden_pixels=hidden_pixels,
         holes=holes,
-        reference_thumbnail=encoded_thumbnail(
-            np.where(np.isfinite(frame.reference_m), frame.reference_m, np.float32(0))
-        ),
-        raw_thumbnail=encoded_thumbnail(frame.frame.depth_m),
     )
 
 
