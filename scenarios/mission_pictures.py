@@ -15,10 +15,10 @@ from swarm.team import Team
 from swarm.types import MissionResult
 from voxdepth.colors import colored
 from voxdepth.registry import title
-from voxdepth.tools.figure import image_shown, panel_figure
 
 from .config import Run
 from .errors import ScenarioError
+from .figure import image_shown, panel_figure
 from .flight import Finished, flying
 from .images import drone_color, hex_color, require_picture, save_picture
 

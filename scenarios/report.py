@@ -6,7 +6,6 @@ from pathlib import Path
 from rich.console import Console
 
 from swarm.mission import contact_text
-from voxdepth.tools.figure import Picture
 from voxdepth.tools.files import write
 from voxdepth.tools.page import render_page
 from voxdepth.tools.provenance import source_commit
@@ -14,14 +13,14 @@ from voxdepth.tools.table import Column, Table
 from voxdepth.tools.viewer import RECORDING
 
 from .config import Run
+from .figure import Picture
 from .files import DATA
 from .flight import Finished
 from .provenance import simulation_versions
 
 WITHOUT_TEMPLATE = "corrector_phase_passthrough_share"
 """The metric of the paper's method that says how many frames it did not correct."""
-
-
+CONTACT_KINDS = ("drone", "building", "ground", "mover")
 UNITS = {"m_s": "m/s", "m": "m", "s": "s", "share": "share", "rad": "rad"}
 """Units by the ends of the names of metrics, longer ends first."""
 
@@ -31,7 +30,6 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
-CONTACT_KINDS = ("drone", "building", "ground", "mover")
 NUMBER, PERCENT = Column("number"), Column("share", number=percent)
 TOO_FAR, HOLES = Column("more than 10 % too far", number=percent), Column("holes", number=percent)
 

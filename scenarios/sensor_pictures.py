@@ -15,10 +15,10 @@ from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture, InvalidReason
 from sim.world import World
 from voxdepth.colors import FAR_M, colored
-from voxdepth.tools.figure import Draw, image_shown, panel_figure
 from voxdepth.types import GrayImage
 
 from .errors import ScenarioError
+from .figure import Draw, image_shown, panel_figure
 from .images import INVALID_REASON_COLORS, color_invalid_reasons, hex_color, require_picture, save_picture
 
 PANEL_IN, ROWS = 2.8, 3

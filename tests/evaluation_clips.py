@@ -119,8 +119,8 @@ def scores_of(
 def info_of(name: str, **changes: Any) -> SequenceInfo:
     """The description of a made-up sequence with the truth."""
     values: dict[str, Any] = {
-        "name": name, "frames": 2, "seed": 0, "camera": CAMERA.scaled(12, 9), "reference": TRUTH,
-        "pixels": 1000, "near_pixels": 1000, "hidden_pixels": 1000, "holes": 1000,
+        "name": name, "frames": 2, "seed": 0, "size": "12x9", "reference": TRUTH,
+        "pixels": 1000, "hidden_pixels": 1000, "holes": 1000,
     }  # fmt: skip
     return SequenceInfo(**values | changes)
 

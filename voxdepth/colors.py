@@ -1,7 +1,6 @@
 """Depth and sources as colours, the same in all pictures, pages and recordings: near red, far blue, holes black."""
 
 from collections.abc import Iterable
-from typing import Any
 
 import cv2
 import numpy as np
@@ -55,10 +54,3 @@ def colored(depth_m: FloatImage, far_m: float = FAR_M) -> npt.NDArray[np.uint8]:
     image = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO).astype(np.uint8)
     image[depth_m <= 0] = 0
     return image
-
-
-def picked(data: npt.NDArray[Any], width_px: int) -> npt.NDArray[Any]:
-    """Reduce depth or labels to a width by picking single pixels, since their means would be meaningless."""
-    size = (width_px, round(data.shape[0] * width_px / data.shape[1]))
-    kind = np.uint8 if data.dtype == np.bool_ else data.dtype
-    return cv2.resize(data.astype(kind), size, interpolation=cv2.INTER_NEAREST).astype(data.dtype)

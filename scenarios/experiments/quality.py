@@ -10,10 +10,10 @@ from voxdepth.tools.evaluation.measurements import select
 from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR, SETTLED_RMSE
 from voxdepth.tools.evaluation.suite import Plan, evaluate
-from voxdepth.tools.figure import panels, plotted
 
 from ..errors import ScenarioError
 from ..evaluation import shipped
+from ..figure import panels, plotted
 from .experiment import Experiment, ExperimentContext, Findings
 
 _METHODS = {"VD": PAPER, "VD-code": AUTHORS, "RS": "realsense-left", "GS": "lmeds", "DS": "learned", "raw": "raw"}

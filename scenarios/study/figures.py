@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from voxdepth.tools.figure import Draw, Picture, legend_label, line_color, panel_figure
 from voxdepth.types import FloatArray
 
+from ..figure import Draw, Picture, legend_label, line_color, panel_figure
 from .analysis import GOAL_SPEED, REACHED, Arm, Comparison, headline
 from .design import ENDPOINTS, EndpointName, Study
 from .statistics import wilson

@@ -96,7 +96,7 @@ def _serves(output: Path) -> bool:
 def test_a_folder_of_recordings_of_other_names_is_told_with_them(tmp_path: Path) -> None:
     for number in range(7):
         (tmp_path / f"episode-{number}.rrd").touch()
-    with pytest.raises(ToolError, match=r"name one of \S*episode-0\.rrd, .*episode-4\.rrd, \.\.\.$"):
+    with pytest.raises(ToolError, match=r"name one of 7 files, such as \S*episode-0\.rrd$"):
         open_viewer(tmp_path / "run.rrd")
 
 

@@ -275,6 +275,13 @@ def test_what_no_corrector_may_return_is_told(spoil: Callable[[CorrectedDepth], 
     assert fault.startswith("expected ")
 
 
+def test_the_median_depth_is_that_of_frames_with_depth(tmp_path: Path) -> None:
+    dataset = Frames(2)
+    dataset._depth_m[0], dataset._depth_m[1] = 0, 3
+    report = planned(dataset, frames=2).run(tmp_path / "out", None, ignore)
+    assert report["raw_median_m"]["p50"] == pytest.approx(3, rel=0.01)
+
+
 def test_a_corrector_that_measures_no_steps_reports_no_times(tmp_path: Path) -> None:
     report = planned(make=lambda: whole_corrector(timings_s={})).run(tmp_path / "out", None, ignore)
     assert "frame_s" not in report["wall"]

@@ -115,9 +115,12 @@ def test_the_page_has_every_table_and_what_it_was_measured_on(done: Evaluation, 
         assert words in html, words
 
 
-def test_a_page_of_failures_alone_is_a_page(done: Evaluation) -> None:
-    html = rendered(Evaluation(results=(replace(done.results[2], info=None),)))
-    assert "Failures" in html
+def test_failures_alone_are_shown(done: Evaluation) -> None:
+    failed = Evaluation(results=(replace(done.results[2], info=None),))
+    assert "Failures" in rendered(failed)
+    text = io.StringIO()
+    print_results(Console(width=80, file=text), failed)
+    assert text.getvalue() == f"sim-MB, bad failed: frame 0: {NASTY}\n"
 
 
 def test_without_the_truth_pixels_that_were_given_rank_nobody() -> None:

@@ -131,9 +131,7 @@ def test_without_the_truth_held_out_pixels_are_judged_and_the_change_of_depth_is
     done = scores_of(PATCHES, [labelled] * 3, lambda _: frame.reference_m + off_m + np.float32(next(changes_m)))
     flicker = [found for (metric, mask, *_), found in done.items() if (metric, mask) == ("flicker", "static")]
     assert [(found.range, found.value) for found in flicker] == [("0-20 m", pytest.approx(0.1, rel=1e-4))]
-    found = scores_of(PATCHES, [labelled], lambda _: frame.reference_m + off_m)[
-        "rmse", "patches", "0-20 m", "completed"
-    ]
+    found = scores_of(PATCHES, [labelled], lambda _: frame.reference_m + off_m)["mae", "patches", "0-20 m", "completed"]
     assert (found.value, found.n) == (pytest.approx(0.5, rel=1e-5), hidden.sum())
 
 

@@ -25,7 +25,7 @@ from voxdepth.tools.evaluation import frames, suite
 from voxdepth.tools.evaluation.measurements import Selector, select
 from voxdepth.tools.evaluation.methods import Method, find_methods
 from voxdepth.tools.evaluation.recordings import HELD_OUT, RecordedSource
-from voxdepth.tools.evaluation.results import STORED, Result, path_of
+from voxdepth.tools.evaluation.results import STORED, Result, load, path_of, store
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.tools.files import to_toml
 from voxdepth.tools.locks import locked
@@ -123,6 +123,12 @@ def test_other_sources_or_another_number_of_frames_are_another_result(
     assert run(tmp_path, recording, methods=(GOOD,), frames=5).reused == 0
     (all_there_are,) = run(tmp_path, recording, methods=(GOOD,), frames=500).results
     assert all_there_are.key["frames"] == 8
+
+
+def test_a_result_is_not_taken_for_that_of_another_method_whose_file_has_its_name(tmp_path: Path) -> None:
+    store(tmp_path, Result(sequence="walk", method="mine:a", key={"frames": 1}))
+    assert load(tmp_path, "walk", "mine:a", {"frames": 1}) is not None
+    assert load(tmp_path, "walk", "mine/a", {"frames": 1}) is None
 
 
 def test_foreign_code_is_run_again_every_time(recording: Path, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from voxdepth.tools.figure import DPI, PANEL_IN, panels
+from scenarios.figure import DPI, PANEL_IN, panels
 
 
 def test_a_picture_grows_for_its_shared_legend() -> None:

@@ -27,7 +27,6 @@ VIEWS = ("gray", "colors/raw", "colors/corrected", "source", "confidence")
 TEMPLATE_VIEWS = ("colors/template", "colors/warped")
 BEHIND_CAMERA = rrb.EyeControls3D(position=(-6.0, -5.0, -9.0), look_target=(0.0, 0.0, 8.0), eye_up=(0.0, -1.0, 0.0))
 """Where the voxels of a template are seen from, in its camera [m]."""
-MILLISECONDS = 1000.0
 SAMPLED_FRAMES = 8
 """Number of frames, spread over a recording, that the scale of its depth colours is chosen by."""
 
@@ -119,4 +118,4 @@ def _log_diagnostics(stream: rr.RecordingStream, corrected: CorrectedDepth) -> N
         else:
             stream.log(f"diagnostics/{name}", rr.Scalars([float(value)]))
     for step, time_s in corrected.timings_s.items():
-        stream.log(f"timings/{step}", rr.Scalars([time_s * MILLISECONDS]))
+        stream.log(f"timings/{step}", rr.Scalars([1000 * time_s]))

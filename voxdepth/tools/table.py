@@ -20,7 +20,7 @@ MISSING = "-"
 """Text of an entry that is None or NaN."""
 FORMULA = ("=", "+", "-", "@", "\t")
 """How a text begins that a spreadsheet takes for a formula."""
-NUMBERS = {"": ".3f", "m": ".3f", "%": ".1f", "dB/%^2": ".4f"}
+NUMBERS = {"": ".3f", "m": ".3f", "%": ".1f"}
 """How numbers of a frame are written, by their unit; others have two decimal places."""
 TERMINAL_WIDTH = 400
 """Characters in a line of a printed table that are never reached: squeezing it would cut its numbers."""

@@ -24,8 +24,6 @@ LOCAL = "127.0.0.1"
 """The only address that the viewer listens on."""
 PAGE_PORT, DATA_PORT = 9090, 9876
 """Ports of the page and of the recording where they are free, the same as Rerun's."""
-SHOWN = 5
-"""Largest number of recordings that an error names."""
 
 
 def open_viewer(path: Path, *, web: bool = False) -> None:
@@ -45,8 +43,7 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
         if (path.parent / "calibration.toml").is_file():
             raise ToolError(f"{path.parent} is a recorded sequence: look at it with voxdepth picture {path.parent}")
         if others := sorted(path.parent.glob("*.rrd")):
-            names = ", ".join(map(str, others[:SHOWN])) + (", ..." if len(others) > SHOWN else "")
-            raise ToolError(f"there is no recording at {path}: name one of {names}")
+            raise ToolError(f"there is no recording at {path}: name one of {len(others)} files, such as {others[0]}")
         raise ToolError(
             f"there is no recording at {path}: a run leaves a {RECORDING}, unless it flew with --no-record, and a "
             "correction what --record FILE.rrd names"

@@ -116,10 +116,10 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
 def _latencies(times_s: Sequence[float], background_s: float) -> Iterator[Measurement]:
     """Yield times per frame, and CPU times of other threads per frame."""
     n = len(times_s)
-    percentiles_ms = [float(value) for value in 1e3 * np.percentile(times_s, (50, 95, 100))]
+    percentiles_ms = [float(value) for value in 1e3 * np.percentile(times_s, (50, 95))]
     # The two clocks are read one after the other, so their difference may be negative.
     values_ms = (*percentiles_ms, max(0.0, 1e3 * background_s / n))
-    for name, value_ms in zip(("p50", "p95", "max", "background"), values_ms, strict=True):
+    for name, value_ms in zip(("p50", "p95", "background"), values_ms, strict=True):
         yield Measurement(*of_frames(f"latency_{name}"), value_ms, "ms", n)
 
 

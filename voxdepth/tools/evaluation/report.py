@@ -61,7 +61,8 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:
     """Print the sequences, the tables that most decide, and which methods failed; the page has the other tables."""
-    _sequence_table(evaluation).print(console)
+    if evaluation.sequences:
+        _sequence_table(evaluation).print(console)
     for quantity in HEADLINES:
         if is_measured(evaluation, quantity):
             method_table(evaluation, quantity).print(console)

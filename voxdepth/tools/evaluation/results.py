@@ -7,7 +7,6 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from ...types import Intrinsics
 from ..files import as_tool_error, write
 from .frames import Reference
 from .measurements import Measurement
@@ -30,21 +29,15 @@ class SequenceInfo:
     frames: int
     seed: int | None
     """Seed of a rendered sequence; None for a measured one."""
-    camera: Intrinsics
+    size: str
+    """Width and height of the images, such as `640x360`."""
     reference: Reference
     pixels: int
     """Number of pixels of all frames that have a reference."""
-    near_pixels: int
-    """Number of those within 20 m."""
     hidden_pixels: int
     """Number of those that methods are given no depth of."""
     holes: int
     """Number of pixels of all frames that the methods were given no depth of, whether they have a reference or not."""
-
-    @property
-    def size(self) -> str:
-        """Width and height of the images, such as `640x360`."""
-        return f"{self.camera.width_px}x{self.camera.height_px}"
 
     @property
     def judged_share(self) -> float:

@@ -22,7 +22,6 @@ GHOSTS = [Selector(metric, "departed", ALL, FILLED) for metric in ("ghosts", "gh
 
 METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "mae": ("m", lambda sums: sums.mae_m),
-    "rmse": ("m", lambda sums: sums.rmse_m),
     "too_far": ("share", lambda sums: sums.too_far_share),
     "too_near": ("share", lambda sums: sums.too_near_share),
 }

@@ -174,21 +174,19 @@ def _scores(source: FrameSource, method: Method, frames: Frames) -> dict[str, An
 
 def describe(source: FrameSource, frames: Frames) -> SequenceInfo:
     """Describe the frames of a sequence, at least one."""
-    pixels, near_pixels, hidden_pixels, holes = 0, 0, 0, 0
+    pixels, hidden_pixels, holes = 0, 0, 0
     for frame in frames:
         known = frame.known()
         pixels += int(np.count_nonzero(known))
-        near_pixels += int(np.count_nonzero(frame.near()))
         hidden_pixels += int(np.count_nonzero(frame.hidden & known))
         holes += int(np.count_nonzero(frame.frame.depth_m == 0))
     return SequenceInfo(
         name=source.name,
         frames=len(frames),
         seed=source.seed,
-        camera=source.intrinsics,
+        size=f"{source.intrinsics.width_px}x{source.intrinsics.height_px}",
         reference=source.reference,
         pixels=pixels,
-        near_pixels=near_pixels,
         hidden_pixels=hidden_pixels,
         holes=holes,
     )
