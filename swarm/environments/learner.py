@@ -16,7 +16,6 @@ from voxdepth.types import FloatArray
 from .. import rules
 from ..config import MissionConfig
 from ..controllers import Role
-from ..errors import MissionError
 from ..pilot import Decision, Situation
 from .task import LearningTask
 
@@ -38,9 +37,8 @@ never tilted).
 
 
 def observe(situation: Situation, role: Role, task: LearningTask) -> Observation:
-    """Return what a follower observes, clipped to the limits of the task; without a percept it is a `MissionError`."""
-    if situation.percept is None:
-        raise MissionError("there is nothing to observe before the first image is known: fly on until then")
+    """Return what a follower observes, clipped to the limits of the task."""
+    assert situation.percept is not None, "an episode begins with an image"
     own, to_own = situation.own, heading_frame(situation).T
     max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
     leader_m = to_own @ (situation.leader.position_m - own.position_m)

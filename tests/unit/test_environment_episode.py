@@ -50,24 +50,16 @@ def situation(yaw_rad: float, *, leader_m: tuple[float, float, float], depth_m: 
     )
 
 
-class TestObservation:
-    def test_vectors_are_in_the_heading_frame(self) -> None:
-        role = role_of(quick_task(), 1)
-        seen = observe(situation(np.pi / 2, leader_m=(5.0, 2.0, 4.0)), role, quick_task())
-        np.testing.assert_allclose(seen["leader_m"], [0, -4, 1], atol=1e-6)
-        np.testing.assert_allclose(seen["velocity_m_s"], [0, -2, 0], atol=1e-6)
-        x, y, _ = role.offset_m
-        np.testing.assert_allclose(seen["slot_m"], [y, -4 - x, 1], atol=1e-6)
-
-    def test_what_is_beyond_the_limits_is_clipped(self) -> None:
-        seen = observe(situation(0.0, leader_m=(90.0, 2.0, 3.0), depth_m=55.0), role_of(quick_task(), 1), quick_task())
-        assert seen["leader_m"][0] == 30
-        assert (seen["depth_m"] == 40).all()
-
-    def test_there_is_nothing_to_see_without_an_image(self) -> None:
-        blind = Situation(**{**vars(situation(0.0, leader_m=(0.0, 0.0, 0.0))), "percept": None})
-        with pytest.raises(MissionError, match="before the first image"):
-            observe(blind, role_of(quick_task(), 1), quick_task())
+def test_vectors_are_in_the_heading_frame_and_clipped_to_their_limits() -> None:
+    task, role = quick_task(), role_of(quick_task(), 1)
+    seen = observe(situation(np.pi / 2, leader_m=(5.0, 2.0, 4.0)), role, task)
+    np.testing.assert_allclose(seen["leader_m"], [0, -4, 1], atol=1e-6)
+    np.testing.assert_allclose(seen["velocity_m_s"], [0, -2, 0], atol=1e-6)
+    x, y, _ = role.offset_m
+    np.testing.assert_allclose(seen["slot_m"], [y, -4 - x, 1], atol=1e-6)
+    far = observe(situation(0.0, leader_m=(90.0, 2.0, 3.0), depth_m=55.0), role, task)
+    assert far["leader_m"][0] == 30
+    assert (far["depth_m"] == 40).all()
 
 
 @pytest.mark.parametrize(

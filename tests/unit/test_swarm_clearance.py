@@ -14,7 +14,7 @@ from swarm.approach import DECEL_M_S2, DRONE_GAP_M, neighbour_limits, stopping_s
 from swarm.metrics import MissionMetrics, separation_m
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
-from tests.swarm_scenes import HOVERS, RADIUS_M, near, state, stopping_distance_m
+from tests.swarm_scenes import HOVERS, RADIUS_M, near, stopping_distance_m
 
 WRONG = 0.1
 """Relative error of depth beyond which a drone should not have to rely on it."""
@@ -35,19 +35,15 @@ def test_the_braking_curve_is_the_speed_from_which_a_drone_stops_within_a_distan
     assert stopping_distance_m(float(stopping_speed_m_s(distance_m))) == pytest.approx(distance_m, abs=1e-9)
 
 
-@given(st.floats(0.0, 1.9))
-def test_drones_stop_before_each_other_at_the_separation_that_is_reported(gap_m: float) -> None:
-    apart_m = gap_m + 2 * RADIUS_M
-    limits = neighbour_limits(np.zeros(3), np.zeros(3), near(((apart_m, 0, 0), (0, 0, 0))), RADIUS_M)
-    (speed,) = limits.speed_m_s
-    reported_m = separation_m([state(0, 0, 0), state(apart_m, 0, 0)], RADIUS_M)
-    assert reported_m == pytest.approx(gap_m)
-    assert np.sign(round(float(speed), 6)) == np.sign(round(reported_m - DRONE_GAP_M, 6))
-
-
-def test_two_drones_in_the_world_have_the_clearance_that_is_their_separation() -> None:
-    with world_of(starts_m=[[0, 0, 5.0], [1.7, 0, 5.0]]) as world:
+@pytest.mark.parametrize(("more_m", "sign"), [(-0.1, -1), (0.0, 0), (0.1, 1)])
+def test_drones_in_the_world_keep_the_gap_that_is_their_clearance_and_their_separation(
+    more_m: float, sign: int
+) -> None:
+    apart_m = DRONE_GAP_M + more_m + 2 * RADIUS_M
+    with world_of(starts_m=[[0, 0, 5.0], [apart_m, 0, 5.0]]) as world:
         assert world.clearance_m(0) == pytest.approx(separation_m(world.states, RADIUS_M), abs=1e-6)
+    (speed,) = neighbour_limits(np.zeros(3), np.zeros(3), near(((apart_m, 0, 0), (0, 0, 0))), RADIUS_M).speed_m_s
+    assert np.sign(round(float(speed), 6)) == sign
 
 
 def median_error(scenario: Scenario, distance_m: float) -> float:
