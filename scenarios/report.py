@@ -20,8 +20,7 @@ from .provenance import simulation_versions
 
 WITHOUT_TEMPLATE = "corrector_phase_passthrough_share"
 """The metric of the paper's method that says how many frames it did not correct."""
-
-
+CONTACT_KINDS = ("drone", "building", "ground", "mover")
 UNITS = {"m_s": "m/s", "m": "m", "s": "s", "share": "share", "rad": "rad"}
 """Units by the ends of the names of metrics, longer ends first."""
 
@@ -31,7 +30,6 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
-CONTACT_KINDS = ("drone", "building", "ground", "mover")
 NUMBER, PERCENT = Column("number"), Column("share", number=percent)
 TOO_FAR, HOLES = Column("more than 10 % too far", number=percent), Column("holes", number=percent)
 

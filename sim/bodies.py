@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
@@ -168,16 +167,15 @@ def shuttle(
 
     At time 0 it has travelled `travelled_m` since it was at the first one.
     """
-    position_m = partial(_shuttled, from_m, to_m, speed_m_s, travelled_m)
-    return Mover(body=body, position_m=position_m, waits_m=waits_m)
-
-
-def _shuttled(from_m: FloatArray, to_m: FloatArray, speed_m_s: float, travelled_m: float, time_s: float) -> FloatArray:
     path_m = np.subtract(to_m, from_m)
     length_m = float(np.linalg.norm(path_m))
-    way_m = (travelled_m + speed_m_s * time_s) % (2 * length_m)
-    fraction = min(way_m, 2 * length_m - way_m) / length_m
-    return np.asarray(from_m + fraction * path_m)
+
+    def position_m(time_s: float) -> FloatArray:
+        way_m = (travelled_m + speed_m_s * time_s) % (2 * length_m)
+        fraction = min(way_m, 2 * length_m - way_m) / length_m
+        return np.asarray(from_m + fraction * path_m)
+
+    return Mover(body=body, position_m=position_m, waits_m=waits_m)
 
 
 def standing_body(

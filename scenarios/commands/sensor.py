@@ -21,19 +21,14 @@ def record(
     renderer: Renderer = None,
 ) -> None:
     """Record stereo images, raw and true depth along a flight."""
-    import time
-
     from rich.console import Console
 
     from ..sequences import load_sequence, record
 
     seeded = load_sequence(sequence, seed, given({"renderer": renderer}, size))
-    console, start = Console(), time.perf_counter()
-    with counter(console, "recording", frames) as update:
+    with counter(Console(), "recording", frames) as update:
         record(seeded, out, frames, update)
-    wall_s = time.perf_counter() - start
     typer.echo(f"{frames} frames of {seeded.sequence.name}, seed {seeded.seed}, in {out}")
-    typer.echo(f"{frames / wall_s:.1f} frames per second")
     typer.echo(f"look at it with: voxdepth picture {out} --out sheet.jpg")
 
 

@@ -113,7 +113,7 @@ def run_table(data: StudyData) -> pd.DataFrame:
 
 
 def drone_table(data: StudyData) -> pd.DataFrame:
-    """Return a row for each drone of each run of each arm with a result; the first published studies have none."""
+    """Return a row for each drone of each run of each arm with a result."""
     return _typed([_place(data, spec) | dict(drone) for spec in data.flown for drone in data.records[spec.key].drones])
 
 

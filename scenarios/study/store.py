@@ -47,7 +47,7 @@ class RunRecord:
     wall_s: float = field(compare=False)
     """Wall-clock time."""
     drones: tuple[Mapping[str, float | int | None], ...] = ()
-    """Metrics of each drone by name; the first published studies have none."""
+    """Metrics of each drone by name."""
 
     @classmethod
     def of(cls, key: str, finished: Finished) -> Self:
@@ -88,7 +88,7 @@ class StudyData:
     failures: Mapping[str, Failure]
     """The last failure of each run that has no result, by key."""
     versions: Mapping[str, str]
-    """`versions_of` its runs when the study began; the first published studies have no entry for the code."""
+    """`versions_of` its runs when the study began."""
     machine: str
     """The machine on which the study began."""
 

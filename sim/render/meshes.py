@@ -21,9 +21,9 @@ class SceneMeshes:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        fixed, moving = list(world.bodies), list(world.moving_ids)
-        self.body_ids = [*fixed, *moving]
-        self.n_fixed = len(fixed)
+        self.body_ids = [*world.bodies, *world.moving_ids]
+        self.fixed, self.moving = range(len(world.bodies)), range(len(world.bodies), len(self.body_ids))
+        """Indices into `body_ids`, and into all that is listed by body here."""
         self.meshes = [mesh_of_body(world.described[body]) for body in self.body_ids]
         """Each in the frame of its body."""
         self.body_of_triangle: IdImage = np.repeat(
@@ -31,31 +31,21 @@ class SceneMeshes:
         )
         """Index into `body_ids`, shape (T,), for the triangles of all meshes."""
         self.R_world_body: FloatArray = np.empty((len(self.meshes), 3, 3))
-        """Rotations of all bodies at the last update."""
+        """Rotations of all bodies when their poses were read."""
         self.position_m: FloatArray = np.empty((len(self.meshes), 3))
-        """Positions of all bodies in the world frame at the last update [m]."""
-        self._read_poses(0)
+        """Positions of all bodies in the world frame when their poses were read [m]."""
+        self.read_poses(range(len(self.body_ids)))
 
-    def update(self) -> None:
-        """Read the present poses of the moving bodies from the world."""
-        self._read_poses(self.n_fixed)
+    def read_poses(self, bodies: range) -> None:
+        """Read the present poses of some bodies from the world."""
+        for i in bodies:
+            pose = pybullet.getBasePositionAndOrientation(self.body_ids[i], physicsClientId=self._world.client)
+            self.position_m[i] = pose[0]
+            self.R_world_body[i] = frames.rotation_from_quaternion(np.array(pose[1]))
 
-    def fixed_in_world(self) -> list[Mesh]:
-        """Meshes of the fixed bodies in the world frame."""
-        return [self._in_world(body) for body in range(self.n_fixed)]
-
-    def moving_in_world(self) -> list[Mesh]:
-        """Meshes of the moving bodies in the world frame, at their poses of the last update."""
-        return [self._in_world(body) for body in range(self.n_fixed, len(self.meshes))]
-
-    def _in_world(self, body: int) -> Mesh:
-        return moved(self.meshes[body], self.R_world_body[body], self.position_m[body])
-
-    def _read_poses(self, first: int) -> None:
-        for i, body in enumerate(self.body_ids[first:], start=first):
-            position_m, q_xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._world.client)
-            self.R_world_body[i] = frames.rotation_from_quaternion(np.array(q_xyzw))
-            self.position_m[i] = position_m
+    def in_world(self, bodies: range) -> list[Mesh]:
+        """Meshes of some bodies in the world frame, at the poses that were read."""
+        return [moved(self.meshes[i], self.R_world_body[i], self.position_m[i]) for i in bodies]
 
 
 def mesh_of_body(body: Body) -> Mesh:

@@ -313,8 +313,8 @@ class Rasteriser:
         compile_all()
 
     def first_hits(self, cameras: Sequence[Camera]) -> list[Hits]:
-        """The first hits of the pixels of each camera, with the bodies at their poses of the last update."""
-        self._place(range(self._meshes.n_fixed, len(self._meshes.meshes)))
+        """The first hits of the pixels of each camera, with the bodies at the poses that were read last."""
+        self._place(self._meshes.moving)
         parts = self._map(self._draw, self._buffers, [cameras[part] for part in slices(len(cameras), self._threads)])
         return [hits for part in parts for hits in part]
 

@@ -39,14 +39,14 @@ class RayCaster:
     def __init__(self, meshes: SceneMeshes, threads: int) -> None:
         self._meshes = meshes
         self._threads = threads
-        self._n_fixed_triangles = int(np.searchsorted(meshes.body_of_triangle, meshes.n_fixed))
-        self._fixed = RaycastScene(meshes.fixed_in_world(), threads)
+        self._n_fixed_triangles = int(np.searchsorted(meshes.body_of_triangle, meshes.moving.start))
+        self._fixed = RaycastScene(meshes.in_world(meshes.fixed), threads)
 
     def first_hits(self, cameras: Sequence[Camera]) -> list[Hits]:
-        """The first hits of the pixels of each camera, with the bodies at their poses of the last update."""
+        """The first hits of the pixels of each camera, with the bodies at the poses that were read last."""
         rays = np.stack([rays_of(camera) for camera in cameras])
         depth_m, triangle = self._fixed.cast(rays)
-        if moving := self._meshes.moving_in_world():
+        if moving := self._meshes.in_world(self._meshes.moving):
             depth_of_moving_m, triangle_of_moving = RaycastScene(moving, self._threads).cast(rays)
             nearer = depth_of_moving_m < depth_m
             depth_m[nearer] = depth_of_moving_m[nearer]

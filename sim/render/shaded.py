@@ -37,7 +37,7 @@ class ShadedRenderer:
         self._mirrors = Mirrors(world, self._meshes) if backend is Rasteriser else None
         weather = world.scene.weather
         self._ambient, self._to_sun = weather.ambient, np.array(weather.to_sun)
-        self._casters = RaycastScene(self._meshes.fixed_in_world(), threads) if weather.shadows else None
+        self._casters = RaycastScene(self._meshes.in_world(self._meshes.fixed), threads) if weather.shadows else None
         self._map = mapper(threads)
         self._thread_local = threading.local()
         self._atmosphere = Atmosphere(np.float32(weather.haze_m), np.float32(weather.sky), np.float32(weather.clouds))
@@ -57,11 +57,11 @@ class ShadedRenderer:
             return []
         if any(camera.intrinsics != cameras[0].intrinsics for camera in cameras):
             raise RenderError("all cameras of a batch must have the same intrinsics: render them in separate calls")
-        self._meshes.update()
+        self._meshes.read_poses(self._meshes.moving)
         hits = self._backend.first_hits(cameras)
         if not gray:
             return list(self._map(self._black, cameras, hits))
-        self._illuminate(self._meshes.n_fixed)
+        self._illuminate(self._meshes.moving.start)
         images = self._shaded(cameras, hits)
         if self._mirrors is not None:
             self._reflect(self._mirrors, cameras, hits, images)

@@ -61,6 +61,13 @@ def voxdepth(
     return subprocess.CompletedProcess(arguments, done.value.code or 0, out.getvalue(), error.getvalue())
 
 
+def started(*arguments: str | Path) -> "subprocess.Popen[str]":
+    """Begin a command in a process of its own, which says when it begins to import."""
+    code = "from voxdepth.tools.cli import main; print('begun', flush=True); main()"
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+
+
 def only_run(out: Path) -> Path:
     (folder,) = out.iterdir()
     return folder
@@ -209,12 +216,8 @@ def test_an_output_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_the_run_and_closes_the_recording(sent: signal.Signals, tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", "run", "city", "--drones", "2"]
     usual = signal.signal(sent, signal.default_int_handler)  # What this process ignores, as under nohup, a run ignores.
-    process = subprocess.Popen(
-        [*command, "--size", "96x64", "--out", str(tmp_path)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT,
-    )  # fmt: skip
+    process = started("run", "city", "--drones", "2", "--size", "96x64", "--out", tmp_path)
     signal.signal(sent, usual)
     deadline = time.monotonic() + 60
     while not list(tmp_path.glob("*/run.part.rrd")) and time.monotonic() < deadline:
@@ -234,11 +237,7 @@ def test_a_signal_ends_the_run_and_closes_the_recording(sent: signal.Signals, tm
 @pytest.mark.slow
 @pytest.mark.parametrize("after_s", [0.1, 0.8, 1.8])
 def test_ctrl_c_while_libraries_are_imported_ends_without_a_traceback(after_s: float, tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; print('begun', flush=True); main()"]
-    process = subprocess.Popen(
-        [*command, "run", "city", *QUICK, "--out", str(tmp_path)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT,
-    )  # fmt: skip
+    process = started("run", "city", *QUICK, "--out", tmp_path)
     assert process.stdout.readline() == "begun\n"
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
@@ -249,11 +248,8 @@ def test_ctrl_c_while_libraries_are_imported_ends_without_a_traceback(after_s: f
 
 @pytest.mark.slow
 def test_a_run_that_is_killed_leaves_all_but_the_last_seconds_of_its_recording(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", "run", "city", "--drones", "1"]
-    process = subprocess.Popen(
-        [*command, "--size", "32x32", "--depth", "truth", "--corrector", "raw", "--out", str(tmp_path)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=ENVIRONMENT,
-    )  # fmt: skip
+    quick = ("--drones", "1", "--size", "32x32", "--depth", "truth", "--corrector", "raw")
+    process = started("run", "city", *quick, "--out", tmp_path)
     try:
         deadline = time.monotonic() + 120
         while not (parts := list(tmp_path.glob("*/run.part.rrd"))) and time.monotonic() < deadline:

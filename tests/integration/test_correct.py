@@ -219,7 +219,7 @@ MINE = ["--corrector", "voxdepth", "--config", "mine.toml"]
         ),
         (MINE, "[voxels]\nsize_mm = 3", "voxels.size_mm"),
         (MINE, "window_frames = 'ten'", "window_frames: "),
-        (MINE, "median_size_px = 4", "1, 3 or 5 pixels"),
+        (MINE, "median_size_px = 4", "median_size_px: expected 1, 3 or 5, got 4"),
         (MINE, "= 3", "mine.toml is not valid TOML"),
     ],
 )

@@ -9,11 +9,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from scenarios.experiments.runner import find_experiment
-from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
 from voxdepth.networks import has_runtime
 from voxdepth.tools.cli import create_app
 
-FRAMES = 31
+SEQUENCE, WIDTH_PX, FRAMES = "sim-MB", 160, 31
 DEEP_SMOOTH = ["DS"] if has_runtime() else []
 """The method that needs the extra `learned`."""
 
@@ -44,7 +43,10 @@ def test_quality_is_told_beside_the_paper_s_and_recordings_are_kept(tmp_path: Pa
 
 
 def test_confidence_is_fitted_where_there_are_fills_and_its_file_can_be_read(tmp_path: Path) -> None:
-    result = find_experiment("confidence").answer(small_context(tmp_path, 3))
+    confidence = find_experiment("confidence")
+    context = confidence.context(tmp_path, print, sequences=(SEQUENCE,), frames=3, width_px=WIDTH_PX)
+    assert context.seed == 101, "no reported result uses it"
+    result = confidence.answer(context)
     shares = result.table.set_index("corrector")
     assert not shares.loc["raw"].any() and shares.loc["telea", "inpainted"] > 0
     ((name, content),) = result.files.items()

@@ -188,7 +188,7 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     command = ["record", "sim-MB", "--out", folder, "--frames", "3", "--size", "160x96", "--seed", "4"]
     done = voxdepth(*command)
     assert done.returncode == 0, done.stderr
-    assert "frames per second" in done.stdout
+    assert "3 frames of sim-MB, seed 4" in done.stdout
     config = tomllib.loads((folder / "config.toml").read_text())
     assert config["seed"] == 4
     assert "numpy" in config["versions"]

@@ -64,6 +64,8 @@ def test_what_does_not_fit_is_refused_with_what_to_do() -> None:
     camera, gray = DepthCamera(SMALL, seed=0), np.zeros((180, 320), np.uint8)
     with pytest.raises(SensorError, match=r"a gray image must be uint8 of shape \(180, 320\), got uint8 of shape"):
         camera.from_pair(gray[:90], gray, frame=0)
+    with pytest.raises(SensorError, match="got uint16 of shape"):
+        camera.from_pair(gray, gray.astype(np.uint16), frame=0)  # type: ignore[arg-type]
     with pytest.raises(SensorError, match="there is no camera 'kinect'; choose one of d435"):
         DepthCamera("kinect", seed=0)  # type: ignore[arg-type]
     for change in ({"projected_texture": 0.4}, {"color_offset_m": 0.02}, {"depth": "truth"}):

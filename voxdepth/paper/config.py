@@ -1,5 +1,7 @@
 """Configuration of the paper's method."""
 
+from typing import Literal
+
 import numpy as np
 from pydantic import Field, field_validator
 
@@ -13,7 +15,10 @@ LARGEST = float(np.finfo(np.float32).max)
 
 
 class VoxDepthConfig(Model):
-    """All parameters of the paper's method. The defaults are the paper's."""
+    """What the paper or its authors' code sets, the grid and the device; the defaults are the paper's.
+
+    All other numbers of the method are constants beside their use.
+    """
 
     window_frames: int = Field(default=10, ge=1, le=1_000)
     """Frames that are fused at the start of an epoch, n in the paper. More fill more and smear more."""
@@ -40,8 +45,8 @@ class VoxDepthConfig(Model):
     also erases objects that move in front of it, or farther, which also overwrites surfaces that recede."""
     empty_from_m: float = Field(default=LARGEST_EXTENT_M, gt=0)
     """Depth from which a measured pixel counts as empty [m]. The default is beyond every measurement."""
-    median_size_px: int = 5
-    """Window of the median filter against flicker: 1 (off), 3 or 5."""
+    median_size_px: Literal[1, 3, 5] = 5
+    """Window of the median filter against flicker; 1 is off."""
     device: DeviceName = "cpu"
     """What fuses and projects voxels: `cpu`, `cuda`, or `warp-cpu` (the kernels of `cuda` without a GPU). Frames are
     corrected on the CPU."""
@@ -51,13 +56,6 @@ class VoxDepthConfig(Model):
     def _require_middle(cls, size_px: int) -> int:
         if size_px % 2 == 0:
             raise ValueError("the window must be odd, so that it has a pixel in its middle")
-        return size_px
-
-    @field_validator("median_size_px")
-    @classmethod
-    def _require_window(cls, size_px: int) -> int:
-        if size_px not in (1, 3, 5):
-            raise ValueError("the window must be 1, 3 or 5 pixels wide")
         return size_px
 
     @property

@@ -66,7 +66,7 @@ DEEP_KERNEL, DEEPER_KERNEL = np.ones((9, 9), np.uint8), np.ones((17, 17), np.uin
 MEDIAN_PX = 3
 """Window of the median that removes votes which only one ray decided."""
 CHUNK = 512
-"""Number of holes that vote at once, so that the processor can count their votes side by side."""
+"""Number of places that vote at once, so that the processor can count their votes side by side."""
 LINE_PX = 12
 """Number of pixels behind a lone end at which its surface, if it is there, gives the slope that it is continued by."""
 MIN_LINE_PX = 4
@@ -87,10 +87,10 @@ class Known(NamedTuple):
 
 
 class Filled(NamedTuple):
-    """What N holes are filled with."""
+    """What N places are filled with: holes, and the unmeasured parts of measured working pixels."""
 
     place: Places
-    """Row and column of each hole, shape (N, 2), int32."""
+    """Row and column of each, shape (N, 2), int32."""
     disparity_px: Numbers
     """Disparity, shape (N,), float32; 0 = nothing is known."""
     share: Numbers
@@ -102,7 +102,7 @@ class Filled(NamedTuple):
 
     @classmethod
     def empty(cls, place: Places) -> "Filled":
-        """Arrays for some holes, without values yet."""
+        """Arrays for some places, without values yet."""
         disparity_px, share, probability = np.empty((3, len(place)), np.float32)
         return cls(place, disparity_px, share, probability, np.empty(len(place), np.uint8))
 
@@ -205,7 +205,7 @@ class HoleFiller:
         return np.ascontiguousarray(places[:, ::-1], np.int32)
 
     def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules, scale: int) -> Filled:
-        """What holes are filled with, whose places are pixels of 1 / scale of a working pixel."""
+        """What places are filled with, which are pixels of 1 / scale of a working pixel."""
         filled = Filled.empty(place)
         continue_lone_ends(known.disparity_px, place, scale, rules, rays)
         fill_places(known, place, scale, rays, rules, filled)
@@ -242,7 +242,7 @@ def continue_lone_ends(
     # input and output
     rays: Rays,
 ) -> None:
-    """Continue the surfaces at lone ends to their holes, whose places are pixels of 1 / scale working pixel.
+    """Continue the surfaces at lone ends to their places, which are pixels of 1 / scale of a working pixel.
 
     The disparity becomes at least half of that at the end, and at most twice. A lone end with nothing known behind it
     is taken away: a speckle would paint a star.
@@ -299,7 +299,7 @@ def cast_votes(
     vote_px: FloatImage,
     weight: FloatImage,
 ) -> None:
-    """The votes and their weights, shape (6, CHUNK), of the holes at some places, of which the first has a number.
+    """The votes and their weights, shape (6, CHUNK), of some places, of which the first has a number.
 
     Loops that write one array are such that the compiler can do their steps side by side.
     """
@@ -344,7 +344,7 @@ def count_votes(
     most: Numbers,
     total: Numbers,
 ) -> None:
-    """Find the vote with the largest support of each hole, the mean of its supporters, and the weight of all votes."""
+    """Find the vote with the largest support of each place, the mean of its supporters, and the weight of all votes."""
     winner_px.fill(0)
     most.fill(0)
     total.fill(0)
@@ -380,7 +380,7 @@ def fill_places(
     # output
     filled: Filled,
 ) -> None:
-    """Let holes vote, whose places are pixels of 1 / scale of a working pixel."""
+    """Let places vote, which are pixels of 1 / scale of a working pixel."""
     vote_px, weight = np.zeros((N_VOTES, CHUNK), np.float32), np.zeros((N_VOTES, CHUNK), np.float32)
     buffer, winner_px = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
     support, total = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
@@ -429,9 +429,10 @@ def find_border(
     depth_m: FloatImage,
     # output
     border: Places,
-    hole_number: npt.NDArray[np.int32],
+    place_number: npt.NDArray[np.int32],
 ) -> int:
-    """List the hole pixels of the frame in and beside measured working pixels, and the number of the hole of each.
+    """List the pixels of the frame without a depth in and beside measured working pixels, and the number of the place
+    of each.
 
     Where all votes are for one surface, and it is the measured one, the working pixel is enough. Returns how many there
     are.
@@ -449,6 +450,6 @@ def find_border(
             continue
         for v in range(2 * row, 2 * row + 2):
             for u in range(2 * col, 2 * col + 2):
-                border[n, 0], border[n, 1], hole_number[n] = v, u, k
+                border[n, 0], border[n, 1], place_number[n] = v, u, k
                 n += own_px == 0 or depth_m[v, u] <= 0
     return n

@@ -1,4 +1,4 @@
-"""Rays from the holes of an image to the nearest known pixels, along rows, columns and both diagonals."""
+"""Rays from places in an image to the nearest known pixels, along rows, columns and both diagonals."""
 
 from typing import NamedTuple
 
@@ -16,13 +16,13 @@ Numbers = npt.NDArray[np.float32]
 
 AXES = 4
 ROWS, COLS = (0, -1, -1, -1), (-1, -1, 0, 1)
-"""Directions of the rays before a hole: to the left, to the upper left, upwards, and to the upper right. Those behind
+"""Directions of the rays before a place: to the left, to the upper left, upwards, and to the upper right. Those behind
 it go the opposite ways."""
 INFINITE, FAR_STEPS = float32(np.inf), float32(1_000_000)
 
 
 class Rays(NamedTuple):
-    """The eight rays of some holes, shape (8, N): those before the hole on the four axes, and then those behind it."""
+    """The eight rays of some places, shape (8, N): those before them on the four axes, and then those behind them."""
 
     end_px: FloatImage
     """Disparity at the end of the ray, float32; 0 = it leaves the image."""
@@ -31,7 +31,7 @@ class Rays(NamedTuple):
 
     @classmethod
     def empty(cls, n_rays: int, n: int) -> "Rays":
-        """Some rays of n holes, without values yet."""
+        """Some rays of n places, without values yet."""
         return cls(np.empty((n_rays, n), np.float32), np.empty((n_rays, n), np.float32))
 
 
@@ -64,19 +64,19 @@ def trace(
     # output
     rays: Rays,
 ) -> None:
-    """Find the ends of the rays before all holes or, from the last row to the first, of those behind them.
+    """Find the ends of the rays before all places or, from the last row to the first, of those behind them.
 
     Each pixel tells the next one on every axis where the ray from there ends: at itself if it is known, else where its
     own ray ends, one step farther. So each row is visited once, whatever the length of the rays.
 
     Args:
         known_px: Disparity, shape (h, w); 0 = unknown.
-        place: The holes, in the order of rows.
-        start: Number of the first hole of each row, and then that of all holes, shape (h + 1,).
-        is_backward: Whether the rays are those behind the holes.
+        place: The places, in the order of rows.
+        start: Number of the first place of each row, and then that of all places, shape (h + 1,).
+        is_backward: Whether the rays are those behind the places.
         told: Rays from the pixels of the first row, one column of border on each side, shape (4, w + 2); no ends yet.
         following: The same from the row after it.
-        rays: Those of the holes, shape (8, N). The first four rows are written, or the last four if `is_backward`.
+        rays: Those of the places, shape (8, N). The first four rows are written, or the last four if `is_backward`.
     """
     height, width = known_px.shape
     first_ray, direction = (AXES, -1) if is_backward else (0, 1)
@@ -149,18 +149,18 @@ def march(
     depth_m: FloatImage,
     focal_baseline_px_m: float,
     border: Places,
-    hole_number: npt.NDArray[np.int32],
+    place_number: npt.NDArray[np.int32],
     working_steps: FloatImage,
     # output
     rays: Rays,
 ) -> None:
-    """Follow the rays of single pixels through the frame, from shortly before the ends of those of their hole."""
+    """Follow the rays of single pixels through the frame, from shortly before the ends of those of their place."""
     height, width = 2 * known_px.shape[0], 2 * known_px.shape[1]
     for ray in range(len(rays.steps)):
         sign = 1 if ray < AXES else -1
         down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
         for k in range(len(border)):
-            steps = max(1, 2 * int64(min(working_steps[ray, hole_number[k]], FAR_STEPS)) - 1)
+            steps = max(1, 2 * int64(min(working_steps[ray, place_number[k]], FAR_STEPS)) - 1)
             v, u, end_px = border[k, 0] + steps * down, border[k, 1] + steps * right, float32(0)
             while 0 <= v < height and 0 <= u < width:
                 surface_px, surface_m = known_px[np.uintp(v >> 1), np.uintp(u >> 1)], depth_m[np.uintp(v), np.uintp(u)]
