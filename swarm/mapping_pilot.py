@@ -107,7 +107,8 @@ class MappingPilot(Pilot):
         """
         percept, own, time_s = situation.percept, situation.own, situation.time_s
         if percept is None:
-            return self._hover(wanted_m_s)
+            hover = VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=self._heading.yaw_rad)
+            return Decision(command=hover, state="waiting")
         if self._costs is None or percept.stamp_s > self._mapped_s:
             self._costs, self._path = self._mapped(percept, situation), None
         costs = self._costs
@@ -124,7 +125,6 @@ class MappingPilot(Pilot):
         yaw_rad = self._heading.turn() if is_rotating else self._heading.turn_towards(look_along, speed)
         return Decision(
             command=VelocityCommand(velocity_m_s=costs.to_world(velocity), yaw_rad=yaw_rad),
-            wanted_velocity_m_s=wanted_m_s,
             state=_state(wanted, direction, velocity),
             direction=costs.to_world(np.array([*direction, 0.0])),
             view=costs,

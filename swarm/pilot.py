@@ -57,13 +57,11 @@ class Situation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Decision:
-    """A command, and the steps that led to it."""
+    """A command, and what led to it."""
 
     command: VelocityCommand
     state: str
     """State of the drone in one word."""
-    wanted_velocity_m_s: FloatArray | None = None
-    """Velocity before avoidance, shape (3,); None for a controller that does not tell it."""
     direction: FloatArray | None = None
     """Unit vector of the direction that avoidance chose, also when the speed is 0; shape (3,)."""
     view: CostMap | None = None
@@ -100,15 +98,11 @@ class Pilot:
         yaw_rad = self._heading.turn_towards(wanted_m_s, length(wanted_m_s))
         velocity_m_s = clamp_to_limits(wanted_m_s, self._drone_limits(situation))
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
-        return Decision(command=command, wanted_velocity_m_s=wanted_m_s, state="blind")
+        return Decision(command=command, state="blind")
 
     def first_free(self, places_m: FloatArray) -> int:
         """Return the index of the first place, of shape (n, 3), where the drone fits; one without a map takes any."""
         return 0
-
-    def _hover(self, wanted_m_s: FloatArray) -> Decision:
-        command = VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=self._heading.yaw_rad)
-        return Decision(command=command, wanted_velocity_m_s=wanted_m_s, state="waiting")
 
     def _drone_limits(self, situation: Situation) -> ApproachLimits:
         """Return how fast the drone may approach each of the other drones."""

@@ -121,8 +121,7 @@ def held_at(view: CostMap | None, place_m: FloatArray) -> str | None:
     """Return what a map holds at a place of the world, shape (3,); None without a map."""
     if view is None:
         return None
-    T = view.T_odom_world
-    return STATES[view.state_at(T[:3, :3] @ place_m + T[:3, 3])]
+    return STATES[view.state_at(view.place(place_m))]
 
 
 def diagnose(images: Sequence[Image], body: int, point_m: FloatArray, min_confidence: float) -> Diagnosis:

@@ -152,7 +152,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         return composed_mission(
             self.task.model_copy(update={"mission": config}),
             self._recorder,
-            latency_s=self.task.latency_s,
+            latency_s=config.latency_s,
             seed=self._seed,
             gray=False,
             make_agent=self._create_agent,
@@ -174,7 +174,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         while self.situation().percept is None:
             mission.tick()
             if mission.outcome is not None:
-                remedy = "shorten mission.latency_s or corrector_latency_s, or move the starts apart"
+                remedy = "shorten mission.latency_s, or move the starts apart"
                 ended = f"the mission ended with {mission.outcome.value!r} before the first image was known"
                 raise MissionError(f"{ended}: {remedy}")
 

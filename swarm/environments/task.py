@@ -73,11 +73,10 @@ class LearningTask(MissionSetup):
 
     scene: AnyScene = STREETS
     mission: MissionConfig = OVER_THE_ROOFS
-    """The mission without its `aftermath_s`: an episode ends with the first collision."""
+    """The mission without its `aftermath_s`: an episode ends with the first collision. Its `latency_s` is the simulated
+    time from a capture until its corrected depth can be observed."""
     rig: RigConfig = SMALL_RIG
     """The cameras; a step lasts one period of theirs."""
-    corrector_latency_s: float = Field(default=0.0, ge=0)
-    """Simulated time that the corrector takes for a frame, on top of `mission.latency_s`."""
     others: Literal["blind", "same"] = "blind"
     """Drones that do not learn: `blind` ones have no camera and see each other by radio alone, so that their way must
     be free, and with `same` they have the eyes of the learner and the controller of the mission."""
@@ -101,11 +100,6 @@ class LearningTask(MissionSetup):
         if mission.drones < 2:
             raise ValueError(f"only followers learn, so drones must be 2 or more, got {mission.drones}")
         return mission
-
-    @property
-    def latency_s(self) -> float:
-        """Simulated time from a capture until its corrected depth can be observed."""
-        return self.mission.latency_s + self.corrector_latency_s
 
     @property
     def followers(self) -> tuple[int, ...]:

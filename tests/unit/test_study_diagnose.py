@@ -116,7 +116,7 @@ def test_what_the_map_of_the_drone_held_is_told() -> None:
         probe.start(world, [])
         for k, costs in enumerate([late, early, late]):
             command = VelocityCommand(velocity_m_s=np.array([0.0, 0.6, 0.8]), yaw_rad=0.0)
-            decision = Decision(command=command, wanted_velocity_m_s=np.zeros(3), state="free", view=costs)
+            decision = Decision(command=command, state="free", view=costs)
             probe.tick(0, 2.0 * k if k < 2 else 2.9, world.states, [decision])
         probe.contact(0, Contact(time_s=3.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
     assert probe.diagnosis.held_before == "free"

@@ -127,29 +127,33 @@ class TestSwitches:
         ):
             mates = Neighbours(drone=both.drone, position_m=both.position_m + at, velocity_m_s=both.velocity_m_s)
             decision = agent(0, mission(avoidance=False, **rules)).decide(situation(at=at, mates=mates))
-            np.testing.assert_allclose(decision.wanted_velocity_m_s, expected, atol=1e-9)
+            np.testing.assert_allclose(decision.command.velocity_m_s, expected, atol=1e-9)
+
+
+BLIND = mission(avoidance=False)
+"""Agents whose commands are what they want."""
 
 
 class TestAgents:
     def test_a_leader_waits_for_a_follower_that_it_does_not_hear(self) -> None:
-        decision = agent(0, mission()).decide(situation(mates=near(((-2.6, 1.3, 0), STILL))))
-        assert not decision.wanted_velocity_m_s.any()
+        decision = agent(0, BLIND).decide(situation(mates=near(((-2.6, 1.3, 0), STILL))))
+        assert not decision.command.velocity_m_s.any()
 
     @pytest.mark.parametrize(("lag_m", "share"), [(0.0, 1), (2.9, 1), (5.5, 0.5), (9.0, 0)])
     def test_a_leader_slows_down_for_the_last_one(self, lag_m: float, share: float) -> None:
         mates = near(((-2.6 - lag_m, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL))
-        decision = agent(0, mission()).decide(situation(mates=mates))
-        np.testing.assert_allclose(decision.wanted_velocity_m_s, 2.5 * share * FORWARD, atol=1e-9)
+        decision = agent(0, BLIND).decide(situation(mates=mates))
+        np.testing.assert_allclose(decision.command.velocity_m_s, 2.5 * share * FORWARD, atol=1e-9)
 
     def test_a_leader_does_not_wait_for_followers_in_single_file(self) -> None:
-        leader = agent(0, mission())
+        leader = agent(0, BLIND)
         corner = [(x, 0.0, 0.0) for x in np.arange(0.0, 4.1, 0.5)] + [(4.0, y, 0.0) for y in np.arange(0.5, 8.1, 0.5)]
         for at in corner:
             decision = leader.decide(situation(at=at, mates=near(((4.0, at[1] - 1.8, 0), STILL), ((4, 4.4, 0), STILL))))
-        assert np.linalg.norm(decision.wanted_velocity_m_s) == pytest.approx(2.5)
+        assert np.linalg.norm(decision.command.velocity_m_s) == pytest.approx(2.5)
         astray = near(((4.0, 6.2, 0), STILL), ((9, 0, 0), STILL))
         decision = leader.decide(situation(at=corner[-1], mates=astray))
-        assert np.linalg.norm(decision.wanted_velocity_m_s) < 1.5
+        assert np.linalg.norm(decision.command.velocity_m_s) < 1.5
 
     def test_a_track_has_no_loops_and_places_along_it(self) -> None:
         track = Track(np.zeros(3), 2.0)
@@ -163,8 +167,8 @@ class TestAgents:
     def test_nobody_wants_more_than_its_top_speed(self) -> None:
         far = situation(leader=((99.0, 0, 0), STILL), mates=near(((-2.6, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL)))
         for drone, most_m_s in ((0, 2.5), (1, 3.2)):
-            decision = agent(drone, mission()).decide(far)
-            assert np.linalg.norm(decision.wanted_velocity_m_s) == pytest.approx(most_m_s)
+            decision = agent(drone, BLIND).decide(far)
+            assert np.linalg.norm(decision.command.velocity_m_s) == pytest.approx(most_m_s)
 
     def test_followers_are_drawn_by_their_own_swarm_alone_and_pushed_by_all(self) -> None:
         other_swarm = neighbours_of({7: Motion(np.array([0, 1.0, 0]), np.array([0, 0, 3.0]))})

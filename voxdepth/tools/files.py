@@ -1,5 +1,6 @@
 """Files: TOML, and atomic writing."""
 
+import os
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -89,6 +90,15 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Make or replace a file and make its missing parent folders; see `atomic`."""
-    with atomic(path) as temporary:
-        temporary.write_bytes(data)
+    """Make or replace a file that survives a loss of power, and make its missing parent folders; see `atomic`."""
+    with atomic(path) as temporary, temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    if os.name == "posix":  # Other systems do not open folders.
+        with as_tool_error(f"cannot write {path}"):
+            folder = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
