@@ -66,9 +66,6 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     again = evaluate(*command, "--out", tmp_path / "out")
     assert "10 results, 10 of them finished before" in again.output, again.output
     assert values(tmp_path / "out") == before
-    elsewhere = evaluate(*command, "--out", tmp_path / "elsewhere")
-    assert elsewhere.exit_code == 0
-    assert values(tmp_path / "elsewhere") == before, "bit for bit"
 
 
 def test_a_baseline_that_is_assumed_is_told_once_although_every_kind_opens_the_recording(

@@ -58,7 +58,7 @@ def evaluate(
     units_per_m: UnitsPerM = None,
     baseline: Baseline = None,
 ) -> None:
-    """Compare all methods on the same frames: errors, coverage, flicker, latency; tables, figures and a report.
+    """Compare all methods on the same frames: errors, coverage, flicker, latency; tables and a report.
 
     Records the shipped sequences below DIR first. Methods are scored by the true depth of a recording that has it, and
     otherwise by measured pixels that are held out: occlusion shadows, wide ones, and patches, each by itself. Holes of

@@ -30,7 +30,7 @@ def rendered(evaluation: Evaluation) -> str:
     """Return the text of the page."""
     return render_page(
         TEMPLATES / "report.html.j2",
-        failures=_failure_rows(evaluation),
+        failures=[(result.method, result.sequence, result.error) for result in evaluation.failures],
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
         sequences=_sequence_table(evaluation),
         machine=Provenance.here().lines(),
@@ -44,19 +44,24 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
     """
     values, counts = numbers_of(evaluation, quantity)
     quantity = fitted(quantity, values)
+    texts = _texts(evaluation, quantity, values)
+    texts = texts[~(texts == FAILED).all(axis="columns")]
+    measured = [name for name in texts if not texts[name].isin([MISSING, FAILED]).all()] or list(texts)
+    rows = [[registry.title(method), *texts.loc[method, measured]] for method in texts.index]
+    ends = counts.stack().groupby("sequence").agg(["min", "max"]).astype(int)
+    sizes = {name: range_text(low, high) for name, low, high in ends.itertuples(name=None)}
+    rows.append(["n", *(sizes.get(name, MISSING) for name in measured)])
+    return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note)
+
+
+def _texts(evaluation: Evaluation, quantity: Quantity, values: pd.DataFrame) -> pd.DataFrame:
+    """Return the text of every result (rows: methods; columns: sequences), given its numbers."""
     texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True))
     texts |= {best: f"{texts[best]} {BEST}" for best in _best(quantity, values[0])}
     texts |= {(result.sequence, result.method): FAILED for result in evaluation.failures}
     sequences = list(dict.fromkeys(result.sequence for result in evaluation.results))
-    rows = {method: [texts.get((name, method), MISSING) for name in sequences] for method in evaluation.methods}
-    shown = pd.DataFrame(rows, sequences).T
-    shown = shown[~(shown == FAILED).all(axis="columns")]
-    measured = [name for name in shown if not shown[name].isin([MISSING, FAILED]).all()] or list(shown)
-    ends = counts.stack().groupby("sequence").agg(["min", "max"]).astype(int)
-    sizes = {name: range_text(low, high) for name, low, high in ends.itertuples(name=None)}
-    titled = [[registry.title(method), *shown.loc[method, measured]] for method in shown.index]
-    last = ["n", *(sizes.get(name, MISSING) for name in measured)]
-    return Table.of(quantity.heading, ["method", *measured], [*titled, last], note=quantity.note)
+    grid = [[texts.get((name, method), MISSING) for name in sequences] for method in evaluation.methods]
+    return pd.DataFrame(grid, evaluation.methods, sequences)
 
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:
@@ -78,14 +83,6 @@ def _best(quantity: Quantity, values: pd.Series) -> list[tuple[str, str]]:
     low, high = (values.groupby("sequence").transform(end) for end in ("min", "max"))
     best = low if quantity.best == "low" else high
     return list(values.index[(values == best) & (low < high)])
-
-
-def _failure_rows(evaluation: Evaluation) -> list[tuple[str, str, str]]:
-    """Return a method, the sequences that it failed on, and why; one row for the same reason."""
-    sequences: dict[tuple[str, str], list[str]] = {}
-    for result in evaluation.failures:
-        sequences.setdefault((result.method, str(result.error)), []).append(result.sequence)
-    return [(method, ", ".join(names), why) for (method, why), names in sequences.items()]
 
 
 def _sequence_table(evaluation: Evaluation) -> Table:
