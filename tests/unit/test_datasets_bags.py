@@ -1,5 +1,6 @@
 """Bags: the same frames from every kind of file, the topics of one camera, and what is refused."""
 
+import os
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -538,3 +539,13 @@ def test_topics_are_for_bags_alone(tmp_path: Path) -> None:
         open_dataset(tmp_path, depth_topic="/depth")
     write(tmp_path, "walk.mcap", whole())
     assert len(open_dataset(tmp_path, depth_topic="/cam/depth/image_rect")) == len(STAMPS_NS)
+
+
+@pytest.mark.parametrize("layout", ["walk-sqlite3", "walk-mcap"])
+def test_a_pipe_in_place_of_a_file_of_a_bag_does_not_hang(layout: str, tmp_path: Path) -> None:
+    folder = write(tmp_path, layout, whole())
+    (storage,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
+    storage.unlink()
+    os.mkfifo(storage)
+    with pytest.raises(DatasetError, match=r"expected files in the bag .* got something else"):
+        open_dataset(folder)

@@ -159,6 +159,7 @@ def test_images_that_cannot_be_matched_are_refused(
         ({"height": None}, "height_px must be a whole number"),
         ({"depth_scale": 0}, "positive number for depth_scale"),
         ({"depth_scale": float("nan")}, "positive number for depth_scale"),
+        ({"depth_scale": True}, "positive number for depth_scale"),
         ({"fps": "fast"}, "positive number for fps"),
     ],
 )

@@ -348,6 +348,9 @@ class Bag:
         from rosbags.typesys import Stores, get_typestore
 
         self.path = path
+        for part in list_folder(path):
+            if part.exists() and not (part.is_file() or part.is_dir()):  # To open a pipe would wait for its writer.
+                raise DatasetError(f"expected files in the bag {path}, got something else in {part}; restore it")
         with _bag_errors(path):
             # Definitions in the bag count before those of this store: some bags of ROS 2 have none.
             self._reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))

@@ -104,7 +104,7 @@ class RealSenseDataset(PairedImages):
 
     def _positive(self, key: str, default: float = 0.0) -> float:
         value = self._metadata.get(key, default)
-        if not isinstance(value, int | float) or not 0 < value <= LARGEST:
+        if type(value) not in (int, float) or not 0 < value <= LARGEST:
             raise DatasetError(f"expected a positive number for {key} in {self._metadata_path}, got {str(value)[:80]}")
         return float(value)
 
