@@ -19,6 +19,7 @@ from scenarios.sequences import load_sequence
 from sim.recording import Recording, RecordingWriter
 from tests.evaluation_clips import CAMERA, capture_of, method, shadow_of, truth_of, write_recording
 from voxdepth.datasets import open_dataset
+from voxdepth.datasets.files import LARGEST_FILE_BYTES
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.evaluate import requested_of
 from voxdepth.tools.evaluation import frames, suite
@@ -271,6 +272,15 @@ def test_another_true_depth_is_another_sequence(tmp_path: Path) -> None:
             [one.open(tmp_path, 1, lambda what: None).digest(1) for one in requested_of(folder, open_dataset)]
         )
     assert [one == other for one, other in zip(*digests, strict=True)] == [True, True, True, False]
+
+
+def test_a_true_depth_that_cannot_be_read_fails_its_holes_alone(tmp_path: Path) -> None:
+    folder = plain_recording(tmp_path / "real", 2)
+    (folder / "depth_true_mm.png").touch()
+    os.truncate(folder / "depth_true_mm.png", LARGEST_FILE_BYTES + 1)
+    failed = run(tmp_path / "out", folder, methods=(GOOD,), frames=2).failures
+    assert [one.sequence for one in failed] == ["real-holes"]
+    assert "depth_true_mm.png" in str(failed[0].error)
 
 
 def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(

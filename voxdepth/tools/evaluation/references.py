@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from ...datasets import Dataset
+from ...datasets.files import read_bytes
 from ...datasets.images import read_depth_16
 from ...types import ASSUMED_BASELINE_M, FloatImage, Intrinsics, MaskImage
 from ...units import MILLIMETRES, Unit
@@ -152,7 +153,8 @@ class TrueHoles(References):
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
         self._folder, self._dataset = folder, dataset
-        self.digest = sha256(b"".join(path.read_bytes() for path in true_depths(folder))).hexdigest()
+        digests = (sha256(read_bytes(path)).digest() for path in true_depths(folder))
+        self.digest = sha256(b"".join(digests)).hexdigest()
 
     def of(self, index: int, depth_m: FloatImage) -> Referenced:
         """See `References`."""
