@@ -12,7 +12,7 @@ from sim.bodies import Body, Box, Scene, Surface
 from sim.types import Camera
 from sim.world import World
 from voxdepth.geometry import PointArray
-from voxdepth.types import FloatArray, FloatImage, Intrinsics
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
 ROUGH = Surface(albedo=0.5, texture=1.25)
@@ -72,3 +72,11 @@ def project_nearest(points: PointArray, intrinsics: Intrinsics) -> FloatImage:
     np.minimum.at(depth_m, (row[inside].astype(np.intp), col[inside].astype(np.intp)), z[inside])
     depth_m[np.isinf(depth_m)] = 0
     return depth_m
+
+
+def require_equal(got: CorrectedDepth, want: CorrectedDepth) -> None:
+    """Assert that two results have the same images and the same diagnostics."""
+    for image in ("depth_m", "source", "confidence"):
+        np.testing.assert_array_equal(getattr(got, image), getattr(want, image))
+    assert (got.diagnostics is None) == (want.diagnostics is None)
+    assert got.diagnostics is None or got.diagnostics.facts() == want.diagnostics.facts()

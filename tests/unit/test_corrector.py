@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.helpers import require_equal
 from voxdepth import (
     CorrectedDepth,
     Frame,
@@ -51,11 +52,9 @@ def walk(n: int, seed: int = 0) -> list[Frame]:
     return frames
 
 
-def require_equal(got: Sequence[CorrectedDepth], want: Sequence[CorrectedDepth]) -> None:
-    for a, b in zip(got, want, strict=True):
-        for image in ("depth_m", "source", "confidence"):
-            np.testing.assert_array_equal(getattr(a, image), getattr(b, image))
-        assert a.diagnostics.facts() == b.diagnostics.facts()
+def require_all_equal(got: Sequence[CorrectedDepth], want: Sequence[CorrectedDepth]) -> None:
+    for one, other in zip(got, want, strict=True):
+        require_equal(one, other)
 
 
 @each
@@ -76,7 +75,7 @@ def test_the_halves_together_are_the_whole(create: Create) -> None:
     frames = walk(8)
     aligned = [halves.align(frame) for frame in frames]
     backwards = [halves.combine(one) for one in reversed(aligned)]
-    require_equal(backwards[::-1], [whole.process(frame) for frame in frames])
+    require_all_equal(backwards[::-1], [whole.process(frame) for frame in frames])
 
 
 @each
@@ -84,7 +83,7 @@ def test_reset_forgets_the_stream(create: Create) -> None:
     corrector = create()
     first = [corrector.process(frame) for frame in walk(8)]
     corrector.reset()
-    require_equal([corrector.process(frame) for frame in walk(8)], first)
+    require_all_equal([corrector.process(frame) for frame in walk(8)], first)
 
 
 @each
@@ -124,7 +123,7 @@ def test_the_input_is_neither_modified_nor_kept_and_results_are_the_callers_own(
         results.append((deepcopy(result), expected))
         for image in (gray, depth_m, result.depth_m, result.source, result.confidence):
             image[:] = 1
-    require_equal(*zip(*results, strict=True))
+    require_all_equal(*zip(*results, strict=True))
 
 
 def test_arguments_of_other_types_are_refused_in_one_line() -> None:

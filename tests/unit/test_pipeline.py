@@ -25,12 +25,13 @@ from tests.fakes import (
     nothing,
     pipeline_threads,
 )
+from tests.helpers import require_equal
 from voxdepth import TemporalCorrector, VoxDepth
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import FrameError, PipelineError
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.pipeline import Channel, CorrectionPipeline
-from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
+from voxdepth.types import DepthCorrector, Frame, Intrinsics, Source
 
 
 def test_what_is_in_a_channel_outlives_its_end_and_not_its_closing() -> None:
@@ -73,14 +74,6 @@ def walk(count: int, camera: Intrinsics) -> list[Frame]:
         gray = np.ascontiguousarray(wide[:, i : i + camera.width_px])
         walked.append(Frame(stamp_s=i / 10, gray=gray, depth_m=depth_m))
     return walked
-
-
-def require_equal(got: CorrectedDepth, want: CorrectedDepth) -> None:
-    np.testing.assert_array_equal(got.depth_m, want.depth_m)
-    np.testing.assert_array_equal(got.source, want.source)
-    np.testing.assert_array_equal(got.confidence, want.confidence)
-    assert (got.diagnostics is None) == (want.diagnostics is None)
-    assert got.diagnostics is None or got.diagnostics.facts() == want.diagnostics.facts()
 
 
 MAKERS: dict[str, Callable[[], Any]] = {

@@ -196,19 +196,16 @@ class TestMemoryAndPreviousFill:
     def result(self, **votes: Any) -> Result:
         return Result(with_holes(FAR_PX, self.HOLE), **votes)
 
-    def test_a_memory_without_evidence_is_outvoted_by_ends_that_agree(self) -> None:
-        np.testing.assert_allclose(self.result(memory=9).disparity_px[self.RIM], FAR_PX, atol=0.01)
-        np.testing.assert_allclose(self.result(memory=9).disparity_px[self.MIDDLE], FAR_PX, atol=0.01)
+    @pytest.mark.parametrize(("vote", "place"), [("memory", RIM), ("memory", MIDDLE), ("previous", RIM)])
+    def test_without_evidence_they_are_outvoted_by_ends_that_agree(self, vote: str, place: MaskImage) -> None:
+        np.testing.assert_allclose(self.result(**{vote: 9}).disparity_px[place], FAR_PX, atol=0.01)
 
     def test_a_memory_that_was_seen_often_from_a_camera_at_rest_outvotes_them(self) -> None:
         result = self.result(memory=9, seen=12)
         np.testing.assert_allclose(result.disparity_px[self.MIDDLE], 9, atol=0.01)
         assert (result.inpainted.remembered[self.MIDDLE] == 255).all()
 
-    def test_the_previous_fill_never_outvotes_ends_that_agree_nearby(self) -> None:
-        np.testing.assert_allclose(self.result(previous=9).disparity_px[self.RIM], FAR_PX, atol=0.01)
-
-    def test_it_decides_between_contradicting_ends(self) -> None:
+    def test_the_previous_fill_decides_between_contradicting_ends(self) -> None:
         measured_px = with_holes(np.where(COL < EDGE, FAR_PX, 30.0), box(slice(0, 120), slice(40, 120)))
         middle = box(slice(40, 80), slice(78, 82))
         np.testing.assert_allclose(Result(measured_px, previous=30).disparity_px[middle], 30, atol=0.5)

@@ -124,14 +124,16 @@ def test_what_is_not_measured_keeps_its_look() -> None:
         assert (memory.gray[:8] == LOOKS + 5).all()
 
 
+@pytest.mark.parametrize("gray", [grays(), other_look()], ids=["same look", "other look"])
+@pytest.mark.parametrize(("before_px", "now_px"), [(10.0, 20.0), (20.0, 10.0)], ids=["nearer", "farther"])
+def test_another_surface_is_shown_as_measured_at_once(before_px: float, now_px: float, gray: GrayImage) -> None:
+    fused, _ = fuse(memory_of(with_block(before_px)), measurement_of(with_block(now_px), gray))
+    np.testing.assert_array_equal(fused.disparity_px[INSIDE], now_px)
+    np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.MEASURED)
+
+
 class TestOcclusion:
     NEAR = measurement_of(with_block(20.0), other_look())
-
-    @pytest.mark.parametrize("gray", [grays(), other_look()], ids=["same look", "other look"])
-    def test_it_is_shown_as_measured_at_once(self, gray: GrayImage) -> None:
-        fused, _ = fuse(memory_of(image(10)), measurement_of(with_block(20.0), gray))
-        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 20)
-        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.MEASURED)
 
     def test_the_occluded_memory_decays(self) -> None:
         memory = memory_of(image(10))
@@ -151,25 +153,13 @@ class TestOcclusion:
         np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.UNMEASURED)
 
 
-class TestFreeSpaceViolation:
-    FAR = measurement_of(image(10), grays())
-
-    def contradicted(self, measurements: float = EVIDENCE) -> Memory:
-        return memory_of(with_block(20.0), measurements, other_look())
-
-    @pytest.mark.parametrize("gray", [grays(), other_look()], ids=["same look", "other look"])
-    def test_the_measurement_is_shown_at_once(self, gray: GrayImage) -> None:
-        fused, _ = fuse(memory_of(with_block(20.0), gray=gray), self.FAR)
-        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
-        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.MEASURED)
-
-    def test_the_strongest_memory_is_replaced_after_six_frames(self) -> None:
-        memory = self.contradicted()
-        for frame in range(6):
-            assert (memory.weight[INSIDE] == WEIGHT_UNIT * (EVIDENCE - 2 * frame)).all()
-            np.testing.assert_array_equal(memory.disparity_px[INSIDE], 20)
-            _, memory = fuse(memory, self.FAR)
-        np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
+def test_a_memory_that_is_seen_through_is_replaced_after_six_frames() -> None:
+    memory = memory_of(with_block(20.0), gray=other_look())
+    for frame in range(6):
+        assert (memory.weight[INSIDE] == WEIGHT_UNIT * (EVIDENCE - 2 * frame)).all()
+        np.testing.assert_array_equal(memory.disparity_px[INSIDE], 20)
+        _, memory = fuse(memory, measurement_of(image(10)))
+    np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
 
 
 class TestHoles:
