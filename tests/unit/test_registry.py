@@ -142,8 +142,9 @@ def test_another_distribution_adds_a_corrector(foreign: Path, monkeypatch: pytes
     monkeypatch.setattr(sys.modules["theirs_good"].make, "latency_s", 0.25, raising=False)
     assert latency_s("theirs") == 0.25
     assert type(create_corrector("theirs", CAMERA).bare).__name__ == "Theirs"
-    with pytest.raises(ConfigError, match="'theirs' takes no configuration"):
-        create_corrector("theirs", CAMERA, TemporalConfig())
+    for config in (TemporalConfig(), {}):
+        with pytest.raises(ConfigError, match="'theirs' takes no configuration"):
+            create_corrector("theirs", CAMERA, config)
 
 
 def test_our_names_win(foreign: Path) -> None:

@@ -158,6 +158,14 @@ class TestPosesOfTheCaller:
         assert off_m[0] > 0.02
         assert off_m[1] < 1e-3
 
+    def test_the_certainty_of_a_turn_is_given_in_degrees(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        given, fit = [], parts.fit_pose
+        monkeypatch.setattr(parts, "fit_pose", lambda *arguments: given.append(arguments[-1]) or fit(*arguments))
+        known = VisualOdometry(CAMERA, WorkingResolution.of(CAMERA, 1), TemporalConfig(pose_sigma_deg=3))
+        for index in range(2):
+            set_keyframe(known, replace(frame_of(ROOM, pose(), index), T_world_cam=pose()))
+        assert given[0].sigma_rad == pytest.approx(np.pi / 60)
+
     @pytest.mark.parametrize("said", [pose(0.3, 0.2, 0.1, yaw=5), pose(30.0, yaw=80)], ids=["off", "absurd"])
     def test_the_image_corrects_them(self, said: FloatArray) -> None:
         T = MOTIONS["forward"]
@@ -197,7 +205,7 @@ class TestFit:
         T, points = pose(z=0.08), self.points()
         seen = self.seen(points, T)
         behind = np.tile([0.0, 0.0, -3.0], (10, 1))
-        there = np.tile([TRACKING_CAMERA.cx_px + 0.5, TRACKING_CAMERA.cy_px], (10, 1))
+        there = np.tile([TRACKING_CAMERA.cx_px + 0.05, TRACKING_CAMERA.cy_px], (10, 1))
         fit = fit_pose(np.vstack([points, behind]), np.vstack([seen, there]), TRACKING_CAMERA, np.eye(4), 1.0)
         np.testing.assert_allclose(fit.T_target_source, T, atol=1e-6)
 

@@ -219,6 +219,11 @@ class TestSmoothing:
             smooth_guided(noisy_px + np.float32(2), size_px), smooth_guided(noisy_px, size_px) + 2, atol=1e-3
         )
 
+    def test_what_is_unknown_stays_unknown(self) -> None:
+        holed_px = constant(6)
+        holed_px[40, 50] = 0
+        np.testing.assert_array_equal(smooth_guided(holed_px, 5) == 0, holed_px == 0)
+
     def test_a_plane_stays_a_plane_inside(self) -> None:
         row, col = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
         plane_px = np.asarray(5 + 0.1 * row + 0.05 * col, np.float32)
