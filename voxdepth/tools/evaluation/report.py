@@ -12,6 +12,7 @@ from ..provenance import Provenance
 from ..table import MISSING, Table, write_frame
 from .quantities import HEADLINES, QUANTITIES, Quantity, fitted, is_measured, numbers_of
 from .suite import Evaluation
+from .verdict import verdict
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,6 +31,7 @@ def rendered(evaluation: Evaluation) -> str:
     """Return the text of the page."""
     return render_page(
         TEMPLATES / "report.html.j2",
+        verdict=verdict(evaluation),
         failures=[(result.method, result.sequence, result.error) for result in evaluation.failures],
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
         sequences=_sequence_table(evaluation),
@@ -65,7 +67,11 @@ def _texts(evaluation: Evaluation, quantity: Quantity, values: pd.DataFrame) -> 
 
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:
-    """Print the sequences, the tables that most decide, and which methods failed; the page has the other tables."""
+    """Print the verdict, the sequences, the tables that most decide, and which methods failed.
+
+    The page has the other tables.
+    """
+    console.print(verdict(evaluation), soft_wrap=True, markup=False, highlight=False)
     if evaluation.sequences:
         _sequence_table(evaluation).print(console)
     for quantity in HEADLINES:
