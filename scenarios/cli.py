@@ -49,10 +49,15 @@ def sequences(names: "Sequence[str]", seed: int | None) -> "Sequence[Requested]"
 
 
 def recorded(folder: "Path") -> "Requested | None":
-    """Find a recording of the simulator with the truth."""
-    from .evaluation import existing, is_simulated
+    """Find a recording of the simulator with the truth; other recordings need no simulator."""
+    from voxdepth.tools.evaluation.references import TRUE_DEPTHS
 
-    return existing(folder) if is_simulated(folder) else None
+    truth = folder / TRUE_DEPTHS
+    if not truth.is_dir() or any(truth.glob("*.png")):
+        return None
+    from .evaluation import existing
+
+    return existing(folder)
 
 
 EXTENSION = Extension(
