@@ -17,7 +17,6 @@ from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.tools.evaluation.frames import TRUTH, Code, EvaluationFrame
-from voxdepth.tools.evaluation.references import TRUE_DEPTHS
 from voxdepth.tools.evaluation.suite import Requested, name_of
 from voxdepth.tools.files import to_toml
 from voxdepth.types import FloatImage, MaskImage
@@ -35,11 +34,6 @@ Tell = Callable[[str], None]
 """Hears what is being done."""
 GHOST_FRAMES = 5
 """Ghosts are counted this many frames after a moving object left a pixel, so once per departure."""
-
-
-def is_simulated(folder: Path) -> bool:
-    """Whether a folder holds a recording of the simulator with the truth."""
-    return (folder / TRUE_DEPTHS).is_dir() and not any((folder / TRUE_DEPTHS).glob("*.png"))
 
 
 @contextmanager
