@@ -166,9 +166,10 @@ class CostMap:
         return missing_m * COMPASS[best] if ahead_m[best] > here_m else np.zeros(2)
 
     def plan(self, at_m: FloatArray, target_m: FloatArray, before: PlannedPath | None = None) -> PlannedPath:
-        """Return the cheapest path from a position inside of the map to a target (x, y), or to the side towards it.
+        """Return the cheapest path from a position to a target (x, y), or to the side of the map towards it.
 
-        The path that was chosen `before` is a little cheaper, so that a drone does not hesitate between two paths.
+        The path that was chosen `before` is a little cheaper, so that a drone does not hesitate between two paths. That
+        of a drone beyond the map, where a storm may carry it, begins in the nearest cell.
         """
         shape, side_m = self._blocked.shape, PATH_CELLS * VOXEL_M
         cost = np.array([COSTS[state] for state in range(len(COSTS))])[self._blocked]
@@ -176,7 +177,8 @@ class CostMap:
             rows, cols = np.floor((before.points_m - self.origin_m) / side_m).astype(np.intp).T[::-1]
             inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
             cost[rows[inside], cols[inside]] *= HYSTERESIS
-        col, row = np.floor((at_m[:2] - self.origin_m) / side_m).astype(int).tolist()
+        cell = np.floor((at_m[:2] - self.origin_m) / side_m).astype(int)
+        col, row = np.clip(cell, 0, [shape[1] - 1, shape[0] - 1]).tolist()
         rows, cols = _cheapest_path(cost, self._cost_to_go(target_m), row, col)
         points_m = self.origin_m + side_m * (np.column_stack([cols, rows]) + 0.5)
         nearby = min(len(rows) - 1, round(CLEAR_M / side_m))

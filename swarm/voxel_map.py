@@ -174,9 +174,9 @@ class VoxelMap:
         What the map does not reach is not free.
         """
         (x, y, _), (first, last) = ((at_m - self.origin_m) / VOXEL_M).tolist(), self._layers(low_m, high_m)
-        around = np.s_[first:last, floor(y) - 1 : floor(y) + 2, floor(x) - 1 : floor(x) + 2]
-        is_free = self._is_free(around, time_s)
-        return first >= 0 and is_free.shape == (last - first, 3, 3) and bool(is_free.all())
+        row, col = floor(y) - 1, floor(x) - 1
+        is_free = self._is_free(np.s_[first:last, row : row + 3, col : col + 3], time_s)
+        return min(first, row, col) >= 0 and is_free.shape == (last - first, 3, 3) and bool(is_free.all())
 
     def update(self, evidence: Evidence, T_odom_cam: FloatArray, drones_m: FloatArray, time_s: float) -> None:
         """Add the evidence of an image; surfaces near the other drones `drones_m`, shape (n, 3), are these drones.

@@ -121,6 +121,14 @@ def test_no_path_costs_less_than_the_planned_one(seed: int) -> None:
         assert (np.abs(left[a] - left[b]) <= step + 1e-9).all()
 
 
+@pytest.mark.parametrize("at_m", [(-30.0, 1.0), (1.0, -30.0), (30.0, 1.0), (1.0, 30.0)])
+def test_a_drone_beyond_the_map_begins_its_path_on_the_nearest_side(at_m: tuple[float, float]) -> None:
+    path = costs_of(np.full((96, 96), FREE, np.uint8), np.array([-12.0, -12.0])).plan(
+        np.array([*at_m, 0.0]), np.zeros(3), None
+    )
+    np.testing.assert_allclose(path.points_m[0], np.clip(at_m, -11.75, 11.75), atol=0.26)
+
+
 def test_a_column_is_free_where_the_slices_around_it_are() -> None:
     drone = Drone().sees(flat(3.0), PROOF)
     rng, n_free = np.random.default_rng(3), 0
@@ -135,9 +143,11 @@ def test_a_column_is_free_where_the_slices_around_it_are() -> None:
     assert 20 < n_free < 280
 
 
-@pytest.mark.parametrize("far_m", [-12.1, 12.1, 100.0])
+@pytest.mark.parametrize("far_m", [-12.6, -12.1, 12.1, 100.0])
 def test_no_column_beyond_the_map_is_free(far_m: float) -> None:
     drone = Drone().sees(flat(3.0), PROOF)
+    drone.map.mark_free(np.array([[11.4, 0, 0], [0, 11.4, 0]]), 1.0, 0.5, drone.time_s)
+    assert drone.map.is_column_free(np.array([11.4, 0, 0]), -0.1, 0.1, drone.time_s)
     assert not drone.map.is_column_free(np.array([far_m, 0, 0]), -0.1, 0.1, drone.time_s)
     assert not drone.map.is_column_free(np.array([0, far_m, 0]), -0.1, 0.1, drone.time_s)
     assert not drone.map.is_column_free(np.array([1.0, 0, 0]), -0.1, 5.0, drone.time_s)
