@@ -286,6 +286,7 @@ def test_doctor_finds_what_works_here() -> None:
     assert "ok renderer raycast" in done.stdout
     assert "ok renderer tiny" in done.stdout
     assert "ok package sim" in done.stdout
+    assert "GL_VENDOR" not in done.stdout, "what a driver prints is no finding"
     assert done.returncode == 0, done.stdout
 
 
