@@ -122,7 +122,8 @@ def replay(
 ) -> None:
     """Fly runs of a study again, and say whether each ends as in the study. Exits 1 if one does not.
 
-    Of a collision, say what the drone had seen of the object that it hit.
+    Of a collision, say what the drone had seen of the object that it hit. The table of causes counts the runs that
+    ended as in the study.
     """
     from ..study.diagnose import Diagnosis, cause_table
     from ..study.replay import chosen, compared, fly_again
@@ -132,7 +133,10 @@ def replay(
     folder = _folder_of(out, data) / "replays" if record else None
     causes: dict[str, list[Diagnosis]] = {}
     all_same = True
-    for spec in chosen(data, keys or []):
+    specs = chosen(data, keys or [])
+    if not specs:
+        typer.echo("no run of the study ended in a collision: name the runs to fly again by their keys")
+    for spec in specs:
         finished, diagnosis = fly_again(spec.run, folder)
         is_same, verdict = compared(data, spec, finished)
         all_same = all_same and is_same
@@ -141,7 +145,8 @@ def replay(
             typer.echo(f"  its files are in {finished.folder}")
         if diagnosis is not None:
             typer.echo(f"  {diagnosis}")
-            causes.setdefault(spec.arm, []).append(diagnosis)
+            if is_same:
+                causes.setdefault(spec.arm, []).append(diagnosis)
     if causes:
         typer.echo(cause_table(causes).markdown())
     if not all_same:
@@ -157,6 +162,7 @@ def _print_status(findings: "Findings") -> None:
     """Print what was found, how the runs of each arm ended, and what failed."""
     from rich.console import Console
 
+    from ..study.design import settings_that_left
     from ..study.tables import end_table
 
     data = findings.data
@@ -170,3 +176,6 @@ def _print_status(findings: "Findings") -> None:
         typer.echo(f"{failure.kind} in run {data.runs[failure.key].short_key}: {failure.last_line}")
     if data.failures:
         typer.echo("fly them again with --resume")
+    of_each_arm = {spec.arm: spec for spec in data.specs}.values()
+    if left := sorted({key for spec in of_each_arm for key in settings_that_left(data.study, spec)}):
+        typer.echo(f"settings of the study that have left since, so that a replay flies otherwise: {', '.join(left)}")

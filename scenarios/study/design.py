@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal, get_args
@@ -329,6 +329,27 @@ def versions_of(specs: Iterable[RunSpec]) -> dict[str, str]:
     """Return `simulation_versions`, and the digests of the user's code that runs fly, see `sources_of`."""
     runs = {(s.run.scenario.mission.controller, s.run.scenario.corrector.name): s.run for s in specs}
     return simulation_versions() | {name: own for run in runs.values() for name, own in sources_of(run).items()}
+
+
+def settings_that_left(study: Study, spec: RunSpec) -> dict[str, Any]:
+    """Return the values that a study sets in a run, by dotted keys that scenarios no longer have.
+
+    An earlier version flew by them. In this one they have no effect.
+    """
+    arm = next(arm for arm in study.arms if arm.name == spec.arm)
+    level = {} if spec.level is None else {study.axis_key: spec.level}
+    return dict(_absent({**study.changes, **arm.changes, **level}, spec.run.scenario.model_dump()))
+
+
+def _absent(changes: Mapping[str, Any], table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the dotted keys that a table lacks, with their values."""
+    for key, value in changes.items():
+        first, _, rest = key.partition(".")
+        below = {rest: value} if rest else value
+        if first not in table:
+            yield key, value
+        elif isinstance(below, dict) and isinstance(table[first], dict):
+            yield from ((f"{first}.{name}", own) for name, own in _absent(below, table[first]))
 
 
 def by_importance(study: Study, waiting: Iterable[RunSpec]) -> list[RunSpec]:

@@ -11,7 +11,7 @@ from ..config import Run
 from ..errors import ScenarioError
 from ..flight import Finished, flying
 from ..runner import fly_and_write
-from .design import RunSpec, versions_of
+from .design import RunSpec, settings_that_left, versions_of
 from .diagnose import CollisionProbe, Diagnosis
 from .store import RunRecord, StudyData
 
@@ -98,7 +98,9 @@ def compared(data: StudyData, spec: RunSpec, finished: Finished) -> tuple[bool, 
         same = f"the same as in the study, errors of depth within {DEPTH_TOLERANCE:g}, others within {TOLERANCE:g}"
         return True, f"{now.outcome}: {same}"
     versions = [name for name, version in versions_of([spec]).items() if data.versions.get(name) != version]
+    lost = ", ".join(f"{key} = {value}" for key, value in settings_that_left(data.study, spec).items())
     return False, (
         f"{now.outcome}, in the study {before.outcome}: NOT the same; other: {', '.join(other)}; "
-        f"other versions: {', '.join(versions) or 'none'}; the study was begun on {data.machine}"
+        f"other versions: {', '.join(versions) or 'none'}{lost and f'; settings that have left since: {lost}'}; "
+        f"the study was begun on {data.machine}"
     )

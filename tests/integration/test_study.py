@@ -184,6 +184,9 @@ def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was
     assert "collision, in the study lost: NOT the same; other: outcome, min_clearance_m; other versions: none" in (
         other.stdout
     )
+    assert "| blind |" not in other.stdout, "another flight than that of the study has no place in its table"
+    shutil.rmtree(out / "runs")
+    assert "no run of the study ended in a collision" in study_command("replay", out).stdout
     for prefix, message in (("nothing", "no run's key begins with 'nothing'"), ("", "runs' keys begin with ''")):
         assert message in str(study_command("replay", out, prefix).exception)
 

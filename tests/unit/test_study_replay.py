@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from scenarios.study.design import expand
+from scenarios.study.design import Arm, expand, settings_that_left
 from scenarios.study.replay import differences
 from scenarios.study.store import RunRecord
 from swarm.types import Outcome
@@ -52,3 +52,15 @@ def test_outcome_counts_but_not_what_another_version_does_not_have() -> None:
     assert found == ["outcome", "contacts", "frames", "none"]
     older = replace(before, drones=(), metrics={"sim_time_s": before.metrics["sim_time_s"]})
     assert differences(older, before) == differences(before, replace(older, drones=before.drones)) == []
+
+
+def test_settings_that_scenarios_no_longer_have_are_named() -> None:
+    tiny = study(arm("a"), seeds=1)
+    (spec,) = expand(tiny)
+    assert settings_that_left(tiny, spec) == {}
+    left = {"mission.pilot.response_s": 0.1, "mission": {"localisation": {"drift_m": 1.0}, "drones": 2}, "rig.x.y": 3}
+    (own,) = tiny.arms
+    older = tiny.model_copy(update={"arms": (Arm.model_validate({**own.model_dump(), "changes": left}),)})
+    assert settings_that_left(older, spec) == {
+        "mission.pilot.response_s": 0.1, "mission.localisation": {"drift_m": 1.0}, "rig.x.y": 3
+    }  # fmt: skip
