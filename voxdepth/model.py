@@ -128,7 +128,8 @@ def _likely_keys(problem: Any, model: type[BaseModel], field: str) -> str:
     table, _, wrong = _dotted(problem, model, field).rpartition(".")
     beside = {name: f"{table}.{name}".strip(".") for one in _place(problem, model)[1] for name in one.model_fields}
     content = _models(_below(model, field)) or [model]
-    everywhere = [key for one in content for key in _keys_of(one)]
+    wrong_key = f"{table}.{wrong}".strip(".")  # A table of another kind may have it.
+    everywhere = [key for one in content for key in _keys_of(one) if key != wrong_key]
     by_name = {key.rpartition(".")[2]: key for key in reversed(everywhere)}
     same = dict.fromkeys(key for key in everywhere if key.rpartition(".")[2] == wrong)
     return did_you_mean(

@@ -107,6 +107,12 @@ def test_all_problems_of_the_settings_of_a_corrector_are_told_at_once() -> None:
         assert told in str(error.value)
 
 
+def test_a_key_of_another_kind_of_scene_is_not_proposed_again(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text('name = "mine"\n[scene]\nkind = "room"\nlength_m = 9.0\n')
+    with pytest.raises(ScenarioError, match=r"unknown key 'scene\.length_m'(?! \(did you mean scene\.length_m)"):
+        load_mine(str(tmp_path / "mine.toml"))
+
+
 def test_a_learning_task_is_refused_in_the_same_words() -> None:
     with pytest.raises(MissionError, match=r"2 problems: unknown key 'misson' \(did you mean mission\?\); renderer"):
         LeaderFollowerEnv(misson={}, renderer="x")
