@@ -50,7 +50,8 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     Args:
         learner: Number of the learning drone; None takes the first follower.
         render_mode: `rgb_array`, or None for no pictures.
-        recorder: Receives everything that happens; None records nothing.
+        recorder: Receives everything that happens, and is closed by who made it; None records nothing. Gray images are
+            black if neither the corrector nor the sensor model needs them.
         task: As for `LearningTask.of`. What is unknown or impossible is a `MissionError`.
     """
 
