@@ -15,6 +15,7 @@ from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture, InvalidReason
 from sim.world import World
 from voxdepth.colors import FAR_M, colored
+from voxdepth.tools.output import CONFIDENCE, DEPTH, REPORT
 from voxdepth.types import GrayImage
 
 from .errors import ScenarioError
@@ -35,9 +36,14 @@ def make_sheet(folder: Path, out: Path) -> None:
 
     Raises:
         RecordingError: The recording cannot be read.
-        ScenarioError: The recording has no frame, or the picture cannot be written.
+        ScenarioError: The folder holds corrected depth, the recording has no frame, or the picture cannot be written.
     """
     require_picture(out)
+    if all((folder / name).exists() for name in (REPORT, DEPTH, CONFIDENCE)):
+        raise ScenarioError(
+            f"{folder} holds corrected depth, and a sheet is made of a recording: to look at corrected depth, correct "
+            "with --record FILE.rrd, then voxdepth view FILE.rrd"
+        )
     recording = Recording.open(folder)
     if len(recording) == 0:
         raise ScenarioError(f"{folder} holds no complete frame: record some first")
