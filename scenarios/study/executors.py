@@ -4,8 +4,8 @@ All executors give equal records for equal runs, in any order. An exception in a
 a `ScenarioError` says that no run can be flown at all. Closing the iterator stops the runs that are in progress.
 """
 
-import json
 import logging
+import math
 import platform
 import signal
 import time
@@ -41,13 +41,15 @@ def run_one(spec: RunSpec) -> RunRecord:
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
-        ScenarioError: The key is not that of the run.
-        ValueError: A number of the result is not finite.
+        ScenarioError: The key is not that of the run, or a number of the result is not finite.
     """
     if key_of(spec.run) != spec.key:
         raise ScenarioError("the code of a controller or corrector has changed since the study began: see --resume")
     record = RunRecord.of(spec.key, fly(spec.run, threads=1))
-    json.dumps(asdict(record), allow_nan=False)  # This is an error of the run where a number is not finite.
+    for figures in (record.metrics, *record.drones, *map(asdict, record.contacts)):
+        for name, value in figures.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ScenarioError(f"expected finite numbers, or None, got {name} = {value}")
     return record
 
 

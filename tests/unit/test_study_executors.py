@@ -25,8 +25,12 @@ from tests.studies import arm, fake, noisy, study
 pytestmark = pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
 
 
-@pytest.mark.parametrize("where", ["metrics", "drones", "contacts"])
-def test_a_number_that_is_not_finite_is_a_failure_of_its_run(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("where", "told"), [("metrics", "a = nan"), ("drones", "path_length_m = inf"), ("contacts", "speed_m_s = nan")]
+)
+def test_a_number_that_is_not_finite_is_a_failure_of_its_run_and_named(
+    where: str, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (spec,) = expand(study(arm("a"), seeds=1))
     contact = Contact(time_s=1.0, drone=0, other="wall", kind="building", speed_m_s=np.nan)
     values = {"metrics": {"a": np.nan}, "drones": ({"path_length_m": np.inf},), "contacts": (contact,)}
@@ -34,7 +38,8 @@ def test_a_number_that_is_not_finite_is_a_failure_of_its_run(where: str, monkeyp
     monkeypatch.setattr(executors, "fly", lambda run, threads: None)
     monkeypatch.setattr(RunRecord, "of", lambda key, finished: damaged)
     failure = attempt(run_one, spec)
-    assert "Out of range float values" in failure.text
+    assert isinstance(failure, Failure)
+    assert failure.last_line.endswith(f"expected finite numbers, or None, got {told}")
 
 
 @pytest.mark.slow
