@@ -134,10 +134,13 @@ class Cluster:
         """Connect to the scheduler and wait for a worker."""
         from distributed import Client
 
+        client = None
         try:
             client = Client(self.address)
             client.wait_for_workers(1, timeout=NO_WORKER_TIMEOUT_S)
         except (OSError, TimeoutError, ValueError) as error:
+            if client is not None:
+                client.close()
             raise ScenarioError(
                 f"there is no cluster with a worker at {self.address} ({error}): start one with `dask scheduler` "
                 "and `dask worker ADDRESS --nthreads 1`"

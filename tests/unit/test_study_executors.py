@@ -12,7 +12,7 @@ import dask.config
 import numpy as np
 import psutil
 import pytest
-from distributed import LocalCluster
+from distributed import LocalCluster, default_client
 
 from scenarios.errors import ScenarioError
 from scenarios.study import executors
@@ -102,6 +102,10 @@ def test_a_cluster_is_lost_with_its_last_worker(cluster: Any, monkeypatch: pytes
         time.sleep(0.05)
     with pytest.raises(ScenarioError, match=r"no worker is left: .* go on with --resume"):
         list(runs)
+    with pytest.raises(ScenarioError, match="there is no cluster with a worker"):
+        list(Cluster(cluster.scheduler_address, 600.0, fake).run(specs))
+    with pytest.raises(ValueError, match="No client"):
+        default_client()  # Both have closed theirs.
 
 
 def test_without_a_cluster_an_address_is_told_with_what_to_start() -> None:
