@@ -35,13 +35,15 @@ class Finished:
         return float(self.result.metrics["sim_time_s"] or 0) / self.wall_s
 
 
-def fly(run: Run, *, threads: int | None = None) -> Finished:
+def fly(run: Run, *, recorder: Recorder | None = None, threads: int | None = None) -> Finished:
     """Fly a mission without writing anything; the number of threads changes the speed only.
+
+    A recorder watches it; None for none.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
     """
-    with flying(run, Recorder(), recorded=False, threads=threads) as mission:
+    with flying(run, recorder or Recorder(), recorded=False, threads=threads) as mission:
         wall_s = ticked(mission, None)
         if mission.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt

@@ -11,7 +11,7 @@ import pandas as pd
 from swarm.types import Outcome
 from voxdepth.types import FloatArray
 
-from .design import GAIN, EndpointName, RunSpec, arm_label
+from .design import GAIN, EndpointName, RunSpec, Study, arm_label
 from .statistics import (
     Estimate,
     IndexArray,
@@ -187,14 +187,14 @@ def headline(comparisons: Sequence[Comparison]) -> list[Comparison]:
     return declared or [one for one in comparisons if comparisons[0].first in (one.first, one.second)]
 
 
-def compare_arms(data: StudyData, runs: pd.DataFrame, endpoint: EndpointName) -> list[Comparison]:
+def compare_arms(matched: "MatchedArms", study: Study, endpoint: EndpointName) -> list[Comparison]:
     """Compare how many runs of two arms reached an endpoint, for all pairs of arms that have a pair of runs.
 
     The declared comparison comes first; it is the primary one if it was declared on this endpoint.
     """
-    matched, declared = matched_arms(data, runs)
-    primary = declared if endpoint == data.study.endpoint else None
-    cells = {sides: _pairs_by_scenario(pairs, endpoint) for sides, pairs in matched.items()}
+    declared = matched.declared
+    primary = declared if endpoint == study.endpoint else None
+    cells = {sides: _pairs_by_scenario(pairs, endpoint) for sides, pairs in matched.pairs.items()}
     pooled = {sides: Pairs(*map(sum, zip(*own.values(), strict=True))) for sides, own in cells.items()}
     p_values = {sides: mcnemar(pairs.first_only, pairs.second_only) for sides, pairs in pooled.items()}
     others = [sides for sides in pooled if sides != primary]
@@ -218,13 +218,17 @@ def difference_of_means(pairs: RunPairs, measure: Measure) -> Estimate | None:
     return _estimate(pairs[0]["scenario"], *columns)
 
 
-def matched_arms(data: StudyData, runs: pd.DataFrame) -> tuple[dict[Sides, RunPairs], Sides | None]:
-    """Return the runs of the same scenario and seed of every two arms that have any, and the declared arms.
+class MatchedArms(NamedTuple):
+    """The runs of the same scenario and seed of every two arms that have any."""
 
-    The declared arms come first, those of a gain at every level, and are None for a gain. Arms at two different
-    levels are not compared.
-    """
-    study = data.study
+    pairs: Mapping[Sides, RunPairs]
+    """The declared arms come first, those of a gain at every level."""
+    declared: Sides | None
+    """The declared arms; None for a gain."""
+
+
+def matched_arms(study: Study, runs: pd.DataFrame) -> MatchedArms:
+    """Return the runs of every two arms; those at two different levels are not compared."""
     blocks = pd.MultiIndex.from_arrays([runs["scenario"].astype(str), runs["seed"]], names=["in", "of"])
     flown = dict(list(runs.set_index(blocks).groupby("label", observed=True)))
     levels = [(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
@@ -242,7 +246,7 @@ def matched_arms(data: StudyData, runs: pd.DataFrame) -> tuple[dict[Sides, RunPa
             common = flown[one].index.intersection(flown[other].index, sort=False)
             if len(common):
                 matched[one, other] = flown[one].loc[common], flown[other].loc[common]
-    return matched, declared
+    return MatchedArms(matched, declared)
 
 
 class Gain(NamedTuple):

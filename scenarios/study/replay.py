@@ -9,7 +9,7 @@ from swarm.types import Outcome
 
 from ..config import Run
 from ..errors import ScenarioError
-from ..flight import Finished, flying
+from ..flight import Finished, fly
 from ..runner import fly_and_write
 from .design import RunSpec, settings_that_left, versions_of
 from .diagnose import CollisionProbe, Diagnosis
@@ -78,11 +78,7 @@ def fly_again(run: Run, out: Path | None) -> tuple[Finished, Diagnosis | None]:
         KeyboardInterrupt: Ctrl-C was pressed.
     """
     probe = CollisionProbe(run.scenario.mission.pilot)
-    if out is not None:
-        finished = fly_and_write(run, out, record=True)
-    else:
-        with flying(run, probe, recorded=False) as mission:
-            finished = Finished(result=mission.run(), wall_s=0.0, folder=None)
+    finished = fly(run, recorder=probe) if out is None else fly_and_write(run, out, record=True)
     if finished.result.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
     return finished, probe.diagnosis

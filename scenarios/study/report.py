@@ -41,7 +41,8 @@ class Findings:
         """Every arm at every level in every scenario, and in all."""
         reached = [name for name in ENDPOINTS if (runs["outcome"] == REACHED[name]).any()]
         endpoints = dict.fromkeys([study.endpoint, *reached])
-        self.comparisons = {endpoint: compare_arms(data, runs, endpoint) for endpoint in endpoints}
+        self._matched = matched_arms(study, runs)
+        self.comparisons = {endpoint: compare_arms(self._matched, study, endpoint) for endpoint in endpoints}
         """The comparisons of arms by endpoint; the primary one comes first, and another that no run reached is left
         out."""
         self._unit = "" if study.axis is None else study.axis.unit
@@ -60,7 +61,7 @@ class Findings:
             **{f"{name}_effects": effect_table(found, name) for name, found in self.comparisons.items()},
             **{f"{name}_comparisons": comparison_table(found, name) for name, found in self.comparisons.items()},
             "means": mean_table(self.arms),
-            "mean_differences": mean_difference_table(matched_arms(self.data, self._runs)[0]),
+            "mean_differences": mean_difference_table(self._matched.pairs),
         }
 
 

@@ -44,7 +44,7 @@ def summary(data: StudyData) -> list[Arm]:
 
 
 def compared(data: StudyData, endpoint: EndpointName) -> list[Comparison]:
-    return compare_arms(data, run_frame(data), endpoint)
+    return compare_arms(matched_arms(data.study, run_frame(data)), data.study, endpoint)
 
 
 def test_a_summary_counts_every_run_once() -> None:
@@ -81,7 +81,7 @@ def test_arrivals_are_no_reverse_of_collisions_and_a_study_against_itself_has_no
         assert (none.pairs.difference.value, none.p) == (0, 1)
         low, high = none.pairs.difference.interval
         assert low == pytest.approx(-high)
-    (pairs,) = matched_arms(same, run_frame(same))[0].values()
+    (pairs,) = matched_arms(same.study, run_frame(same)).pairs.values()
     assert [difference_of_means(pairs, one) for one in (GOAL_SPEED, TIME_TO_GOAL)] == [(0.0, Interval(0.0, 0.0))] * 2
 
 

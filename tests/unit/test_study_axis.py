@@ -137,7 +137,7 @@ def test_a_gain_is_not_extrapolated(half_at: dict[str, float]) -> None:
 
 def test_measures_are_compared_as_the_gain_was_declared_and_the_report_shows_every_level() -> None:
     data = flown(light(), {"a": -1.7, "b": -2.4})
-    pairs = list(matched_arms(data, run_frame(data))[0])
+    pairs = list(matched_arms(data.study, run_frame(data)).pairs)
     assert pairs[: len(STOPS)] == [(f"b at {level:g}", f"a at {level:g}") for level in STOPS]
     assert len(pairs) == len(STOPS) + 2, "and both against the reference at its level"
     findings = Findings(data)

@@ -78,7 +78,7 @@ def test_what_no_run_came_to_is_not_compared() -> None:
 
 def test_means_that_differ_in_no_pair_are_left_out() -> None:
     data = flown(study(arm("a"), arm("b"), seeds=3), {("city", "a"): "ooo", ("city", "b"): "oot"})
-    matched, _ = matched_arms(data, run_frame(data))
+    matched = matched_arms(data.study, run_frame(data)).pairs
     headings = mean_difference_table(matched).headings
     assert headings == ["first - second", "pairs", "goal speed [m/s]", "time to goal [s]"]
     assert len(mean_difference_table({sides: (a, a) for sides, (a, _) in matched.items()})) == 0
