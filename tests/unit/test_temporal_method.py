@@ -163,19 +163,13 @@ def _bytes(result: CorrectedDepth) -> tuple[bytes, ...]:
 class TestArrays:
     def test_what_it_says_of_the_first_and_the_next_frame(self) -> None:
         first, second = run(method(), NOISY[:2])
-        assert first.diagnostics.facts() == {
-            "tracking": "first_frame",
-            "n_tracks": 0,
-            "n_inliers": 0,
-            "memory_reset": 0,
-        }
+        assert first.diagnostics.facts() == {"tracking": "first_frame", "n_tracks": 0, "n_inliers": 0}
         assert first.diagnostics.T_frame_keyframe is None
         assert second.diagnostics.status is TrackingStatus.OK
         assert second.diagnostics.n_inliers > 40
         assert 0 < second.diagnostics.facts()["residual_px"] < 1
         assert second.diagnostics.T_frame_keyframe is not None
         np.testing.assert_allclose(second.diagnostics.T_frame_keyframe, np.linalg.inv(walk(2)[1]), atol=0.005)
-        assert not second.diagnostics.memory_reset
         assert {"measure", "track", "warp", "fuse", "fill", "remember"} <= set(second.timings_s)
 
 

@@ -149,9 +149,16 @@ class TestUpsampling:
         rows, cols = 2 * resolution.height_px, 2 * resolution.width_px
         np.testing.assert_allclose(shown_px[:rows, :cols], full_px[:rows, :cols], rtol=3e-7)
         assert shown_px.shape == full_px.shape
-        # A last odd row or column has no pixel of memory: it repeats the one before.
-        np.testing.assert_array_equal(shown_px[-1], shown_px[rows - 1])
-        np.testing.assert_array_equal(shown_px[:, -1], shown_px[:, cols - 1])
+
+    def test_a_last_odd_row_or_column_shows_its_measurement_and_else_its_neighbour(self) -> None:
+        full_px, shape = np.full(ODD.shape, np.float32(6)), WorkingResolution.of(ODD, 2).shape
+        full_px[-1, :20], full_px[30:40, -1] = 3, 0
+        kinds = np.full(shape, PixelClass.MEASURED, np.uint8)
+        shown = shown_from(full_px, Estimate(np.full(shape, np.float32(6)), kinds, np.ones(shape, np.float32)), ODD)
+        resolution = WorkingResolution.of(ODD, 2)
+        expected_px = np.where(full_px > 0, full_px, np.float32(6))
+        np.testing.assert_allclose(resolution.disparity(shown.depth_m), expected_px, rtol=1e-6)
+        np.testing.assert_array_equal(shown.source, np.where(full_px > 0, Source.SENSOR, Source.INPAINTED))
 
     @pytest.mark.parametrize("kind", [PixelClass.UNMEASURED, PixelClass.FUSED, PixelClass.REMEMBERED])
     def test_surfaces_are_interpolated_linearly(self, kind: PixelClass) -> None:

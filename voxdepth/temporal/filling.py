@@ -49,8 +49,8 @@ AGREEMENT_PX, AGREEMENT_SHARE = float32(1), float32(0.03)
 """Difference of disparity up to which two votes, or two ends, are of one surface, and the fraction of the disparity
 that is added to it."""
 MAX_SLOPE = 0.15
-"""Change of disparity per pixel of the matched images up to which two ends may be of one slanted surface. In an
-occlusion shadow it is 1."""
+"""Change of disparity per step along an axis, in pixels of the matched images, up to which two ends may be of one
+slanted surface. In an occlusion shadow it is 1."""
 ROW_FACTOR = float32(2)
 """Factor of the weight of a row whose ends agree: most holes of a stereo camera lie along its rows."""
 MEMORY_WEIGHT = float32(1 / 2)
@@ -130,7 +130,7 @@ class Rules(NamedTuple):
     """What depends on the camera and on the size of the pixels that are filled, float32."""
 
     max_slope: float
-    """Change of disparity per pixel up to which two ends may be of one slanted surface."""
+    """Change of disparity per step along an axis up to which two ends may be of one slanted surface."""
     matched_px: float
     """Pixels of the matched images per pixel."""
     pixel_px: float

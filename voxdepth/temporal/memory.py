@@ -33,7 +33,8 @@ class Memory(NamedTuple):
     """Running mean of measured minus remembered disparity, shape (h, w) / `DRIFT_DECIMATION`, float32. It is positive
     where surfaces come nearer."""
     filled_px: FloatImage
-    """Disparity that the holes of the last frame were filled with, float32; 0 elsewhere."""
+    """Disparity that the holes of the last frame were filled with, float32; 0 elsewhere. Where nothing is remembered,
+    it follows the rotation of the camera, but not its translation."""
 
     @classmethod
     def empty(cls, gray: GrayImage) -> "Memory":

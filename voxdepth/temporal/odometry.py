@@ -58,7 +58,7 @@ class TrackingStatus(StrEnum):
     NO_FEATURES = "no_features"
     """The image has too few corners: darkness, fog, a covered lens or a textureless wall."""
     LOST = "lost"
-    """The image has corners, but it shows no keyframe: a cut, or too long a gap."""
+    """The image has corners, but it shows no keyframe: a cut, or too long a gap. The memory starts empty."""
 
 
 class TrackingImage(NamedTuple):
@@ -86,18 +86,12 @@ class TrackingResult:
     """Median reprojection error of the corners or features in the tracking image; None if there is no motion of them.
     """
 
-    @property
-    def memory_reset(self) -> bool:
-        """Whether the memory starts empty because tracking was lost."""
-        return self.status is TrackingStatus.LOST
-
     def facts(self) -> Mapping[str, str | int | float]:
         """See `Diagnostics`."""
         return {
             "tracking": self.status,
             "n_tracks": self.n_tracks,
             "n_inliers": self.n_inliers,
-            "memory_reset": int(self.memory_reset),
             **({} if self.residual_px is None else {"residual_px": self.residual_px}),
         }
 

@@ -24,6 +24,7 @@ RELATIVE_TOLERANCE = np.float32(0.02)
 """A full pixel whose measurement differs by more from its working pixel shows another surface."""
 NO_VOTE = np.float32(0.01)
 """Confidence of a pixel that nothing votes for."""
+Slices = slice | tuple[slice, slice]
 
 
 class Estimate(NamedTuple):
@@ -75,14 +76,22 @@ class Upsampler:
         show = _SHOW[resolution.decimation]
         show(measured_m, disparity_px, estimate, focal_baseline_px_m, min_fill_confidence, shown)
         height, width = disparity_px.shape
-        for image in shown:  # A last odd row or column has no working pixel.
-            image[height:] = image[height - 1]
-            image[:, width:] = image[:, width - 1 : width]
+        _show_odd(measured_m, np.s_[height:], np.s_[height - 1 : height], shown)
+        _show_odd(measured_m, np.s_[:, width:], np.s_[:, width - 1 : width], shown)
         return shown
 
     def show_pixels(self, place: Places, estimate: Estimate, min_fill_confidence: float, shown: Shown) -> None:
         """Show the estimates of single pixels, shape (1, N), none of which is measured, instead of what is shown."""
         _show_pixels(place, estimate, self._resolution.focal_baseline_px_m, min_fill_confidence, shown)
+
+
+def _show_odd(measured_m: FloatImage, last: Slices, beside: Slices, shown: Shown) -> None:
+    """Show a last odd row or column, which has no working pixel: what it measured, and else what is beside it."""
+    is_measured, depth_m, source, confidence = measured_m[last] > 0, *(image[beside] for image in shown)
+    estimated = np.where(source == Source.SENSOR, np.uint8(Source.INPAINTED), source)
+    shown.depth_m[last] = np.where(is_measured, measured_m[last], depth_m)
+    shown.source[last] = np.where(is_measured, np.uint8(Source.SENSOR), estimated)
+    shown.confidence[last] = np.where(is_measured, np.maximum(confidence, NO_VOTE), confidence)
 
 
 def completed(shown: Shown) -> Shown:
