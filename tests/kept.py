@@ -1,0 +1,233 @@
+"""Figures of all that is computed, on a small scale: sensors, correctors, references of evaluations, flights, studies.
+
+A change of the code that changes one of them by accident is found by `test_kept_figures.py`. After a change that was
+meant, this remakes them; the difference of the file shows what it did:
+
+    python -m tests.kept
+"""
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from scenarios.config import load_run
+from scenarios.evaluation import SimulatedSource
+from scenarios.files import shipped_names
+from scenarios.flight import fly
+from scenarios.sequences import load_sequence, record, simulation
+from scenarios.study.diagnose import CollisionProbe
+from scenarios.study.report import Findings
+from scenarios.study.store import StudyData
+from sim.recording import Recording
+from sim.types import Capture
+from swarm.environments.gym_env import LeaderFollowerEnv
+from swarm.perception import frame_of
+from swarm.recorder import Recorder
+from tests.learning import quick
+from tests.studies import arm, flown, noisy, study
+from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.datasets import open_dataset
+from voxdepth.registry import CORRECTOR_NAMES
+from voxdepth.tools.evaluation.methods import find_method, run
+from voxdepth.tools.evaluation.recordings import RecordedSource, kinds_of
+
+KEPT = Path(__file__).parent / "golden" / "kept.json"
+Figures = dict[str, float | str]
+SMALL = {"rig.width_px": 128, "rig.height_px": 96}
+SENSORS: Mapping[str, dict[str, Any]] = {
+    "fitted": {"rig.depth": "fitted"},
+    "truth": {"rig.depth": "truth"},
+    "dim": {"rig.light_stops": -2.0, "rig.exposure_sigma": 0.3, "rig.exposure_settling_frames": 2.0},
+    "projected": {"rig.projected_texture": 0.8, "rig.stereo.min_texture": 0.0},
+    "raster": {"renderer": "raster"},
+    "tiny": {"renderer": "tiny"},
+}
+"""Changes of the sequence `sim-MB` that no shipped sequence has."""
+CORRECTORS = (
+    *CORRECTOR_NAMES,
+    "temporal[decimation=2]",
+    "temporal[fill=all,smoothing_window_px=3]",
+    "temporal[fill=none,shadow_factor=1]",
+    "voxdepth[window_frames=2,fusion_lag_frames=1,max_epoch_frames=4]",
+    "voxdepth[window_frames=2,fusion_lag_frames=0,chained=true,only_empty=true]",
+)
+CRASH = {"mission.controller": "examples.straight_controller:create", "mission.cruise_speed_m_s": 4.0}
+"""The leader hits the first pillar."""
+FLIGHTS: Mapping[str, tuple[str, dict[str, Any]]] = {
+    **{name: (name, {}) for name in shipped_names("scenarios")},
+    "drift": ("pillars", {"mission.pose_prior.kind": "drift", "mission.link.loss": 0.3}),
+    "free holes": ("city", {"corrector": "raw", "mission.pilot.holes": "free", "mission.drones": 3}),
+    "arrival": ("pillars", {"corrector": "raw", "rig.depth": "truth", "mission.duration_s": 20.0}),
+    "crash": ("pillars", CRASH | {"mission.after_contact": "drop"}),
+}
+FLOWN = {"rig.width_px": 96, "rig.height_px": 64, "rig.decimate": 1, "mission.duration_s": 5.0, "mission.drones": 4}
+
+
+def figures_of(value: Any, name: str = "") -> Figures:
+    """The figures of anything that is made of numbers, texts and arrays, by path.
+
+    Of an array, these are its mean and deviation, its mean with weights that rise along each axis, and the share of its
+    values that are positive and finite.
+    """
+    if isinstance(value, np.ndarray):
+        return {f"{name} {what}": number for what, number in _of_array(value.astype(np.float64)).items()}
+    if is_dataclass(value) and not isinstance(value, type):
+        value = {one.name: getattr(value, one.name) for one in fields(value) if one.name not in UNSTEADY}
+    elif isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        parts = [(str(key), part) for key, part in value.items()]
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        parts = [(str(k), part) for k, part in enumerate(value)]
+    else:
+        return {name: float(value) if isinstance(value, int | float | np.number) else str(value)}
+    return {key: figure for part, own in parts for key, figure in figures_of(own, f"{name}/{part}").items()}
+
+
+UNSTEADY = ("timings_s", "image", "drone", "intrinsics")
+"""Fields that are left out: times of this machine, and what has no numbers of its own."""
+
+
+def _of_array(values: np.ndarray) -> dict[str, float]:
+    is_usual = np.isfinite(values) & (values > 0)
+    usual = np.where(np.isfinite(values), values, 0)
+    weights = [np.linspace(0, 1, size) for size in usual.shape]
+    along = {
+        f"along {k}": float((np.moveaxis(usual, k, -1) * weight).mean()) if usual.size else 0.0
+        for k, weight in enumerate(weights)
+    }
+    mean, deviation = (float(usual.mean()), float(usual.std())) if usual.size else (0.0, 0.0)
+    return {"mean": mean, "deviation": deviation, **along, "share": float(is_usual.mean()) if usual.size else 0.0}
+
+
+def captures(name: str, frames: int, **changes: Any) -> Iterator[Capture]:
+    """The first captures of a shipped sequence with changes, small."""
+    with simulation(load_sequence(name, 1, SMALL | changes)) as simulated:
+        yield from (simulated.sensor.capture(pair) for pair in simulated.render(frames))
+
+
+def sensor_figures(name: str, **changes: Any) -> Figures:
+    """What a camera gives."""
+    return figures_of(list(captures(name, 2, **changes))[-1])
+
+
+@cache
+def _clip() -> list[Capture]:
+    """A sphere crosses the view of a camera with noise and wrong pixels, before walls."""
+    return list(captures("sim-cross", 24, **{"rig.exposure_sigma": 0.1, "flight": {"kind": "walk", "speed_m_s": 1.0}}))
+
+
+def corrector_figures(text: str) -> Figures:
+    """What a corrector makes of a clip, after a frame, and at its end."""
+    corrector = CorrectorSpec.model_validate(text).create(_clip()[0].intrinsics)
+    results = [corrector.process(frame_of(capture)) for capture in _clip()]
+    means = np.array([[r.depth_m.mean(), r.source.mean(), r.confidence.mean()] for r in results])
+    return figures_of([results[1], results[-1], means])
+
+
+class Watch(Recorder):
+    """Keeps what the drones decide and see."""
+
+    def __init__(self) -> None:
+        self.states: Counter[str] = Counter()
+        self.commands: list[np.ndarray] = []
+        self.depths: list[np.ndarray] = []
+
+    def tick(self, step: int, time_s: float, states: Any, decisions: Any) -> None:
+        self.states.update(decision.state for decision in decisions)
+        self.commands.append(np.array([[*d.command.velocity_m_s, d.command.yaw_rad] for d in decisions]))
+
+    def capture(self, step: int, capture: Any, corrected: Any) -> None:
+        self.depths.append(np.array([corrected.depth_m.mean(), corrected.confidence.mean()]))
+
+
+def flight_figures(name: str, **changes: Any) -> Figures:
+    """How a mission goes, and what the drones see and decide."""
+    watch = Watch()
+    result = fly(load_run(name, 1, FLOWN | changes), recorder=watch, threads=1).result
+    at_end = np.array([trajectory.position_m[-1] for trajectory in result.trajectories])
+    seen = {"commands": np.concatenate(watch.commands), "depths": np.array(watch.depths), "at_end_m": at_end}
+    return figures_of([result.outcome, result.contacts, result.metrics, result.drones, watch.states, seen])
+
+
+def diagnosis_figures() -> Figures:
+    """What is found about the collision of a drone."""
+    flight = load_run("pillars", 1, FLOWN | CRASH)
+    probe = CollisionProbe(flight.scenario.mission.pilot)
+    fly(flight, recorder=probe, threads=1)
+    return figures_of(probe.diagnosis)
+
+
+def reference_figures(hidden: str | None) -> Figures:
+    """What methods are judged by in a recording, and how two of them are judged; None for the truth."""
+    with TemporaryDirectory() as folder:
+        place = Path(folder) / "clip"
+        record(load_sequence("sim-cross", 1, SMALL), place, 8, lambda done: None)
+        if hidden is None:
+            source: Any = SimulatedSource("clip", Recording.open(place), 1)
+        else:
+            source = RecordedSource("clip", open_dataset(place), kinds_of(place, open_dataset)[hidden])
+        frames = list(source.frames(6))
+        methods = [find_method(name) for name in ("ip-basic", "temporal")]
+        scores = [run(method, frames, source.reference, source.intrinsics).measurements for method in methods]
+    steady = [[(*one[:4], one.value) for one in own if "ms" not in one.unit] for own in scores]
+    images = [{one.name: getattr(frame, one.name) for one in fields(frame) if one.name != "frame"} for frame in frames]
+    return figures_of([images[-1], steady])
+
+
+def study_figures(contents: Callable[[], StudyData]) -> Figures:
+    """The sentences and the tables of the report of a study."""
+    findings = Findings(contents())
+    return {"verdict": findings.verdict, **{name: table.markdown() for name, table in findings.tables.items()}}
+
+
+def _of_three() -> StudyData:
+    declared = {"arm": "b", "against": "a", "endpoint": "arrived"}
+    outcomes = {("city", "a"): "ooxsxoxt", ("city", "b"): "oooootos", ("city", "c"): "xxox lxt"}
+    return flown(study(arm("a"), arm("b"), arm("c"), seeds=8, declared=declared), outcomes)
+
+
+def _of_levels() -> StudyData:
+    planned = study(noisy("a", 0.1, 0.5, 1.0), noisy("b", 0.1, 0.5, 1.0), seeds=4)
+    return flown(planned, {("city", "a"): "oxxs", ("city", "b"): "ooxt"})
+
+
+def environment_figures(**options: Any) -> Figures:
+    """What a learner sees and is rewarded by."""
+    env = LeaderFollowerEnv(**quick(y_m=1.0) | options)
+    steps = [env.reset(seed=3)]
+    actions = [[1.0, 0.2, 0.0, 0.3], [0.5, -0.4, 0.2, -0.5]]
+    steps += [env.step(np.array(actions[k % 2], np.float32)) for k in range(8)]
+    env.close()
+    return figures_of(steps[::4])
+
+
+CASES: Mapping[str, Callable[[], Figures]] = {
+    **{f"sequence {name}": partial(sensor_figures, name) for name in shipped_names("sequences")},
+    **{f"sensor {name}": partial(sensor_figures, "sim-MB", **own) for name, own in SENSORS.items()},
+    **{f"corrector {text}": partial(corrector_figures, text) for text in CORRECTORS},
+    **{f"flight {name}": partial(flight_figures, of, **own) for name, (of, own) in FLIGHTS.items()},
+    **{f"judged by {name or 'truth'}": partial(reference_figures, name) for name in (None, "shadows", "patches")},
+    "diagnosis of a crash": diagnosis_figures,
+    "study of three arms": partial(study_figures, _of_three),
+    "study of levels": partial(study_figures, _of_levels),
+    "learner in metres": environment_figures,
+    "learner by nearness": partial(environment_figures, observation="nearness", corrector="median", others="blind"),
+}
+
+
+def rounded(figures: Figures) -> Figures:
+    """Figures as they are kept, with six digits."""
+    return {name: figure if isinstance(figure, str) else float(f"{figure:.6g}") for name, figure in figures.items()}
+
+
+if __name__ == "__main__":
+    kept = {name: rounded(case()) for name, case in CASES.items()}
+    KEPT.write_text(json.dumps(kept, indent=1) + "\n")
