@@ -1,1 +1,1 @@
-"""Experiments: each module asks one question of rendered sequences and answers it with a table and a figure."""
+"""Experiments: each module asks one question of rendered sequences and answers it with a table."""
