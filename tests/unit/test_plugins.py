@@ -1,5 +1,6 @@
 """Controllers and correctors of users: found beside them, checked, and part of what a result depends on."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -225,3 +226,10 @@ def test_the_digest_of_a_module_covers_those_beside_it_that_it_imports(tmp_path:
     assert digest_of(file) == before
     (tmp_path / "gains.py").write_text("GAIN = 0.1\n")
     assert digest_of(file) != before
+
+
+def test_the_digest_of_a_package_covers_a_module_whose_name_is_no_text(tmp_path: Path) -> None:
+    (tmp_path / "__init__.py").touch()
+    before = digest_of(tmp_path / "mine.py")
+    (tmp_path / os.fsdecode(b"caf\xe9.py")).touch()
+    assert digest_of(tmp_path / "mine.py") != before
