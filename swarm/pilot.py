@@ -63,7 +63,9 @@ class Decision:
     state: str
     """State of the drone in one word."""
     direction: FloatArray | None = None
-    """Unit vector of the direction that avoidance chose, also when the speed is 0; shape (3,)."""
+    """Unit vector along the straight or the planned way, before the drone gives way to what is near; shape (3,).
+
+    It is 0 where the drone wants to stay, and None without a map."""
     view: CostMap | None = None
     """What the pilot made of its images; None without a map."""
 
@@ -98,7 +100,7 @@ class Pilot:
         yaw_rad = self._heading.turn_towards(wanted_m_s, length(wanted_m_s))
         velocity_m_s = clamp_to_limits(wanted_m_s, self._drone_limits(situation))
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
-        return Decision(command=command, state="blind")
+        return Decision(command=command, state="unguarded")
 
     def first_free(self, places_m: FloatArray) -> int:
         """Return the index of the first place, of shape (n, 3), where the drone fits; one without a map takes any."""

@@ -60,7 +60,7 @@ STATE_COLORS = {
     "avoiding": (90, 150, 220),
     "exploring": (230, 190, 70),
     "blocked": (225, 110, 50),
-    "blind": (150, 110, 180),
+    "unguarded": (150, 110, 180),
     "waiting": (150, 150, 150),
     "collided": (210, 30, 30),
     "dropped out": (60, 60, 60),

@@ -112,8 +112,8 @@ class TestSwitches:
     def test_without_avoidance_a_drone_flies_blind(self, drone: int) -> None:
         ahead = situation(percept=WALL, leader=((9.0, -1.3, 0.0), STILL), mates=near(((-2.6, 1.3, 0), STILL)))
         seeing, blind = (agent(drone, mission(avoidance=on)).decide(ahead) for on in (True, False))
-        assert seeing.view is not None and seeing.state != "blind"
-        assert blind.view is None and blind.state == "blind"
+        assert seeing.view is not None and seeing.state != "unguarded"
+        assert blind.view is None and blind.state == "unguarded"
         if drone == 1:
             assert np.linalg.norm(seeing.command.velocity_m_s) < 0.8 * np.linalg.norm(blind.command.velocity_m_s)
 
