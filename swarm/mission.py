@@ -77,7 +77,8 @@ class Mission:
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
         self._link.broadcast(world.states, self.time_s)
         roles = [
-            Role(drone=i, team=team, radius_m=radius_m, camera=rig.intrinsics) for i, team in enumerate(self._team_of)
+            Role(drone=i, team=team, airframe=world.airframe, camera=rig.intrinsics)
+            for i, team in enumerate(self._team_of)
         ]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
+from sim.drone import AirframeConfig
 from sim.types import DroneState, VelocityCommand
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
@@ -77,12 +78,12 @@ class Pilot:
         config: Turn rate and avoidance.
         control_hz: Decisions per second.
         start_yaw_rad: Heading at the start.
-        radius_m: Radius of the collision sphere of every drone.
+        airframe: Size and limits of every drone.
     """
 
-    def __init__(self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float) -> None:
+    def __init__(self, config: PilotConfig, control_hz: float, start_yaw_rad: float, airframe: AirframeConfig) -> None:
         self._config = config
-        self._radius_m = radius_m
+        self._airframe = airframe
         self._heading = Heading(config, control_hz, start_yaw_rad)
 
     def fly(
@@ -109,7 +110,7 @@ class Pilot:
     def _drone_limits(self, situation: Situation) -> ApproachLimits:
         """Return how fast the drone may approach each of the other drones."""
         own = situation.own
-        return neighbour_limits(own.position_m, own.velocity_m_s, situation.neighbours, self._radius_m)
+        return neighbour_limits(own.position_m, own.velocity_m_s, situation.neighbours, self._airframe)
 
 
 class Heading:

@@ -16,7 +16,7 @@ from scenarios.study.run import run_study
 from swarm.config import MissionConfig
 from swarm.controllers import Role, load_controller
 from tests.studies import arm, fake, study, unseen
-from tests.swarm_scenes import RADIUS_M
+from tests.swarm_scenes import AIRFRAME
 from voxdepth import CorrectionPipeline, Frame, Intrinsics, create_corrector
 from voxdepth.errors import PipelineError, PluginError
 from voxdepth.pipeline import StagedCorrector
@@ -71,7 +71,7 @@ def frame(stamp_s: float = 0.0) -> Frame:
 def agent_of(name: str) -> Any:
     config = MissionConfig(drones=1)
     (team,) = config.teams()
-    return load_controller(name)(Role(drone=0, team=team, radius_m=RADIUS_M, camera=CAMERA), config)
+    return load_controller(name)(Role(drone=0, team=team, airframe=AIRFRAME, camera=CAMERA), config)
 
 
 def test_a_corrector_beside_the_user_is_used_by_its_name(module: Write) -> None:
