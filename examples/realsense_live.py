@@ -16,7 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyrealsense2 as rs
+
+try:
+    import pyrealsense2 as rs
+except ImportError as error:
+    raise SystemExit(f"this needs librealsense ({error}): pip install pyrealsense2") from error
 
 from voxdepth import CorrectionPipeline, Frame, Intrinsics, TemporalCorrector
 
@@ -101,7 +105,11 @@ def main() -> None:
     parser.add_argument("--frames", type=int, help="how many frames to correct; default: all")
     parser.add_argument("--projector", action="store_true", help="leave the projector of a camera as it is")
     options = parser.parse_args()
-    camera, start = Camera(options.file, projector=options.projector), time.perf_counter()
+    try:
+        camera = Camera(options.file, projector=options.projector)
+    except RuntimeError as error:
+        raise SystemExit(f"{error}; connect a camera, or name a recording of librealsense by --file") from error
+    start = time.perf_counter()
     # `latest` suits a live camera: if the corrector falls behind, a newer frame replaces the one that waits.
     pipeline = CorrectionPipeline(TemporalCorrector(camera.intrinsics), camera.frames(), latest=options.file is None)
     count, printed_s = 0, float("-inf")

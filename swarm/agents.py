@@ -29,10 +29,10 @@ def create_agent(role: Role, config: MissionConfig) -> Agent:
 
 def create_pilot(role: Role, config: MissionConfig) -> Pilot:
     """Create the control layer, which avoids what the camera shows unless the rules of the mission switch that off."""
-    heading_rad, radius_m = role.team.heading_rad, role.radius_m
+    heading_rad, airframe = role.team.heading_rad, role.airframe
     if config.rules.avoidance:
-        return MappingPilot(config.pilot, config.control_hz, heading_rad, radius_m, role.camera)
-    return Pilot(config.pilot, config.control_hz, heading_rad, radius_m)
+        return MappingPilot(config.pilot, config.control_hz, heading_rad, airframe, role.camera)
+    return Pilot(config.pilot, config.control_hz, heading_rad, airframe)
 
 
 class Leader:

@@ -4,16 +4,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sim.drone import VELOCITY_GAIN_PER_S, AirframeConfig
 from voxdepth.types import FloatArray
 
 from .types import Neighbours
 
 DECEL_M_S2 = 2.5
 """Deceleration of a drone that brakes, before surfaces and before other drones; less of it brakes earlier."""
+DECEL_SHARE = 0.625
+"""Largest share of the acceleration of its airframe with which a drone brakes."""
 GAIN_PER_S = 1.5
 """Speed per distance in the last, linear part of braking, and of backing off."""
-RESPONSE_S = 0.4
-"""Delay with which the airframe follows its commands, 1 / velocity gain. The distance flown meanwhile is not available
+RESPONSE_S = 1 / VELOCITY_GAIN_PER_S
+"""Delay with which the airframe follows its commands. The distance flown meanwhile is not available
 for braking, which prevents overshoot. More of it brakes earlier."""
 DRONE_GAP_M = 0.5
 """Gap that is kept between the collision spheres of two drones."""
@@ -28,13 +31,18 @@ MAX_ASIDE_M_S = 1.0
 """Largest speed with which a drone moves aside."""
 
 
-def stopping_speed_m_s(distance_m: FloatArray | float) -> FloatArray:
+def braking_m_s2(airframe: AirframeConfig) -> float:
+    """Return the deceleration with which a drone of an airframe brakes; a weak one brakes earlier."""
+    return min(DECEL_M_S2, DECEL_SHARE * airframe.max_accel_m_s2)
+
+
+def stopping_speed_m_s(distance_m: FloatArray | float, decel_m_s2: float = DECEL_M_S2) -> FloatArray:
     """Return the speed from which a drone can stop within each distance: linear when close, then a square root.
 
     `D(x) = 0 for x <= 0; p x for x < a/p^2; sqrt(2 a x - a^2/p^2) otherwise` is smooth where its parts meet
     (Vasarhelyi et al. 2018, Sci. Robot. 3, eaat3536), with the deceleration a and the slope p of the inner part.
     """
-    a, p = DECEL_M_S2, GAIN_PER_S
+    a, p = decel_m_s2, GAIN_PER_S
     near = p * np.maximum(distance_m, 0)
     far = np.sqrt(np.maximum(2 * a * distance_m - (a / p) ** 2, 0))
     return np.where(distance_m < a / p**2, near, far)
@@ -50,12 +58,12 @@ class ApproachLimits(NamedTuple):
 
 
 def neighbour_limits(
-    position_m: FloatArray, velocity_m_s: FloatArray, neighbours: Neighbours, radius_m: float
+    position_m: FloatArray, velocity_m_s: FloatArray, neighbours: Neighbours, airframe: AirframeConfig
 ) -> ApproachLimits:
     """Return how fast a drone may approach each neighbour; the neighbour's own motion away is added to the limit.
 
     Both move on for `RESPONSE_S` until a command takes effect. A neighbour that moves away may stop with the same
-    deceleration. `radius_m` is that of the collision spheres.
+    deceleration, since all have the same airframe.
     """
     offset_m = neighbours.position_m - position_m
     distance_m = np.sqrt((offset_m * offset_m).sum(axis=1))
@@ -63,8 +71,8 @@ def neighbour_limits(
     towards = offset_m[near] / distance_m[near, None]
     away_m_s = (neighbours.velocity_m_s[near] * towards).sum(axis=1)
     approached_m = (towards * (RESPONSE_S * velocity_m_s)).sum(axis=1) - RESPONSE_S * np.minimum(away_m_s, 0)
-    left_m = distance_m[near] - (2 * radius_m + DRONE_GAP_M) - np.maximum(approached_m, 0)
-    speed_m_s = np.where(left_m < 0, GAIN_PER_S * left_m, stopping_speed_m_s(left_m))
+    left_m = distance_m[near] - (2 * airframe.radius_m + DRONE_GAP_M) - np.maximum(approached_m, 0)
+    speed_m_s = np.where(left_m < 0, GAIN_PER_S * left_m, stopping_speed_m_s(left_m, braking_m_s2(airframe)))
     may_stop = (speed_m_s > 0) & (away_m_s > 0)
     return ApproachLimits(towards, np.where(may_stop, np.sqrt(speed_m_s**2 + away_m_s**2), speed_m_s + away_m_s))
 

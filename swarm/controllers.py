@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from sim.drone import AirframeConfig
 from sim.types import VelocityCommand
 from voxdepth.plugins import Plugin, load
 from voxdepth.types import FloatArray, Intrinsics
@@ -32,8 +33,8 @@ class Role:
     """Number of the drone in the mission."""
     team: Team
     """Swarm of the drone."""
-    radius_m: float
-    """Radius of the collision sphere of every drone."""
+    airframe: AirframeConfig
+    """Size and limits of every drone."""
     camera: Intrinsics
     """Camera of every drone."""
 

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
-from .approach import ApproachLimits, stopping_speed_m_s
+from .approach import DECEL_M_S2, ApproachLimits, stopping_speed_m_s
 from .voxel_map import BLACKLISTED, FREE, OCCUPIED, UNKNOWN, UNOBSERVABLE, VOXEL_M
 
 Indices = npt.NDArray[np.signedinteger]
@@ -131,7 +131,9 @@ class CostMap:
         """Return how far a drone may plan to fly from a position in a direction of length 1 (x, y)."""
         return float(self._free_lengths_m(self._passage, at_m, along[None, :2], longest_m)[0])
 
-    def safe_velocity(self, wanted_m_s: FloatArray, at_m: FloatArray, limits: ApproachLimits) -> FloatArray:
+    def safe_velocity(
+        self, wanted_m_s: FloatArray, at_m: FloatArray, limits: ApproachLimits, decel_m_s2: float = DECEL_M_S2
+    ) -> FloatArray:
         """Turn and shorten a velocity (x, y) so that a drone at a position can stop within free space.
 
         Directions beside the wanted one also respect the limits towards other drones, which the wanted one does
@@ -141,7 +143,7 @@ class CostMap:
         x, y = (wanted_m_s / max(speed, 1e-9)).tolist()
         directions = SIDESTEPS @ np.array([[x, y], [-y, x]])
         free_m = self._free_lengths_m(self._clearance, at_m, directions, self._reach_m)
-        allowed_m_s = np.minimum(stopping_speed_m_s(free_m), speed)
+        allowed_m_s = np.minimum(stopping_speed_m_s(free_m, decel_m_s2), speed)
         share = directions @ limits.towards.T
         with np.errstate(divide="ignore", invalid="ignore"):
             approach_m_s = np.where(share > 1e-3, np.maximum(limits.speed_m_s / share, 0), np.inf)

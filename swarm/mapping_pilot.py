@@ -9,15 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sim.drone import AirframeConfig
 from sim.types import VelocityCommand
 from voxdepth.geometry import inverse_rigid
 from voxdepth.types import FloatArray, Intrinsics
 
 from .approach import (
-    DECEL_M_S2,
     DRONE_GAP_M,
     RESPONSE_S,
     ApproachLimits,
+    braking_m_s2,
     clamp_to_limits,
     level_limits,
     shortened,
@@ -70,9 +71,10 @@ class MappingPilot(Pilot):
     """Flies within known-free space only, and explores what it must know to go on."""
 
     def __init__(
-        self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float, camera: Intrinsics
+        self, config: PilotConfig, control_hz: float, start_yaw_rad: float, airframe: AirframeConfig, camera: Intrinsics
     ) -> None:
-        super().__init__(config, control_hz, start_yaw_rad, radius_m)
+        super().__init__(config, control_hz, start_yaw_rad, airframe)
+        self._decel_m_s2, radius_m = braking_m_s2(airframe), airframe.radius_m
         self._sensor = InverseSensorModel(camera, holes=config.holes, min_confidence=config.min_confidence)
         self._voxels = VoxelMap(config.map, self._sensor)
         self._half_width_m, self._half_height_m = radius_m + config.keep_m, radius_m + KEEP_ABOVE_M
@@ -148,7 +150,7 @@ class MappingPilot(Pilot):
         if self._costs is None:
             self._voxels.start(at_m, START_RADIUS_M, stamp_s)
         self._voxels.update(self._sensor.read(percept.corrected), percept.T_odom_cam, in_image_m, stamp_s)
-        self._voxels.mark_free(places_m, self._radius_m, self._half_height_m, stamp_s)
+        self._voxels.mark_free(places_m, self._airframe.radius_m, self._half_height_m, stamp_s)
         self._mapped_s = stamp_s
         return CostMap(
             self._voxels.layer(*self._band(at_m), stamp_s),
@@ -167,7 +169,7 @@ class MappingPilot(Pilot):
         slow_m = drones_m[(velocities_m_s**2).sum(axis=1) < SLOW_M_S**2]
         if not len(slow_m):
             return NO_DISCS
-        kept_m = 2 * self._radius_m + DRONE_GAP_M
+        kept_m = 2 * self._airframe.radius_m + DRONE_GAP_M
         radius_m = np.sqrt(np.maximum(kept_m**2 - (slow_m[:, 2] - at_m[2]) ** 2, 0)) - self._half_width_m
         return np.asarray(np.column_stack([slow_m[:, :2], radius_m])[radius_m > 0])
 
@@ -179,7 +181,7 @@ class MappingPilot(Pilot):
         if speed < 1e-3:
             return np.zeros(2), np.zeros(2)
         straight = wanted[:2] / speed
-        needed_m = RESPONSE_S * speed + speed**2 / (2 * DECEL_M_S2) + AHEAD_M
+        needed_m = RESPONSE_S * speed + speed**2 / (2 * self._decel_m_s2) + AHEAD_M
         if costs.free_length_m(at_m, straight, needed_m) >= min(needed_m, left_m):
             return straight, straight
         if self._path is None:
@@ -208,7 +210,7 @@ class MappingPilot(Pilot):
         limits = level_limits(all_limits, climb_m_s)
         level = clamp_to_limits(velocity[:2], limits)
         reacted_m = at_m + RESPONSE_S * costs.to_odom(situation.own.velocity_m_s)
-        level = costs.safe_velocity(level, reacted_m, limits)
+        level = costs.safe_velocity(level, reacted_m, limits, self._decel_m_s2)
         return shortened(np.array([*level, climb_m_s]), all_limits)
 
     def _safe_climb(self, at_m: FloatArray, climb_m_s: float, left_m: float) -> float:

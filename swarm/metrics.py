@@ -11,7 +11,7 @@ from sim.world import World
 from voxdepth.metrics import DepthErrors, depth_errors
 from voxdepth.types import CorrectedDepth, Diagnostics, FloatArray
 
-from .approach import DECEL_M_S2, RESPONSE_S
+from .approach import RESPONSE_S, braking_m_s2
 from .errors import MissionError
 from .pilot import Decision
 from .team import Team, positions_of
@@ -52,19 +52,20 @@ class UnsafeCommitments:
     def add(self, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
         """Add the decisions of all drones in one control tick."""
         for drone in np.flatnonzero(self._world.flying).tolist():
-            way_m = stopping_way_m(states[drone], decisions[drone].command.velocity_m_s)
+            commanded_m_s = decisions[drone].command.velocity_m_s
+            way_m = stopping_way_m(states[drone], commanded_m_s, braking_m_s2(self._world.airframe))
             is_unsafe = not self._world.is_clear(way_m, self._world.airframe.radius_m)
             self.counts[drone] += is_unsafe and not self._is_unsafe[drone]
             self._is_unsafe[drone] = is_unsafe
 
 
-def stopping_way_m(state: DroneState, commanded_m_s: FloatArray) -> FloatArray:
+def stopping_way_m(state: DroneState, commanded_m_s: FloatArray, decel_m_s2: float) -> FloatArray:
     """Return the way of a drone that brakes after a command: where it is, where it is when it obeys, where it stands.
 
     The shape is (3, 3). It moves with its velocity for `RESPONSE_S`, and then brakes from the commanded one.
     """
     obeys_m = state.position_m + RESPONSE_S * state.velocity_m_s
-    stands_m = obeys_m + commanded_m_s * (length(commanded_m_s) / (2 * DECEL_M_S2))
+    stands_m = obeys_m + commanded_m_s * (length(commanded_m_s) / (2 * decel_m_s2))
     return np.array([state.position_m, obeys_m, stands_m])
 
 

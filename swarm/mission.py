@@ -77,7 +77,8 @@ class Mission:
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
         self._link.broadcast(world.states, self.time_s)
         roles = [
-            Role(drone=i, team=team, radius_m=radius_m, camera=rig.intrinsics) for i, team in enumerate(self._team_of)
+            Role(drone=i, team=team, airframe=world.airframe, camera=rig.intrinsics)
+            for i, team in enumerate(self._team_of)
         ]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)
@@ -223,7 +224,8 @@ class TerminationConditions:
         self._config = config
         self._teams = teams
         self._arrived = [False] * len(teams)
-        self._least_left_m = np.full(2 * len(teams), np.inf)
+        self._least_left_m = np.full((len(teams), 2), np.inf)
+        self._followers = np.array([len(team.members) - 1 for team in teams])
         self._progress_at_s = 0.0
 
     def check(self, time_s: float, positions_m: FloatArray, contacts: Sequence[Contact]) -> Outcome | None:
@@ -259,10 +261,16 @@ class TerminationConditions:
         return bool(in_formation) and team.distance_to_goal_m(positions_m) <= c.goal_radius_m
 
     def _is_stuck(self, time_s: float, positions_m: FloatArray) -> bool:
-        """Return whether no leader approached its goal, and no followers their slots, for `deadlock_s`."""
-        left_m = np.ravel(
-            [(team.distance_to_goal_m(positions_m), team.slot_errors_m(positions_m).sum()) for team in self._teams]
-        )
+        """Return whether no leader approached its goal, and no followers their slots, for `deadlock_s`.
+
+        It is no progress that the distance of a follower no longer counts because it has dropped out.
+        """
+        errors_m = [team.slot_errors_m(positions_m) for team in self._teams]
+        goals_m = [team.distance_to_goal_m(positions_m) for team in self._teams]
+        left_m = np.column_stack([goals_m, [own_m.sum() for own_m in errors_m]])
+        followers = np.array([len(own_m) for own_m in errors_m])
+        fewer = followers < self._followers
+        self._least_left_m[fewer, 1], self._followers = left_m[fewer, 1], followers
         if (left_m < self._least_left_m - MIN_PROGRESS_M).any():
             self._least_left_m = np.fmin(self._least_left_m, left_m)
             self._progress_at_s = time_s

@@ -24,7 +24,7 @@ def frame_of(capture: Capture, T_world_cam: FloatArray | None = None) -> Frame:
 class Perception:
     """What one drone knows: its corrector, detector and odometry, and the time that images take.
 
-    A capture that arrives while an earlier one is still processed is dropped. `latency_s` is simulated time: results
+    A capture that arrives while an earlier one is still processed is left out. `latency_s` is simulated time: results
     never depend on the speed of the machine.
 
     Args:
@@ -67,7 +67,7 @@ class Perception:
         return self._corrector is not None
 
     def is_busy(self, time_s: float) -> bool:
-        """Return whether an earlier capture is still processed at a time, so that one of then is dropped."""
+        """Return whether an earlier capture is still processed at a time, so that one of now is left out."""
         return time_s + 1e-9 < self._busy_until_s
 
     def see(self, capture: Capture) -> Percept:

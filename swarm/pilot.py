@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
+from sim.drone import AirframeConfig
 from sim.types import DroneState, VelocityCommand
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
@@ -63,7 +64,9 @@ class Decision:
     state: str
     """State of the drone in one word."""
     direction: FloatArray | None = None
-    """Unit vector of the direction that avoidance chose, also when the speed is 0; shape (3,)."""
+    """Unit vector along the straight or the planned way, before the drone gives way to what is near; shape (3,).
+
+    It is 0 where the drone wants to stay, and None without a map."""
     view: CostMap | None = None
     """What the pilot made of its images; None without a map."""
 
@@ -75,12 +78,12 @@ class Pilot:
         config: Turn rate and avoidance.
         control_hz: Decisions per second.
         start_yaw_rad: Heading at the start.
-        radius_m: Radius of the collision sphere of every drone.
+        airframe: Size and limits of every drone.
     """
 
-    def __init__(self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float) -> None:
+    def __init__(self, config: PilotConfig, control_hz: float, start_yaw_rad: float, airframe: AirframeConfig) -> None:
         self._config = config
-        self._radius_m = radius_m
+        self._airframe = airframe
         self._heading = Heading(config, control_hz, start_yaw_rad)
 
     def fly(
@@ -98,7 +101,7 @@ class Pilot:
         yaw_rad = self._heading.turn_towards(wanted_m_s, length(wanted_m_s))
         velocity_m_s = clamp_to_limits(wanted_m_s, self._drone_limits(situation))
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
-        return Decision(command=command, state="blind")
+        return Decision(command=command, state="unguarded")
 
     def first_free(self, places_m: FloatArray) -> int:
         """Return the index of the first place, of shape (n, 3), where the drone fits; one without a map takes any."""
@@ -107,7 +110,7 @@ class Pilot:
     def _drone_limits(self, situation: Situation) -> ApproachLimits:
         """Return how fast the drone may approach each of the other drones."""
         own = situation.own
-        return neighbour_limits(own.position_m, own.velocity_m_s, situation.neighbours, self._radius_m)
+        return neighbour_limits(own.position_m, own.velocity_m_s, situation.neighbours, self._airframe)
 
 
 class Heading:

@@ -7,6 +7,7 @@ shape (3,) in m/s. Its arguments are positions [m] and velocities [m/s] of that 
 from typing import NamedTuple
 
 import numpy as np
+import pydantic
 from pydantic import Field
 
 from voxdepth.model import Model
@@ -37,6 +38,13 @@ class RuleWeights(Model):
     """Largest distance from the straight line between start and goal."""
     avoidance: bool = True
     """Whether obstacle avoidance by the camera is on; the distance to other drones is kept in any case."""
+
+    @pydantic.model_validator(mode="after")
+    def _require_band(self) -> "RuleWeights":
+        if self.min_altitude_m > self.max_altitude_m:
+            low_m, high_m = self.min_altitude_m, self.max_altitude_m
+            raise ValueError(f"min_altitude_m must be at most max_altitude_m, got {low_m:g} and {high_m:g}")
+        return self
 
 
 def migration(position_m: FloatArray, target_m: FloatArray, target_velocity_m_s: FloatArray, gain: float) -> FloatArray:

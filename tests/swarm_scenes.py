@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.drone import AirframeConfig
 from sim.frames import R_BODY_CAM, pose
 from sim.types import Capture, DroneState, VelocityCommand
 from swarm.approach import DECEL_M_S2, GAIN_PER_S
@@ -24,7 +25,8 @@ def neighbours_of(motions: Mapping[int, Motion]) -> Neighbours:
     )
 
 
-RADIUS_M = 0.25
+AIRFRAME = AirframeConfig()
+RADIUS_M = AIRFRAME.radius_m
 AT_ORIGIN = pose(R_BODY_CAM, np.zeros(3))
 """A camera at the origin that looks along x."""
 FORWARD = np.array([1.0, 0.0, 0.0])

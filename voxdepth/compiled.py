@@ -39,12 +39,16 @@ class Compiled:
                 cache=is_kept, nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=is_part
             )(function)
         self.signature = signature
+        self._is_part = is_part
         self._is_compiled = False
         update_wrapper(self, function)
         _waiting.append(self)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the function. Arguments of other types are a `TypeError`."""
+        """Run the function. Arguments of other types are a `TypeError`, and so is a call of a part."""
+        if self._is_part:
+            name = self.dispatcher.__name__
+            raise TypeError(f"Python cannot call the part {name}: decorate it with compiled, not compiled_part")
         if not self._is_compiled:
             compile_all()
         return self.dispatcher(*arguments)
@@ -81,7 +85,7 @@ def compiled(signature: Any) -> Callable[[Function], Function]:
 
 
 def compiled_part(signature: Any) -> Callable[[Function], Function]:
-    """Decorate a part of compiled functions; Python cannot call it, which saves the code for that."""
+    """Decorate a part of compiled functions; Python may not call it, which saves the code for that."""
 
     def decorate(function: Function) -> Function:
         return cast(Function, Compiled(function, signature, is_part=True))

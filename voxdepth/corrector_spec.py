@@ -81,16 +81,20 @@ def parse_corrector(text: str) -> tuple[str, dict[str, Any]]:
     looked up.
 
     Raises:
-        ConfigError: The text has another form.
+        ConfigError: The text has another form, or a setting twice.
     """
     name, bracket, settings = text.partition("[")
     if not bracket:
         return name, {}
     config: dict[str, Any] = {}
+    keys: set[str] = set()
     for setting in BEFORE_KEY.split(settings.removesuffix("]")):
         key, equals, value = setting.partition("=")
         if not (key and equals and value and settings.endswith("]")):
             raise ConfigError(f"expected a corrector with a setting as in temporal[fill=all], got {text!r}")
+        if key in keys:
+            raise ConfigError(f"expected every setting once, got {key} twice in {text!r}")
+        keys.add(key)
         given: Any = value
         with suppress(ValueError):
             given = json.loads(value)

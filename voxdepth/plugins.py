@@ -3,6 +3,7 @@
 import ast
 import hashlib
 import logging
+import os
 import pkgutil
 import sys
 import traceback
@@ -70,7 +71,7 @@ def digest_of(file: Path) -> str:
     """The SHA-256 of a source file with the modules beside it that it imports, in a package with all beside it."""
     is_package = file.with_name("__init__.py").exists()
     files = set(file.parent.glob("*.py")) if is_package else _imported(file, {file})
-    content = b"".join(path.name.encode() + b"\0" + path.read_bytes() + b"\0" for path in sorted(files))
+    content = b"".join(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0" for path in sorted(files))
     return hashlib.sha256(content).hexdigest()
 
 

@@ -1,1 +1,1 @@
-"""Rerun recordings: `mission` records a flight, `frames` a corrected sequence or a case of the regression."""
+"""Rerun recordings: `mission` records a flight, `frames` a case of the regression."""

@@ -42,6 +42,7 @@ from voxdepth.tools.stream import (
 )
 from voxdepth.types import CorrectedDepth, FloatArray
 
+from ..errors import ScenarioError
 from ..images import drone_color
 from .columns import ColumnWriter
 
@@ -59,7 +60,7 @@ STATE_COLORS = {
     "avoiding": (90, 150, 220),
     "exploring": (230, 190, 70),
     "blocked": (225, 110, 50),
-    "blind": (150, 110, 180),
+    "unguarded": (150, 110, 180),
     "waiting": (150, 150, 150),
     "collided": (210, 30, 30),
     "dropped out": (60, 60, 60),
@@ -88,7 +89,9 @@ CELL_COLORS = ((225, 235, 225), (140, 140, 150), (230, 140, 50), (150, 70, 20), 
 
 
 class MissionRecorder(Recorder):
-    """Writes one `.rrd` file with a blueprint. The same run gives the same data, without wall-clock times.
+    """Writes one `.rrd` file of one flight, with a blueprint; a second flight is a `ScenarioError`.
+
+    The same run gives the same data, without wall-clock times.
 
     Args:
         path: File to write; created when the mission starts.
@@ -121,9 +124,13 @@ class MissionRecorder(Recorder):
         self._contacts = 0
         self._written_s = 0.0
         self._file: RecordingFile | None = None
+        self._is_used = False
 
     def start(self, world: World, teams: Sequence[Team]) -> None:
         """Open the file and record everything that does not move."""
+        if self._is_used:
+            raise ScenarioError(f"{self._path} is of an earlier flight: give every flight a recorder and a path")
+        self._is_used = True
         self._world, self._leaders = world, {team.leader for team in teams}
         self._followed = teams[0].members
         # Chunks end by size and by simulated time: ending them by the clock would make two runs differ.

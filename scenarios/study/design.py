@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import pydantic
 from pydantic import Field
@@ -44,6 +44,22 @@ SHORT = 12
 def _is_set_by(key: str, own: Sequence[str]) -> bool:
     """Whether a dotted key is one of `own`, or lies in a table that one of them sets."""
     return any(key == one or key.startswith(f"{one}.") for one in own)
+
+
+def _dotted(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return changes with dotted keys in place of tables, which TOML makes of dotted keys without quotes.
+
+    A table with a `kind` stays whole.
+    """
+    dotted: dict[str, Any] = {}
+    for key, value in changes.items():
+        is_table = isinstance(value, Mapping) and "kind" not in value
+        dotted |= {f"{key}.{name}": one for name, one in _dotted(value).items()} if is_table else {key: value}
+    return dotted
+
+
+Changes = Annotated[Mapping[str, Any], pydantic.AfterValidator(_dotted)]
+"""Values of a scenario to set, by dotted key."""
 
 
 class Seeds(Model):
@@ -89,7 +105,7 @@ class Arm(Model):
     """Levels of the study's axis that this arm flies. Default: all."""
     size: str | None = Field(default=None, pattern=r"^\d+x\d+$")
     """Image size without decimation, as in 160x120. Default: the cameras of the scenario."""
-    changes: Mapping[str, Any] = Field(default={}, strict=False)
+    changes: Changes = Field(default={}, strict=False)
     """Values of the scenario to set, by dotted key."""
     factors: Mapping[str, str] = Field(default={}, strict=False)
     """Place of the arm in a factorial design, as in { policy = "free", corrector = "raw" }: columns of `runs.csv`."""
@@ -145,7 +161,7 @@ class Study(Model):
     """Whether this is a pilot, which may be used to choose scenes and controllers, as its report says."""
     time_limit_s: float = Field(default=1800.0, gt=0)
     """Wall-clock time after which a run is stopped and counts as an error."""
-    changes: Mapping[str, Any] = Field(default={}, strict=False)
+    changes: Changes = Field(default={}, strict=False)
     """Values to set in every scenario for every arm, by dotted key."""
     axis: Axis | None = None
     """The axis along which every arm flies; None if there is none but noise ratios."""

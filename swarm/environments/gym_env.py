@@ -40,10 +40,10 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     """Learn to follow a leader through a world seen by a corrected depth camera.
 
     `gymnasium.make("swarm.gym:voxdepth/LeaderFollower-v0", **options)` makes one, which has OpenCV use one thread.
-    An episode is a mission from take-off to its outcome, and a step one camera period. All drones hover until the first
-    image is known, as drones with a controller do. The first observation is made at that time, and every later one as
-    long after the capture of an image. Observations are described at `learner.Observation`, actions at
-    `learner.Learner`, and rewards at `task.RewardConfig`. An episode is terminated when the learner collided or got
+    An episode is a mission from take-off to its outcome, and a step one camera period. Drones that fly by their camera
+    hover until its first image is known; blind ones fly from the start. The first observation is made at that time, and
+    every later one as long after the capture of an image. Observations are described at `learner.Observation`, actions
+    at `learner.Learner`, and rewards at `task.RewardConfig`. An episode is terminated when the learner collided or got
     lost, or the mission succeeded, and truncated when that ended in another way. `info` holds the `seed` of the
     episode, `time_s`, and when it has ended the `outcome`.
 

@@ -75,7 +75,7 @@ class Learner:
         velocity_m_s = rules.limit(velocity_m_s, self._max_speed_m_s)
         self._yaw_rad += float(self.action[3]) * self._max_turn_rad
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=self._yaw_rad)
-        return Decision(command=command, state="blind")
+        return Decision(command=command, state="unguarded")
 
 
 def heading_frame(situation: Situation) -> FloatArray:

@@ -19,6 +19,7 @@ CALM = Weather(shadows=False)
 """Light without shadows, which takes two thirds of the time."""
 SMALL_BLOCKS = RigConfig().stereo.model_copy(update={"block_px": 3})
 SMALL_RIG = RigConfig(width_px=240, height_px=180, decimate=3, stereo=SMALL_BLOCKS)
+RULES = RuleWeights()
 STREETS = CitySpec(columns=3, rows=6, poles=6, tower_height_m=(9.0, 13.0), weather=CALM)
 
 
@@ -28,7 +29,7 @@ def pair(start_m: Point, goal_m: Point, **changes: Any) -> MissionConfig:
         **{
             "drones": 2,
             "routes": (Route(start_m=start_m, goal_m=goal_m),),
-            "rules": RuleWeights(max_altitude_m=start_m[2]),
+            "rules": RuleWeights(min_altitude_m=min(RULES.min_altitude_m, start_m[2]), max_altitude_m=start_m[2]),
             "duration_s": 40.0,
             "control_hz": 10,
             "latency_s": 0.0,

@@ -1,6 +1,7 @@
 """The live example for RealSense cameras, with what librealsense plays back of a recording of its own."""
 
 import importlib.util
+import runpy
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -66,3 +67,15 @@ def test_the_example_corrects_every_frame_of_a_file(
     first, last = capsys.readouterr().out.splitlines()
     assert first.startswith("1.000 s: ") and "% corrected" in first
     assert last.startswith(f"{N_FRAMES} frames in ") and last.endswith(", 0 left out")
+
+
+def test_without_a_camera_the_example_ends_with_a_line(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["realsense_live.py", "--file", "no.bag"])
+    with pytest.raises(SystemExit, match=r"no.bag.*; connect a camera, or name a recording"):
+        example.main()
+
+
+def test_without_librealsense_the_example_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyrealsense2", None)
+    with pytest.raises(SystemExit, match="pip install pyrealsense2"):
+        runpy.run_path(str(EXAMPLE))

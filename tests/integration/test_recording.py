@@ -1,5 +1,6 @@
 """What a recording holds."""
 
+from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,15 @@ import pytest
 import rerun as rr
 
 from scenarios.config import images_of, load_run
+from scenarios.errors import ScenarioError
 from scenarios.flight import flying
 from scenarios.rerun.mission import CHUNK_S, HEADING_M, MissionRecorder, cloud
 from sim.frames import rotation_from_quaternion
 from sim.types import Contact
+from swarm.environments.gym_env import LeaderFollowerEnv
 from swarm.recorder import CaptureRecorder
 from tests.helpers import promised_entities
+from tests.learning import QUICK_RIG, quick
 from voxdepth.registry import PAPER
 from voxdepth.tools.stream import REPLACED, depth_png
 from voxdepth.types import Source
@@ -119,6 +123,15 @@ def test_a_recording_opens_at_the_first_contact(tmp_path: Path, drone: int | Non
     names = [f"{role} hits tower-1-2" for role in ("leader 0", "drone 1")]
     assert [name in text for name in names] == [drone == 0, drone == 1]
     assert (str({"min": 1_000_000_000, "max": 5_000_000_000}) in text) == (drone is not None)
+
+
+def test_a_second_episode_needs_a_recorder_of_its_own(tmp_path: Path) -> None:
+    settings: Any = {"recording_id": "test", "title": "a test", "image_every": IMAGE_EVERY}
+    recorder = MissionRecorder(tmp_path / "run.rrd", QUICK_RIG, **settings)
+    with closing(recorder), closing(LeaderFollowerEnv(recorder=recorder, **quick())) as env:
+        env.reset(seed=0)
+        with pytest.raises(ScenarioError, match=r"run\.rrd is of an earlier flight"):
+            env.reset(seed=1)
 
 
 def test_a_flight_by_the_paper_s_method_holds_its_stages(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from voxdepth.geometry import compose
+from voxdepth.temporal.working_resolution import disparity_of
 
 REPOSITORY = Path(__file__).parents[2]
 STEPS = "STEP = 2.0\n"
@@ -154,3 +155,8 @@ def test_arguments_of_other_types_are_errors(T: object) -> None:
     np.testing.assert_array_equal(compose(np.eye(4), np.eye(4)), np.eye(4))
     with pytest.raises(TypeError):
         compose(T, np.eye(4))  # type: ignore[arg-type]
+
+
+def test_a_part_says_that_python_cannot_call_it() -> None:
+    with pytest.raises(TypeError, match="the part disparity_of: decorate it with compiled"):
+        disparity_of(1.0, 2.0)

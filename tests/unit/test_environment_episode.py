@@ -29,7 +29,7 @@ from voxdepth.types import CorrectedDepth, Frame
 
 
 def role_of(task: LearningTask, drone: int) -> Role:
-    return Role(drone=drone, team=task.mission.teams()[0], radius_m=0.25, camera=task.rig.intrinsics)
+    return Role(drone=drone, team=task.mission.teams()[0], airframe=task.airframe, camera=task.rig.intrinsics)
 
 
 def situation(yaw_rad: float, *, leader_m: tuple[float, float, float], depth_m: float = 7.0) -> Situation:

@@ -11,7 +11,7 @@ from scenarios.config import load_run
 from sim.scenes import GapSpec
 from sim.sensor import RigConfig
 from swarm.environments.gym_env import LeaderFollowerEnv
-from swarm.environments.task import LearningTask
+from swarm.environments.task import LearningTask, pair
 from swarm.errors import MissionError
 from swarm.gym import TASKS
 from tests.learning import FORWARD, QUICK_RIG, TURN, quick
@@ -113,12 +113,18 @@ def test_a_picture_shows_the_learner_from_behind() -> None:
         (quick(drones=1), "drones must be 2 or more, got 1"),
         ({"depth": "laser"}, "rig.depth: expected"),
         ({"corector": "raw"}, "corector"),
+        ({"mission": {"rules": {"min_altitude_m": 18.0}}}, "at most max_altitude_m, got 18 and 17"),
         ({"render_mode": "human"}, r"one of \['rgb_array'\] or None, got 'human'"),
     ],
 )
 def test_options_that_cannot_be_are_told(options: dict[str, Any], text: str) -> None:
     with pytest.raises(MissionError, match=text):
         LeaderFollowerEnv(**options)
+
+
+def test_a_leader_may_fly_low() -> None:
+    rules = pair((0.0, 0.0, 2.0), (9.0, 0.0, 2.0)).rules
+    assert (rules.min_altitude_m, rules.max_altitude_m) == (2.0, 2.0)
 
 
 def test_a_table_changes_the_keys_that_it_names() -> None:

@@ -1,5 +1,6 @@
 """Controllers and correctors of users: found beside them, checked, and part of what a result depends on."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ from scenarios.study.run import run_study
 from swarm.config import MissionConfig
 from swarm.controllers import Role, load_controller
 from tests.studies import arm, fake, study, unseen
-from tests.swarm_scenes import RADIUS_M
+from tests.swarm_scenes import AIRFRAME
 from voxdepth import CorrectionPipeline, Frame, Intrinsics, create_corrector
 from voxdepth.errors import PipelineError, PluginError
 from voxdepth.pipeline import StagedCorrector
@@ -70,7 +71,7 @@ def frame(stamp_s: float = 0.0) -> Frame:
 def agent_of(name: str) -> Any:
     config = MissionConfig(drones=1)
     (team,) = config.teams()
-    return load_controller(name)(Role(drone=0, team=team, radius_m=RADIUS_M, camera=CAMERA), config)
+    return load_controller(name)(Role(drone=0, team=team, airframe=AIRFRAME, camera=CAMERA), config)
 
 
 def test_a_corrector_beside_the_user_is_used_by_its_name(module: Write) -> None:
@@ -225,3 +226,10 @@ def test_the_digest_of_a_module_covers_those_beside_it_that_it_imports(tmp_path:
     assert digest_of(file) == before
     (tmp_path / "gains.py").write_text("GAIN = 0.1\n")
     assert digest_of(file) != before
+
+
+def test_the_digest_of_a_package_covers_a_module_whose_name_is_no_text(tmp_path: Path) -> None:
+    (tmp_path / "__init__.py").touch()
+    before = digest_of(tmp_path / "mine.py")
+    (tmp_path / os.fsdecode(b"caf\xe9.py")).touch()
+    assert digest_of(tmp_path / "mine.py") != before

@@ -101,6 +101,7 @@ def test_settings_in_brackets_are_keys_of_the_configuration() -> None:
     ("corrector", "message"),
     [
         ("temporal[fill]", r"expected a corrector with a setting as in temporal\[fill=all\], got 'temporal\[fill\]'"),
+        ("temporal[fill=all,fill=none]", "every setting once, got fill twice"),
         ("temporal[fil=all]", r"unknown key 'fil' \(did you mean fill"),
         ({"name": "median", "config": {"window": 5}}, "'median' takes no configuration"),
         ({"name": "temporal", "confg": {}}, "corrector.confg"),

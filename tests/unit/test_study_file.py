@@ -72,6 +72,12 @@ def test_equal_runs_have_equal_keys_and_are_flown_once_whatever_their_arms_are_c
     assert (len(twins.specs), len(twins.missing)) == (4, 2)
 
 
+def test_a_dotted_key_means_the_same_without_quotes(tmp_path: Path) -> None:
+    quoted = load_study(saved(tmp_path))
+    bare = load_study(saved(tmp_path, TEXT.replace('"mission.pilot.min_confidence"', "mission.pilot.min_confidence")))
+    assert identity(bare, expand(bare)) == identity(quoted, expand(quoted))
+
+
 def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
     identities = []
     for name in ("here", "there"):
@@ -96,6 +102,7 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
         ('"96x64"', '"big"', "arms.0.size"),
         ('name = "mine"', 'name = "../mine"', "name: expected a text of the form"),
         ("changes = { ", 'changes = { "corrector.config.fill" = false, ', "changes must not set corrector.config.fill"),
+        ("changes = { ", 'changes = { rig.depth = "truth", ', "changes must not set rig.depth"),
         ("changes = { ", 'changes = { "rig.depth" = "truth", ', "changes must not set rig.depth"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "c"\n[[arms]]', "names no arm of the study: 'c'"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "b"\n[[arms]]', "needs arms of one level, or"),

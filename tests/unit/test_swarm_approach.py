@@ -15,7 +15,7 @@ from swarm.approach import (
     neighbour_limits,
     shortened,
 )
-from tests.swarm_scenes import FORWARD, RADIUS_M, Vector, near, turn
+from tests.swarm_scenes import AIRFRAME, FORWARD, RADIUS_M, Vector, near, turn
 
 SEEDS = st.integers(0, 10_000)
 STILL = (0.0, 0.0, 0.0)
@@ -34,7 +34,7 @@ def compatible(seed: int) -> tuple[np.ndarray, ApproachLimits, np.ndarray]:
 
 def limits_to(*others: tuple[Vector, Vector], velocity_m_s: object = STILL) -> ApproachLimits:
     """Limits of a drone at the origin towards others at places with velocities."""
-    return neighbour_limits(np.zeros(3), np.array(velocity_m_s), near(*others), RADIUS_M)
+    return neighbour_limits(np.zeros(3), np.array(velocity_m_s), near(*others), AIRFRAME)
 
 
 class TestNeighbourLimits:

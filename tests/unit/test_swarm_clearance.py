@@ -7,14 +7,17 @@ from hypothesis import strategies as st
 
 from scenarios.config import Scenario, load_run
 from scenarios.files import shipped_names
-from sim.drone import VELOCITY_GAIN_PER_S
+from sim.bodies import Scene
+from sim.drone import VELOCITY_GAIN_PER_S, AirframeConfig
 from sim.render import create_renderer
 from sim.sensor import RigConfig, StereoSensor
-from swarm.approach import DECEL_M_S2, DRONE_GAP_M, neighbour_limits, stopping_speed_m_s
+from sim.types import VelocityCommand
+from sim.world import PHYSICS_HZ, World
+from swarm.approach import DECEL_M_S2, DRONE_GAP_M, braking_m_s2, clamp_to_limits, neighbour_limits, stopping_speed_m_s
 from swarm.metrics import MissionMetrics, separation_m
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
-from tests.swarm_scenes import HOVERS, RADIUS_M, near, stopping_distance_m
+from tests.swarm_scenes import AIRFRAME, FORWARD, HOVERS, RADIUS_M, near, stopping_distance_m
 
 WRONG = 0.1
 """Relative error of depth beyond which a drone should not have to rely on it."""
@@ -42,8 +45,24 @@ def test_drones_in_the_world_keep_the_gap_that_is_their_clearance_and_their_sepa
     apart_m = DRONE_GAP_M + more_m + 2 * RADIUS_M
     with world_of(starts_m=[[0, 0, 5.0], [apart_m, 0, 5.0]]) as world:
         assert world.clearance_m(0) == pytest.approx(separation_m(world.states, RADIUS_M), abs=1e-6)
-    (speed,) = neighbour_limits(np.zeros(3), np.zeros(3), near(((apart_m, 0, 0), (0, 0, 0))), RADIUS_M).speed_m_s
+    (speed,) = neighbour_limits(np.zeros(3), np.zeros(3), near(((apart_m, 0, 0), (0, 0, 0))), AIRFRAME).speed_m_s
     assert np.sign(round(float(speed), 6)) == sign
+
+
+@pytest.mark.parametrize("max_accel_m_s2", [1.0, 4.0])
+def test_a_weak_airframe_brakes_early_enough(max_accel_m_s2: float) -> None:
+    airframe, starts_m = AirframeConfig(max_accel_m_s2=max_accel_m_s2), np.array([[0, 0, 5.0], [15.0, 0, 5.0]])
+    gaps_m = []
+    with World(Scene(seed=5, bodies=()), starts_m, airframe) as world:
+        for _ in range(20 * 15):
+            own, ahead = world.states
+            limits = neighbour_limits(own.position_m, own.velocity_m_s, near((ahead.position_m, (0, 0, 0))), airframe)
+            wanted_m_s = FORWARD * clamp_to_limits(3.0 * FORWARD, limits)
+            world.apply([VelocityCommand(velocity_m_s=v, yaw_rad=0.0) for v in (wanted_m_s, np.zeros(3))])
+            for _ in range(PHYSICS_HZ // 20):
+                world.step()
+            gaps_m.append(separation_m(world.states, airframe.radius_m))
+    assert min(gaps_m) == pytest.approx(DRONE_GAP_M, abs=0.05)
 
 
 def median_error(scenario: Scenario, distance_m: float) -> float:
@@ -89,5 +108,5 @@ def test_a_drone_brakes_no_harder_than_it_can_and_looks_as_far_as_it_must(name: 
     fastest_m_s = max(mission.cruise_speed_m_s, mission.follower_speed_m_s)
     assert fastest_m_s <= scenario.airframe.max_speed_m_s
     assert mission.cruise_speed_m_s < mission.follower_speed_m_s
-    assert scenario.airframe.max_accel_m_s2 >= DECEL_M_S2
+    assert braking_m_s2(scenario.airframe) == DECEL_M_S2
     assert sight_needed_m(scenario, fastest_m_s) <= mission.pilot.map.reach_m

@@ -13,7 +13,7 @@ from swarm.pilot import Heading, Pilot, PilotConfig, Situation
 from swarm.team import Route
 from swarm.types import Motion, Neighbours, Percept
 from tests.helpers import CAMERA
-from tests.swarm_scenes import FORWARD, NOBODY, RADIUS_M, flat, near, neighbours_of, percept_of, state
+from tests.swarm_scenes import AIRFRAME, FORWARD, NOBODY, flat, near, neighbours_of, percept_of, state
 from voxdepth import plugins
 from voxdepth.errors import PluginError
 
@@ -35,7 +35,7 @@ def agent(drone: int, config: MissionConfig) -> Agent:
 
 def role_of(drone: int, config: MissionConfig) -> Role:
     (team,) = config.teams()
-    return Role(drone=drone, team=team, radius_m=RADIUS_M, camera=CAMERA)
+    return Role(drone=drone, team=team, airframe=AIRFRAME, camera=CAMERA)
 
 
 def wish(situation: Situation, **rules: Any) -> np.ndarray:
@@ -112,8 +112,8 @@ class TestSwitches:
     def test_without_avoidance_a_drone_flies_blind(self, drone: int) -> None:
         ahead = situation(percept=WALL, leader=((9.0, -1.3, 0.0), STILL), mates=near(((-2.6, 1.3, 0), STILL)))
         seeing, blind = (agent(drone, mission(avoidance=on)).decide(ahead) for on in (True, False))
-        assert seeing.view is not None and seeing.state != "blind"
-        assert blind.view is None and blind.state == "blind"
+        assert seeing.view is not None and seeing.state != "unguarded"
+        assert blind.view is None and blind.state == "unguarded"
         if drone == 1:
             assert np.linalg.norm(seeing.command.velocity_m_s) < 0.8 * np.linalg.norm(blind.command.velocity_m_s)
 
@@ -182,7 +182,7 @@ class TestAgents:
 
     def test_no_pilot_flies_into_a_neighbour(self) -> None:
         ahead = situation(neighbours=near(((1.0, 0, 0), STILL)))
-        for pilot in (MappingPilot(PilotConfig(), 20, 0.0, RADIUS_M, CAMERA), Pilot(PilotConfig(), 20, 0.0, RADIUS_M)):
+        for pilot in (MappingPilot(PilotConfig(), 20, 0.0, AIRFRAME, CAMERA), Pilot(PilotConfig(), 20, 0.0, AIRFRAME)):
             command = pilot.fly(2 * FORWARD, ahead).command
             assert abs(command.velocity_m_s[0]) < 1e-6
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim.drone import AirframeConfig
 from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
 from sim.types import DroneState
 from swarm import mapping_pilot
@@ -20,7 +21,7 @@ from swarm.pilot import Decision, PilotConfig, Situation
 from swarm.types import Motion, Percept
 from swarm.voxel_map import BLACKLISTED, FREE
 from tests.helpers import CAMERA
-from tests.swarm_scenes import NOBODY, RADIUS_M, neighbours_of, turn
+from tests.swarm_scenes import AIRFRAME, NOBODY, RADIUS_M, neighbours_of, turn
 from tests.unit.test_swarm_evidence import flat, image
 from voxdepth.types import CorrectedDepth, FloatArray
 
@@ -43,7 +44,7 @@ class Flight:
     """
 
     def __init__(self, view: View) -> None:
-        self.pilot = MappingPilot(PilotConfig(), RATE_HZ, 0.0, RADIUS_M, CAMERA)
+        self.pilot = MappingPilot(PilotConfig(), RATE_HZ, 0.0, AIRFRAME, CAMERA)
         self.view = view
         self.position_m, self.velocity_m_s, self.yaw_rad = np.zeros(3), np.zeros(3), 0.0
         self.odometry_m = np.zeros(3)
@@ -238,7 +239,7 @@ def test_no_command_approaches_another_drone_faster_than_allowed(seed: int) -> N
     at_m = np.array([steep, *beside])
     flight.neighbours = neighbours_of({i: Motion(m, np.zeros(3)) for i, m in enumerate(at_m, start=1)})
     flight.flies(rng.uniform(-3, 3, 3) * [1, 1, 0.3], 0.1, np.array([20.0, 0.0, 0.0]))
-    limits = neighbour_limits(np.zeros(3), np.zeros(3), flight.neighbours, RADIUS_M)
+    limits = neighbour_limits(np.zeros(3), np.zeros(3), flight.neighbours, AIRFRAME)
     command = flight.decisions[0].command.velocity_m_s
     assert (limits.towards @ command <= np.maximum(limits.speed_m_s, 0) + 1e-9).all()
 
@@ -286,7 +287,7 @@ def test_surfaces_of_other_drones_are_left_out_where_these_were_when_the_image_w
 
 def test_a_drone_that_is_higher_than_its_map_is_refused() -> None:
     with pytest.raises(MissionError, match=r"does not fit .* make airframe.radius_m at most 0\.6"):
-        MappingPilot(PilotConfig(), RATE_HZ, 0.0, 0.61, CAMERA)
+        MappingPilot(PilotConfig(), RATE_HZ, 0.0, AirframeConfig(radius_m=0.61), CAMERA)
 
 
 def random_costs(seed: int) -> CostMap:

@@ -10,7 +10,7 @@ from swarm.controllers import Role
 from swarm.metrics import separation_m
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import CAMERA
-from tests.swarm_scenes import RADIUS_M, state, turn
+from tests.swarm_scenes import AIRFRAME, RADIUS_M, state, turn
 
 ANGLES = st.floats(-np.pi, np.pi)
 
@@ -92,7 +92,7 @@ def test_a_way_straight_up_and_no_way_at_all_have_a_heading() -> None:
 
 def test_roles_know_their_slots() -> None:
     team = team_to((30.0, 0.0, 5.0), members=range(4, 8))
-    roles = [Role(drone=i, team=team, radius_m=RADIUS_M, camera=CAMERA) for i in team.members]
+    roles = [Role(drone=i, team=team, airframe=AIRFRAME, camera=CAMERA) for i in team.members]
     assert [role.leads for role in roles] == [True, False, False, False]
     for role, start_m in zip(roles, team.starts_m, strict=True):
         np.testing.assert_allclose(team.start_m + role.offset_m, start_m)

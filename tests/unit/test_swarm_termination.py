@@ -163,3 +163,14 @@ def test_drones_that_touched_something_drop_out_and_the_mission_goes_on_without_
     if np.isnan(positions_m).all():
         assert conditions.check(4.8, positions_m, (HIT, LATER)) is None, "that of the last contact"
         assert conditions.check(4.9, positions_m, (HIT, LATER)) is COLLISION
+
+
+@pytest.mark.parametrize("drop", [[1], [0, 1, 2]], ids=["a follower", "a swarm"])
+def test_drones_that_drop_out_are_no_progress(drop: list[int]) -> None:
+    task = config(n_routes=2, after_contact="drop")
+    conditions, positions_m = TerminationConditions(task, task.teams()), task.starts_m()
+    positions_m[1] += HIGH
+    assert conditions.check(0.0, positions_m, ()) is None
+    positions_m[drop] = NAN
+    assert conditions.check(3.0, positions_m, (HIT,)) is None
+    assert conditions.check(5.1, positions_m, (HIT,)) is COLLISION
