@@ -162,7 +162,7 @@ def test_frames_that_cannot_be_kept_are_an_error_of_the_results(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full = OSError(28, "No space left on device")
-    monkeypatch.setattr(frames.pickle, "dump", mock.Mock(side_effect=full))
+    monkeypatch.setattr(frames.np, "save", mock.Mock(side_effect=full))
     for result in run(tmp_path, recording).results:
         assert result.error == "cannot keep frame 0: No space left on device"
 
