@@ -1,11 +1,11 @@
-"""What is kept of finished work: the result of each method on each sequence, a file each."""
+"""What is kept of finished work: the description of each sequence, and the result of each method on it, a file each."""
 
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from ..files import as_tool_error, write
 from .frames import Reference
@@ -19,6 +19,8 @@ class Scores:
     measurements: tuple[Measurement, ...] = ()
     frame_close: tuple[tuple[int, int], ...] = ()
     """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
+    pictures: tuple[str, ...] = ()
+    """The depth of one frame and perhaps its errors, see `depth_pictures`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +40,12 @@ class SequenceInfo:
     """Number of those that methods are given no depth of."""
     holes: int
     """Number of pixels of all frames that the methods were given no depth of, whether they have a reference or not."""
+    pictured: int
+    """Index of the frame that is drawn: the middle one of those in which pixels without depth are judged."""
+    far_m: float
+    """Depth at the blue end of the colours of its pictures."""
+    pictures: tuple[str, ...]
+    """Its gray image, its reference, the depth that methods are given, and the errors of that if the truth is known."""
 
     @property
     def judged_share(self) -> float:
@@ -54,13 +62,15 @@ class Result(Scores):
     method: str
     key: dict[str, Any] = field(default_factory=dict)
     """Everything else that the measurements depend on; empty for a sequence that could not be opened."""
-    info: SequenceInfo | None = None
-    """Description of the sequence; None if it could not be opened."""
+    info: Annotated[SequenceInfo | None, Field(exclude=True)] = None
+    """Description of the sequence, which has a file of its own; None if it could not be opened."""
     error: str | None = None
     """Why there are no measurements; None if there are."""
 
 
 STORED = TypeAdapter(Result)
+DESCRIBED = TypeAdapter(tuple[dict[str, Any], SequenceInfo])
+"""What a description depends on, and the description."""
 
 
 def path_of(out: Path, sequence: str, method: str) -> Path:
@@ -81,3 +91,21 @@ def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> Result |
 def store(out: Path, result: Result) -> None:
     """Write the file of a result in one step; a failure is a `ToolError`."""
     write(path_of(out, result.sequence, result.method), STORED.dump_json(result, indent=1) + b"\n")
+
+
+def load_info(out: Path, sequence: str, key: dict[str, Any]) -> SequenceInfo | None:
+    """Load the description of a sequence; None if there is none with this key."""
+    path = _info_path(out, sequence)
+    with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValidationError):
+        depends_on, info = DESCRIBED.validate_json(path.read_bytes())
+        return info if depends_on == key else None
+    return None
+
+
+def store_info(out: Path, key: dict[str, Any], info: SequenceInfo) -> None:
+    """Write the file of a description in one step; a failure is a `ToolError`."""
+    write(_info_path(out, info.name), DESCRIBED.dump_json((key, info), indent=1) + b"\n")
+
+
+def _info_path(out: Path, sequence: str) -> Path:
+    return out / "results" / f"{sequence}.json"
