@@ -42,7 +42,8 @@ def post(tmp_path: Path) -> Path:
 
 
 def test_all_methods_are_shown_on_the_same_frame_with_their_errors(post: Path, tmp_path: Path) -> None:
-    (columns,) = shown(run(tmp_path / "out", post, SAME, NEAR))
+    failing = method("failing", lambda depth_m: depth_m[1:])
+    (columns,) = shown(run(tmp_path / "out", post, method("raw"), SAME, failing, NEAR))
     assert [[title for title, _ in column] for column in columns] == [
         ["gray image", "scored by the truth"], ["raw, as given", ERROR], ["same", ERROR], ["near", ERROR]
     ]  # fmt: skip

@@ -95,7 +95,7 @@ def shown_frame(evaluation: Evaluation, info: SequenceInfo) -> dict[str, Any]:
     columns = [scene] if info.reference.is_true else [[picture] for picture in scene]
     depths = {"raw, as given": given}
     for result in evaluation.results:
-        if result.sequence == info.name and result.method != "raw":
+        if result.sequence == info.name and result.method != "raw" and result.pictures:
             depths[registry.title(result.method)] = list(result.pictures)
     for title, pictures in depths.items():
         columns.append(list(zip((title, "its relative error"), pictures, strict=False)))
