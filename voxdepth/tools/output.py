@@ -142,9 +142,6 @@ def to_millimetres(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
 
 
 def encode(image: npt.NDArray[Any], level: int = 1) -> bytes:
-    """Encode a PNG without row filters: depth is quantised, so this is smaller and faster than OpenCV's default.
-
-    The level of compression is 1 (fast) to 9 (small).
-    """
+    """Encode a PNG, level 1 (fast) to 9 (small); without row filters, quantised depth is smaller than by default."""
     options = (cv2.IMWRITE_PNG_COMPRESSION, level, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
     return cv2.imencode(".png", image, options)[1].tobytes()

@@ -3,9 +3,9 @@
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from ..files import as_tool_error, write
 from .frames import Reference
@@ -62,15 +62,15 @@ class Result(Scores):
     method: str
     key: dict[str, Any] = field(default_factory=dict)
     """Everything else that the measurements depend on; empty for a sequence that could not be opened."""
-    info: Annotated[SequenceInfo | None, Field(exclude=True)] = None
-    """Description of the sequence, which has a file of its own; None if it could not be opened."""
+    info: SequenceInfo | None = None
+    """Description of the sequence, which is not repeated in the file of each method; None if it could not be opened."""
     error: str | None = None
     """Why there are no measurements; None if there are."""
 
 
 STORED = TypeAdapter(Result)
-DESCRIBED = TypeAdapter(tuple[dict[str, Any], SequenceInfo])
-"""What a description depends on, and the description."""
+SEQUENCE = "[sequence]"
+"""What stands in the place of a method in the one result that keeps the description of its sequence."""
 
 
 def path_of(out: Path, sequence: str, method: str) -> Path:
@@ -91,21 +91,3 @@ def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> Result |
 def store(out: Path, result: Result) -> None:
     """Write the file of a result in one step; a failure is a `ToolError`."""
     write(path_of(out, result.sequence, result.method), STORED.dump_json(result, indent=1) + b"\n")
-
-
-def load_info(out: Path, sequence: str, key: dict[str, Any]) -> SequenceInfo | None:
-    """Load the description of a sequence; None if there is none with this key."""
-    path = _info_path(out, sequence)
-    with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValidationError):
-        depends_on, info = DESCRIBED.validate_json(path.read_bytes())
-        return info if depends_on == key else None
-    return None
-
-
-def store_info(out: Path, key: dict[str, Any], info: SequenceInfo) -> None:
-    """Write the file of a description in one step; a failure is a `ToolError`."""
-    write(_info_path(out, info.name), DESCRIBED.dump_json((key, info), indent=1) + b"\n")
-
-
-def _info_path(out: Path, sequence: str) -> Path:
-    return out / "results" / f"{sequence}.json"

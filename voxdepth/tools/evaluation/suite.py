@@ -20,7 +20,7 @@ from .measurements import long_table
 from .methods import Method, MethodError, run
 from .pictures import depth_pictures, far_end_of, scene_pictures
 from .recordings import Kind, Opened, RecordedSource
-from .results import Result, SequenceInfo, load, load_info, store, store_info
+from .results import SEQUENCE, Result, SequenceInfo, load, store
 
 
 @dataclass(frozen=True)
@@ -141,24 +141,23 @@ def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> 
             keys = {method.name: of_sequence | {"config": method.config} for method in plan.methods}
             own = [method.name for method in plan.methods if not method.is_foreign]
             finished = {each: result for each in own if (result := load(plan.out, name, each, keys[each])) is not None}
-            info = load_info(plan.out, name, of_sequence)
+            described = load(plan.out, name, SEQUENCE, of_sequence)
+            info = described.info if described else None
             if info is None or len(finished) < len(keys):
                 frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
                 info = describe(source, frames)
-                store_info(plan.out, of_sequence, info)
+                store(plan.out, Result(sequence=name, method=SEQUENCE, key=of_sequence, info=info))
         except VoxDepthError as error:
             reason = " ".join(str(error).split())
             yield from ((Result(sequence=name, method=method.name, error=reason), False) for method in plan.methods)
             return
         for method in plan.methods:
             tell(f"{name}, {method.name}")
-            if method.name in finished:
-                yield replace(finished[method.name], info=info), True
-                continue
-            scores = _scores(source, method, frames, info.pictured)
-            result = Result(sequence=name, method=method.name, key=keys[method.name], info=info, **scores)
-            store(plan.out, result)
-            yield result, False
+            if (result := finished.get(method.name)) is None:
+                scores = _scores(source, method, frames, info.pictured)
+                result = Result(sequence=name, method=method.name, key=keys[method.name], **scores)
+                store(plan.out, result)
+            yield replace(result, info=info), method.name in finished
 
 
 def _key(source: FrameSource, frames: int) -> dict[str, Any]:
