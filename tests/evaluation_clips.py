@@ -121,6 +121,7 @@ def info_of(name: str, **changes: Any) -> SequenceInfo:
     values: dict[str, Any] = {
         "name": name, "frames": 2, "seed": 0, "size": "12x9", "reference": TRUTH,
         "pixels": 1000, "hidden_pixels": 1000, "holes": 1000,
+        "pictured": 1, "far_m": 5, "pictures": ("gray", "truth", "given", "error"),
     }  # fmt: skip
     return SequenceInfo(**values | changes)
 

@@ -16,6 +16,8 @@ BEYOND_SHARE = 0.02
 """Largest share of the depths beyond the blue end: some pixels are always wrong by far."""
 FAR_INDEX = 25
 """Index of the farthest depth in the colour map; lower ones look like the black of holes."""
+ERROR_END, ERROR_STEP, UNKNOWN_GRAY = 0.1, 0.02, 160
+"""Relative error at the ends of its colours, its step from one to the next, and the gray value where it is unknown."""
 SOURCE_COLORS = {
     Source.INVALID: (0, 0, 0),
     Source.SENSOR: (190, 190, 190),
@@ -53,4 +55,20 @@ def colored(depth_m: FloatImage, far_m: float = FAR_M) -> npt.NDArray[np.uint8]:
     scaled = FAR_INDEX + (255 - FAR_INDEX) * (1 - np.sqrt(np.minimum(depth_m, far_m) / far_m))
     image = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO).astype(np.uint8)
     image[depth_m <= 0] = 0
+    return image
+
+
+def error_colored(depth_m: FloatImage, reference_m: FloatImage) -> npt.NDArray[np.uint8]:
+    """Return the relative error of depth in colours, too near red, too far blue; shape (H, W, 3), BGR.
+
+    Correct pixels are white, those that are `ERROR_END` or more off have the full colour, those without depth are
+    black, and those without a reference gray. Both depths [m] have the shape (H, W), 0 where they are unknown.
+    """
+    known = (reference_m > 0) & np.isfinite(reference_m)
+    ratio = np.divide(depth_m, reference_m, out=np.ones_like(reference_m), where=known)
+    error = np.clip(np.rint((ratio - 1) / ERROR_STEP) * ERROR_STEP / ERROR_END, -1, 1)
+    removed = np.stack([np.maximum(-error, 0), np.abs(error), np.maximum(error, 0)], axis=-1)
+    image: npt.NDArray[np.uint8] = np.rint(255 * (1 - removed)).astype(np.uint8)
+    image[depth_m <= 0] = 0
+    image[~known] = UNKNOWN_GRAY
     return image

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from voxdepth.colors import FAR_M, SOURCE_COLORS, colored, far_end_m, source_colored
+from voxdepth.colors import FAR_M, SOURCE_COLORS, UNKNOWN_GRAY, colored, error_colored, far_end_m, source_colored
 from voxdepth.types import Source
 
 BLUE, RED = 0, 2
@@ -45,3 +45,11 @@ def test_each_source_has_a_colour_of_its_own_which_is_that_of_recordings_with_bl
     assert len({tuple(color) for color in image[0]}) == len(Source)
     for kind in Source:
         np.testing.assert_array_equal(image[0, kind, ::-1], SOURCE_COLORS[kind])
+
+
+def test_errors_are_red_too_near_blue_too_far_and_hidden_where_unknown() -> None:
+    depth_m = np.array([[2.0, 1.92, 1.0, 2.081, 9.0, np.inf, 0.0, 2.0, 2.0]], np.float32)
+    reference_m = np.array([[2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 0.0, np.inf]], np.float32)
+    right, near, far, gray = [255] * 3, [0, 0, 255], [255, 0, 0], [UNKNOWN_GRAY] * 3
+    expected = [right, [153, 153, 255], near, [255, 153, 153], far, far, [0] * 3, gray, gray]
+    np.testing.assert_allclose(error_colored(depth_m, reference_m)[0], expected, atol=1)

@@ -33,7 +33,7 @@ from voxdepth.types import CorrectedDepth, Frame
 
 
 def ran(method: Method, frames: int = 4) -> Scores:
-    return run(method, evaluation_frames(frames), TRUTH, CAMERA)
+    return run(method, evaluation_frames(frames), TRUTH, CAMERA, pictured=0)
 
 
 def made(corrector: Callable[[], Any], **given: Any) -> Method:

@@ -169,8 +169,10 @@ def test_a_recording_tells_what_moves_which_is_never_static_and_is_kept_with_the
         for _ in range(2):
             read = list(file)
             assert len(read) == len(file) == 8
-            np.testing.assert_array_equal(read[6].moving, moving[6].moving)
-            np.testing.assert_array_equal(read[6].departed_m, moving[6].departed_m)
+            for image in ("reference_m", "hidden", "static", "occluded", "moving", "departed_m"):
+                np.testing.assert_array_equal(getattr(read[6], image), getattr(moving[6], image))
+            for value in ("stamp_s", "gray", "depth_m"):
+                np.testing.assert_array_equal(getattr(read[6].frame, value), getattr(moving[6].frame, value))
 
 
 def moving_frame() -> EvaluationFrame:

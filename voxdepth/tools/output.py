@@ -141,7 +141,7 @@ def to_millimetres(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
     return np.where(depth_m > 0, np.rint(np.clip(depth_m, 0.001, 65.535) * 1000), 0).astype(np.uint16)
 
 
-def encode(image: npt.NDArray[Any]) -> bytes:
-    """Encode a PNG without row filters: depth is quantised, so this is smaller and faster than OpenCV's default."""
-    options = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
+def encode(image: npt.NDArray[Any], level: int = 1) -> bytes:
+    """Encode a PNG, level 1 (fast) to 9 (small); without row filters, quantised depth is smaller than by default."""
+    options = (cv2.IMWRITE_PNG_COMPRESSION, level, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
     return cv2.imencode(".png", image, options)[1].tobytes()

@@ -1,11 +1,10 @@
 """The frames of a sequence, each with the depth that methods are judged by, and where they are judged."""
 
-import pickle
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -82,7 +81,7 @@ class FrameFile:
 
     def __init__(self, folder: Path) -> None:
         self._file = TemporaryFile(dir=folder)  # noqa: SIM115 - `__exit__` closes it.
-        self._frames = 0
+        self._names: list[list[str]] = []
 
     def __enter__(self) -> Self:
         return self
@@ -93,20 +92,26 @@ class FrameFile:
     def fill(self, frames: Iterable[EvaluationFrame], progress: Callable[[int], None] = lambda count: None) -> None:
         """Write frames and pass their number to `progress`; a frame that cannot be written is a `ToolError`."""
         for index, frame in enumerate(frames):
+            seen = frame.frame
+            values: dict[str, Any] = {"stamp_s": seen.stamp_s, "gray": seen.gray, "depth_m": seen.depth_m}
+            values |= {name: value for name, value in vars(frame).items() if name != "frame" and value is not None}
             with as_tool_error(f"cannot keep frame {index}"):
-                pickle.dump(frame, self._file)
+                for value in values.values():
+                    np.save(self._file, value, allow_pickle=False)
                 self._file.flush()
-            self._frames = index + 1
-            progress(self._frames)
+            self._names.append(list(values))
+            progress(len(self))
 
     def __len__(self) -> int:
-        return self._frames
+        return len(self._names)
 
     def __iter__(self) -> Iterator[EvaluationFrame]:
         """Read the frames; one iteration at a time."""
         self._file.seek(0)
-        for _ in range(self._frames):
-            yield pickle.load(self._file)  # noqa: S301 - Nobody else writes to a file without a name.
+        for names in self._names:
+            arrays = {name: np.load(self._file, allow_pickle=False) for name in names}
+            stamp_s, gray, depth_m = map(arrays.pop, ("stamp_s", "gray", "depth_m"))
+            yield EvaluationFrame(frame=Frame(stamp_s=float(stamp_s), gray=gray, depth_m=depth_m), **arrays)
 
 
 Frames = FrameFile | list[EvaluationFrame]

@@ -27,6 +27,7 @@ from ...types import CorrectedDepth, DepthCorrector, Intrinsics
 from ..errors import ToolError
 from .frames import EvaluationFrame, Frames, Reference
 from .measurements import Measurement, of_frames
+from .pictures import depth_pictures
 from .results import Scores
 from .scoring import Score
 
@@ -86,10 +87,10 @@ def find_method(name: str) -> Method:
     )
 
 
-def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrinsics) -> Scores:
+def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrinsics, pictured: int) -> Scores:
     """Run a new instance of a method on all frames (at least one) in order, with OpenCV on one thread.
 
-    Each frame is read just before it is processed, which is not timed.
+    Each frame is read just before it is processed, which is not timed. The depth of frame `pictured` is drawn.
 
     Raises:
         MethodError: The method raised an exception or gave no valid depth; the message names the frame.
@@ -100,16 +101,20 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
         for index, frame in enumerate(islice(frames, method.warm_up_frames)):
             _processed(corrector, frame, index)
     score, times_s = Score(reference), []
+    pictures: tuple[str, ...] = ()
     with _instance(method, intrinsics) as corrector:
         start_s = _other_threads_s()
         for index, frame in enumerate(frames):
             corrected, time_s = _processed(corrector, frame, index)
             times_s.append(time_s)
             score.add(frame, corrected)
+            if index == pictured:
+                pictures = depth_pictures(corrected.depth_m, frame, reference)
         background_s = _other_threads_s() - start_s
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s)),
         frame_close=score.frame_close,
+        pictures=pictures,
     )
 
 

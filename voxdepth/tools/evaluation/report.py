@@ -1,16 +1,19 @@
 """The output of an evaluation: tables, a page without scripts or external parts, and the terminal output."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from ... import registry
+from ...colors import ERROR_END
 from ..files import write
 from ..page import TEMPLATES, render_page
 from ..provenance import Provenance
 from ..table import MISSING, Table, write_frame
+from .pictures import depth_scale, error_scale
 from .quantities import HEADLINES, QUANTITIES, Quantity, fitted, is_measured, numbers_of
+from .results import SequenceInfo
 from .suite import Evaluation
 from .verdict import verdict
 
@@ -34,6 +37,9 @@ def rendered(evaluation: Evaluation) -> str:
         verdict=verdict(evaluation),
         failures=[(result.method, result.sequence, result.error) for result in evaluation.failures],
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
+        pictures=[shown_frame(evaluation, info) for info in evaluation.sequences.values()],
+        error_percent=round(100 * ERROR_END),
+        error_scale=error_scale(),
         sequences=_sequence_table(evaluation),
         machine=Provenance.here().lines(),
     )
@@ -80,6 +86,20 @@ def print_results(console: "Console", evaluation: Evaluation) -> None:
     for result in evaluation.failures:
         failed = f"{result.sequence}, {result.method} failed: {result.error}"
         console.print(failed, soft_wrap=True, markup=False, style="red")
+
+
+def shown_frame(evaluation: Evaluation, info: SequenceInfo) -> dict[str, Any]:
+    """Return the pictures of a sequence by their titles, in columns: the scene, the depth as given, and each method."""
+    gray, reference, *given = info.pictures
+    scene = [("gray image", gray), (f"scored by {info.reference.name}", reference)]
+    columns = [scene] if info.reference.is_true else [[picture] for picture in scene]
+    depths = {"raw, as given": given}
+    for result in evaluation.results:
+        if result.sequence == info.name and result.method != "raw" and result.pictures:
+            depths[registry.title(result.method)] = list(result.pictures)
+    for title, pictures in depths.items():
+        columns.append(list(zip((title, "its relative error"), pictures, strict=False)))
+    return {"info": info, "scale": depth_scale(info.far_m), "columns": columns}
 
 
 def _best(quantity: Quantity, values: pd.Series) -> list[tuple[str, str]]:

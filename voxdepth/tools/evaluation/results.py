@@ -1,4 +1,4 @@
-"""What is kept of finished work: the result of each method on each sequence, a file each."""
+"""What is kept of finished work: the description of each sequence, and the result of each method on it, a file each."""
 
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -19,6 +19,8 @@ class Scores:
     measurements: tuple[Measurement, ...] = ()
     frame_close: tuple[tuple[int, int], ...] = ()
     """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
+    pictures: tuple[str, ...] = ()
+    """The depth of one frame and perhaps its errors, see `depth_pictures`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +40,12 @@ class SequenceInfo:
     """Number of those that methods are given no depth of."""
     holes: int
     """Number of pixels of all frames that the methods were given no depth of, whether they have a reference or not."""
+    pictured: int
+    """Index of the frame that is drawn: the middle one of those in which pixels without depth are judged."""
+    far_m: float
+    """Depth at the blue end of the colours of its pictures."""
+    pictures: tuple[str, ...]
+    """Its gray image, its reference, the depth that methods are given, and the errors of that if the truth is known."""
 
     @property
     def judged_share(self) -> float:
@@ -55,12 +63,14 @@ class Result(Scores):
     key: dict[str, Any] = field(default_factory=dict)
     """Everything else that the measurements depend on; empty for a sequence that could not be opened."""
     info: SequenceInfo | None = None
-    """Description of the sequence; None if it could not be opened."""
+    """Description of the sequence, which is not repeated in the file of each method; None if it could not be opened."""
     error: str | None = None
     """Why there are no measurements; None if there are."""
 
 
 STORED = TypeAdapter(Result)
+SEQUENCE = "[sequence]"
+"""What stands in the place of a method in the one result that keeps the description of its sequence."""
 
 
 def path_of(out: Path, sequence: str, method: str) -> Path:

@@ -1,8 +1,9 @@
 """All methods on all sequences, one at a time; finished results are reused, and a failure stops nothing else."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,9 @@ from .frames import FrameFile, Frames, FrameSource
 from .intervals import close_intervals
 from .measurements import long_table
 from .methods import Method, MethodError, run
+from .pictures import depth_pictures, far_end_of, scene_pictures
 from .recordings import Kind, Opened, RecordedSource
-from .results import Result, SequenceInfo, load, store
+from .results import SEQUENCE, Result, SequenceInfo, load, store
 
 
 @dataclass(frozen=True)
@@ -139,23 +141,23 @@ def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> 
             keys = {method.name: of_sequence | {"config": method.config} for method in plan.methods}
             own = [method.name for method in plan.methods if not method.is_foreign]
             finished = {each: result for each in own if (result := load(plan.out, name, each, keys[each])) is not None}
-            info = next((result.info for result in finished.values()), None)
+            described = load(plan.out, name, SEQUENCE, of_sequence)
+            info = described.info if described else None
             if info is None or len(finished) < len(keys):
                 frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
                 info = describe(source, frames)
+                store(plan.out, Result(sequence=name, method=SEQUENCE, key=of_sequence, info=info))
         except VoxDepthError as error:
             reason = " ".join(str(error).split())
             yield from ((Result(sequence=name, method=method.name, error=reason), False) for method in plan.methods)
             return
         for method in plan.methods:
             tell(f"{name}, {method.name}")
-            if method.name in finished:
-                yield finished[method.name], True
-                continue
-            scores = _scores(source, method, frames)
-            result = Result(sequence=name, method=method.name, key=keys[method.name], info=info, **scores)
-            store(plan.out, result)
-            yield result, False
+            if (result := finished.get(method.name)) is None:
+                scores = _scores(source, method, frames, info.pictured)
+                result = Result(sequence=name, method=method.name, key=keys[method.name], **scores)
+                store(plan.out, result)
+            yield replace(result, info=info), method.name in finished
 
 
 def _key(source: FrameSource, frames: int) -> dict[str, Any]:
@@ -165,21 +167,24 @@ def _key(source: FrameSource, frames: int) -> dict[str, Any]:
     return {"frames": frames, "digest": source.digest(frames), "versions": made_with}
 
 
-def _scores(source: FrameSource, method: Method, frames: Frames) -> dict[str, Any]:
+def _scores(source: FrameSource, method: Method, frames: Frames, pictured: int) -> dict[str, Any]:
     try:
-        return vars(run(method, frames, source.reference, source.intrinsics))
+        return vars(run(method, frames, source.reference, source.intrinsics, pictured))
     except (MethodError, ToolError) as error:
         return {"error": str(error)}
 
 
 def describe(source: FrameSource, frames: Frames) -> SequenceInfo:
     """Describe the frames of a sequence, at least one."""
-    pixels, hidden_pixels, holes = 0, 0, 0
+    counts: list[list[int]] = []
     for frame in frames:
         known = frame.known()
-        pixels += int(np.count_nonzero(known))
-        hidden_pixels += int(np.count_nonzero(frame.hidden & known))
-        holes += int(np.count_nonzero(frame.frame.depth_m == 0))
+        masks = known, frame.hidden & known, frame.frame.depth_m == 0
+        counts.append([int(np.count_nonzero(mask)) for mask in masks])
+    pixels, hidden_pixels, holes = map(sum, zip(*counts, strict=True))
+    judged = [index for index, (_, n, _) in enumerate(counts) if n] or range(len(counts))
+    pictured = judged[len(judged) // 2]
+    shown = next(islice(frames, pictured, None))
     return SequenceInfo(
         name=source.name,
         frames=len(frames),
@@ -189,6 +194,9 @@ def describe(source: FrameSource, frames: Frames) -> SequenceInfo:
         pixels=pixels,
         hidden_pixels=hidden_pixels,
         holes=holes,
+        pictured=pictured,
+        far_m=far_end_of(shown),
+        pictures=(*scene_pictures(shown), *depth_pictures(shown.frame.depth_m, shown, source.reference)),
     )
 
 
