@@ -176,7 +176,7 @@ def reference_figures(hidden: str | None) -> Figures:
             source = RecordedSource("clip", open_dataset(place), kinds_of(place, open_dataset)[hidden])
         frames = list(source.frames(6))
         methods = [find_method(name) for name in ("ip-basic", "temporal")]
-        scores = [run(method, frames, source.reference, source.intrinsics).measurements for method in methods]
+        scores = [run(method, frames, source.reference, source.intrinsics, 0).measurements for method in methods]
     steady = [[(*one[:4], one.value) for one in own if "ms" not in one.unit] for own in scores]
     images = [{one.name: getattr(frame, one.name) for one in fields(frame) if one.name != "frame"} for frame in frames]
     return figures_of([images[-1], steady])
