@@ -62,5 +62,5 @@ def test_settings_that_scenarios_no_longer_have_are_named() -> None:
     (own,) = tiny.arms
     older = tiny.model_copy(update={"arms": (Arm.model_validate({**own.model_dump(), "changes": left}),)})
     assert settings_that_left(older, spec) == {
-        "mission.pilot.response_s": 0.1, "mission.localisation": {"drift_m": 1.0}, "rig.x.y": 3
+        "mission.pilot.response_s": 0.1, "mission.localisation.drift_m": 1.0, "rig.x.y": 3
     }  # fmt: skip
