@@ -9,7 +9,7 @@ meant, this remakes them; the difference of the file shows what it did:
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,20 +32,31 @@ from swarm.perception import frame_of
 from swarm.recorder import Recorder
 from tests.learning import quick
 from tests.studies import arm, flown, noisy, study
+from tests.temporal_scenes import CAMERA, OTHER_ROOM, ROOM, dark, walk
+from tests.temporal_scenes import frame_of as frame_at
+from tests.temporal_scenes import noisy as noisy_frame
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.datasets import open_dataset
 from voxdepth.registry import CORRECTOR_NAMES
 from voxdepth.tools.evaluation.methods import find_method, run
 from voxdepth.tools.evaluation.recordings import RecordedSource, kinds_of
+from voxdepth.types import Frame, Intrinsics
 
 KEPT = Path(__file__).parent / "golden" / "kept.json"
 Figures = dict[str, float | str]
 SMALL = {"rig.width_px": 128, "rig.height_px": 96}
+MOVING = {"rig.exposure_sigma": 0.1, "flight": {"kind": "walk", "speed_m_s": 1.0}}
+"""A camera that moves, and whose brightness varies."""
 SENSORS: Mapping[str, dict[str, Any]] = {
     "fitted": {"rig.depth": "fitted"},
     "truth": {"rig.depth": "truth"},
     "dim": {"rig.light_stops": -2.0, "rig.exposure_sigma": 0.3, "rig.exposure_settling_frames": 2.0},
     "projected": {"rig.projected_texture": 0.8, "rig.stereo.min_texture": 0.0},
+    "noise of a colour camera": {
+        "rig.depth": "noisy",
+        "rig.color_offset_m": 0.015,
+        "rig.noise.disparity.sigma_px": 0.2,
+    },
     "raster": {"renderer": "raster"},
     "tiny": {"renderer": "tiny"},
 }
@@ -60,6 +71,8 @@ CORRECTORS = (
 )
 CRASH = {"mission.controller": "examples.straight_controller:create", "mission.cruise_speed_m_s": 4.0}
 """The leader hits the first pillar."""
+JUDGED = (None, "shadows", "wide-shadows", "patches")
+"""What pixels methods are judged by; None for all, by the truth."""
 FLIGHTS: Mapping[str, tuple[str, dict[str, Any]]] = {
     **{name: (name, {}) for name in shipped_names("scenarios")},
     "drift": ("pillars", {"mission.pose_prior.kind": "drift", "mission.link.loss": 0.3}),
@@ -121,15 +134,32 @@ def sensor_figures(name: str, **changes: Any) -> Figures:
 @cache
 def _clip() -> list[Capture]:
     """A sphere crosses the view of a camera with noise and wrong pixels, before walls."""
-    return list(captures("sim-cross", 24, **{"rig.exposure_sigma": 0.1, "flight": {"kind": "walk", "speed_m_s": 1.0}}))
+    return list(captures("sim-cross", 24, **MOVING))
 
 
 def corrector_figures(text: str) -> Figures:
     """What a corrector makes of a clip, after a frame, and at its end."""
-    corrector = CorrectorSpec.model_validate(text).create(_clip()[0].intrinsics)
-    results = [corrector.process(frame_of(capture)) for capture in _clip()]
+    return _corrected(text, _clip()[0].intrinsics, [frame_of(capture) for capture in _clip()])
+
+
+def stream_figures(text: str, *, has_poses: bool) -> Figures:
+    """What a corrector makes of a camera that is covered, sees another room, and comes back."""
+    there = walk(10, step_m=0.04, yaw_deg=2.0)
+    rooms = [ROOM] * 10 + [OTHER_ROOM] * 5 + [ROOM] * 10
+    poses = [*there, *there[:5], *reversed(there)]
+    frames = [noisy_frame(frame_at(room, T, k), 3) for k, (room, T) in enumerate(zip(rooms, poses, strict=True))]
+    frames[5:7] = dark(5), dark(6)
+    if has_poses:
+        frames = [replace(frame, T_world_cam=T) for frame, T in zip(frames, poses, strict=True)]
+    return _corrected(text, CAMERA, frames)
+
+
+def _corrected(text: str, intrinsics: Intrinsics, frames: Sequence[Frame]) -> Figures:
+    corrector = CorrectorSpec.model_validate(text).create(intrinsics)
+    results = [corrector.process(frame) for frame in frames]
     means = np.array([[r.depth_m.mean(), r.source.mean(), r.confidence.mean()] for r in results])
-    return figures_of([results[1], results[-1], means])
+    facts = [r.diagnostics.facts() for r in results[1::4] if r.diagnostics is not None]
+    return figures_of([results[1], results[-1], means, facts])
 
 
 class Watch(Recorder):
@@ -169,7 +199,7 @@ def reference_figures(hidden: str | None) -> Figures:
     """What methods are judged by in a recording, and how two of them are judged; None for the truth."""
     with TemporaryDirectory() as folder:
         place = Path(folder) / "clip"
-        record(load_sequence("sim-cross", 1, SMALL), place, 8, lambda done: None)
+        record(load_sequence("sim-cross", 1, SMALL | MOVING), place, 12, lambda done: None)
         if hidden is None:
             source: Any = SimulatedSource("clip", Recording.open(place), 1)
         else:
@@ -213,8 +243,13 @@ CASES: Mapping[str, Callable[[], Figures]] = {
     **{f"sequence {name}": partial(sensor_figures, name) for name in shipped_names("sequences")},
     **{f"sensor {name}": partial(sensor_figures, "sim-MB", **own) for name, own in SENSORS.items()},
     **{f"corrector {text}": partial(corrector_figures, text) for text in CORRECTORS},
+    **{
+        f"stream of {text}{', with poses' * has_poses}": partial(stream_figures, text, has_poses=has_poses)
+        for text in (*CORRECTORS[-5:-2], "voxdepth[window_frames=3,fusion_lag_frames=1]")
+        for has_poses in (False, True)
+    },
     **{f"flight {name}": partial(flight_figures, of, **own) for name, (of, own) in FLIGHTS.items()},
-    **{f"judged by {name or 'truth'}": partial(reference_figures, name) for name in (None, "shadows", "patches")},
+    **{f"judged by {name or 'truth'}": partial(reference_figures, name) for name in JUDGED},
     "diagnosis of a crash": diagnosis_figures,
     "study of three arms": partial(study_figures, _of_three),
     "study of levels": partial(study_figures, _of_levels),
