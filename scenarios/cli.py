@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from voxdepth.tools.evaluation.suite import Requested
 
 PANELS = (
-    ("Swarm", (swarm.run, swarm.accept, swarm.freespace, swarm.picture)),
+    ("Swarm", (swarm.run, swarm.accept, swarm.picture)),
     ("Sensor", (sensor.record, sensor.regress)),
     ("Corrector", (experiment.experiment,)),
     ("General", (general.list_,)),

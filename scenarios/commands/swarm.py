@@ -93,20 +93,6 @@ def accept(
         raise typer.Exit(1)
 
 
-def freespace(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a recording.")],
-    corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated. Default: some.")] = None,
-) -> None:
-    """Measure how far the depth images of a recording prove that the direction of view is free."""
-    from rich.console import Console
-
-    from voxdepth.datasets import open_dataset
-
-    from ..free_space import CORRECTORS, horizons
-
-    horizons(open_dataset(folder), corrector or CORRECTORS).print(Console())
-
-
 def picture(
     what: Annotated[
         str, typer.Argument(metavar="WHAT", help="A scenario, the folder of a recorded sequence, or the word scenes.")
