@@ -9,13 +9,13 @@ from typing import Annotated, Any, Literal
 import cv2
 import numpy as np
 import numpy.typing as npt
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, NonNegativeFloat
 
 from voxdepth.types import FloatImage, MaskImage
 
 from .depth_noise import NoiseTerm, NoisyDepth
 from .seeds import Purpose, stream
-from .types import InvalidReason, Model
+from .types import InvalidReason, Model, in_order
 
 STEP = 0.9
 """A depth of less than this share of another one belongs to a nearer surface."""
@@ -28,16 +28,10 @@ CELLS_PER_AXIS = 1 << 20
 NEIGHBOURS = np.array([[0, 1], [1, 0], [0, -1], [-1, 0]])
 
 
-def _require_order(bounds: tuple[Any, Any]) -> tuple[Any, Any]:
-    low, high = bounds
-    if not 0 <= low <= high:
-        raise ValueError(f"must be a range, low before high and not negative, got [{low}, {high}]")
-    return bounds
-
-
-Pixels = Annotated[tuple[int, int], Field(strict=False), AfterValidator(_require_order)]
+Width = Annotated[int, Field(ge=0)]
 Size = Annotated[int, Field(ge=1)]
-Ratios = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_require_order)]
+Pixels = Annotated[tuple[Width, Width], Field(strict=False), AfterValidator(in_order)]
+Ratios = Annotated[tuple[NonNegativeFloat, NonNegativeFloat], Field(strict=False), AfterValidator(in_order)]
 
 
 def places(image: NoisyDepth, side_m: float) -> npt.NDArray[np.int64]:
@@ -106,7 +100,7 @@ class Specks(NoiseTerm):
     """Share of the places that have a speck."""
     where: Literal["shadows", "holes"] = "holes"
     """Pixels whose places may have specks: occlusion shadows inside of the image, or invalid pixels outside of any."""
-    size_px: Annotated[tuple[Size, Size], Field(strict=False), AfterValidator(_require_order)] = (5, 40)
+    size_px: Annotated[tuple[Size, Size], Field(strict=False), AfterValidator(in_order)] = (5, 40)
     """Least and largest number of pixels; the logarithm of the size is uniform. Shadows cut their specks off."""
     ratio: Ratios = (0.25, 0.6)
     """Least and largest depth relative to the true depth of the place; it may exceed the range of the sensor."""

@@ -11,9 +11,3 @@ Mapper = Callable[..., Iterator[Any]]
 def mapper(threads: int) -> Mapper:
     """A `map` that runs on a number of threads; on a single one it runs in the caller's thread."""
     return map if threads == 1 else ThreadPoolExecutor(threads).map
-
-
-def slices(n: int, parts: int) -> list[slice]:
-    """At most `parts` consecutive, non-empty slices of nearly equal lengths that cover n items."""
-    parts = min(n, parts)
-    return [slice(n * k // parts, n * (k + 1) // parts) for k in range(parts)]

@@ -130,21 +130,20 @@ def read_bytes(path: Path) -> bytes:
         ) from error
 
 
+@dataclass(frozen=True, eq=False)
 class Recording:
     """The frames of a recording, as captures of drone 0.
 
     An image that is damaged or missing makes only its own frame unreadable.
     """
 
-    def __init__(
-        self, folder: Path, poses: list[tuple[float, FloatArray]], intrinsics: Intrinsics, config_text: str
-    ) -> None:
-        self.folder = folder
-        self._poses = poses
-        self.intrinsics = intrinsics
-        """Camera model of the left camera."""
-        self.config_text = config_text
-        """The configuration of the recording, as its writer was given it."""
+    folder: Path
+    poses: list[tuple[float, FloatArray]]
+    """Time of capture [s] and `T_world_cam`, shape (4, 4), of each frame."""
+    intrinsics: Intrinsics
+    """Camera model of the left camera."""
+    config_text: str
+    """The configuration of the recording, as its writer was given it."""
 
     @classmethod
     def open(cls, folder: Path | str) -> Self:
@@ -160,12 +159,12 @@ class Recording:
         return cls(folder, poses, intrinsics, read_bytes(folder / CONFIG).decode(errors="replace"))
 
     def __len__(self) -> int:
-        return len(self._poses)
+        return len(self.poses)
 
     def __getitem__(self, index: int) -> Capture:
         """One frame; a negative index counts from the end. A damaged or missing image raises a `RecordingError`."""
         index = range(len(self))[index]
-        stamp_s, T_world_cam = self._poses[index]
+        stamp_s, T_world_cam = self.poses[index]
         images: dict[str, Any] = {
             channel.field: channel.read(self.folder, index, self.intrinsics.shape) for channel in CHANNELS
         }
@@ -179,7 +178,7 @@ class Recording:
         total = sha256()
         for name in (CONFIG, CALIBRATION, *(channel.path(k) for k in range(frames) for channel in CHANNELS)):
             total.update(sha256(read_bytes(self.folder / name)).digest())
-        for stamp_s, T_world_cam in self._poses[:frames]:
+        for stamp_s, T_world_cam in self.poses[:frames]:
             total.update(f"{stamp_s!r} {T_world_cam.tolist()}".encode())
         return total.hexdigest()
 

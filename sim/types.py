@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,13 @@ class Model(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
+
+
+def in_order(bounds: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Return the least and the largest value of a range of a configuration; others are a `ValueError`."""
+    if bounds[0] > bounds[1]:
+        raise ValueError(f"must be a range, low before high, got {list(bounds)}")
+    return bounds
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

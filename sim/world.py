@@ -262,11 +262,6 @@ class World:
         return all(self._apart_m(body, at_m, radius_m, 0.0) > 0 for at_m in places_m for body in bodies)
 
     @property
-    def moving_ids(self) -> list[int]:
-        """Ids of all bodies that can move: drones, then movers."""
-        return [*self.drone_ids, *self.movers]
-
-    @property
     def surfaces(self) -> dict[int, Surface]:
         """Surfaces of all bodies by id."""
         return {body_id: body.surface for body_id, body in self.described.items()}

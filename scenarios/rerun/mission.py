@@ -142,7 +142,8 @@ class MissionRecorder(Recorder):
         self._stream.send_recording_name(self._title)
         self._columns = ColumnWriter(self._stream)
         self._log_static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        self._log_static("world/map", cell_labels())
+        cells = [(index, *cell) for index, cell in enumerate(zip(STATES, CELL_COLORS, strict=True))]
+        self._log_static("world/map", rr.AnnotationContext(cells))
         self._log_static("world/cloud", source_labels())
         for body in world.scene.bodies:
             self._log_body(f"world/scene/{body.name}", body)
@@ -432,10 +433,3 @@ def cloud(capture: Capture, corrected: CorrectedDepth) -> tuple[FloatArray, npt.
     points_cam_m = back_project(depth_m, capture.intrinsics).astype(np.float64)
     labels = labels_of(capture.depth_raw_m, corrected.source)[depth_m > 0]
     return transform(capture.T_world_cam, points_cam_m), labels
-
-
-def cell_labels() -> rr.AnnotationContext:
-    """Return names and colours of the cells of a map."""
-    named = zip(STATES, CELL_COLORS, strict=True)
-    labels = [rr.AnnotationInfo(id=i, label=name, color=color) for i, (name, color) in enumerate(named)]
-    return rr.AnnotationContext(labels)

@@ -123,19 +123,15 @@ def bootstrap_ratio(strata: Sequence[FloatArray]) -> Estimate:
     for rows in strata:
         n = len(rows)
         sums += n * rows[rng.integers(0, n, (RESAMPLES, max(n - 1, 1)))].mean(axis=1)
-    return Estimate(float(_ratio(np.sum([rows.sum(axis=0) for rows in strata], axis=0))), percentiles(_ratio(sums)))
+    value = _ratio(np.sum([rows.sum(axis=0) for rows in strata], axis=0))
+    tail = 50 * (1 - LEVEL)
+    return Estimate(float(value), Interval(*np.percentile(_ratio(sums), [tail, 100 - tail]).tolist()))
 
 
 def _ratio(sums: FloatArray) -> FloatArray:
     """Return the ratio, or the difference of two ratios, of sums of shape (..., 2) or (..., 4); 0 per 0 is 0."""
     ratios = sums[..., ::2] / np.maximum(sums[..., 1::2], 1e-12)
     return np.asarray(ratios[..., 0] if ratios.shape[-1] == 1 else ratios[..., 0] - ratios[..., 1])
-
-
-def percentiles(values: FloatArray) -> Interval:
-    """Return the percentile interval of at least one value at the confidence level."""
-    tail = 50 * (1 - LEVEL)
-    return Interval(*np.percentile(values, [tail, 100 - tail]).tolist())
 
 
 def told(estimate: Estimate, levels: FloatArray) -> str:

@@ -21,7 +21,7 @@ class SceneMeshes:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self.body_ids = [*world.bodies, *world.moving_ids]
+        self.body_ids = [*world.bodies, *world.drone_ids, *world.movers]
         self.fixed, self.moving = range(len(world.bodies)), range(len(world.bodies), len(self.body_ids))
         """Indices into `body_ids`, and into all that is listed by body here."""
         self.meshes = [mesh_of_body(world.described[body]) for body in self.body_ids]

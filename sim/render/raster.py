@@ -9,6 +9,7 @@ References:
     .. [1] Olano and Greer 1997, Triangle scan conversion using 2D homogeneous coordinates, doi:10.1145/258694.258723
 """
 
+import threading
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from numba import float64, int32, int64, types, uint32, void
 from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
 from voxdepth.types import FloatArray, Intrinsics, MaskImage
 
-from ..cpu import mapper, slices
+from ..cpu import mapper
 from ..errors import RenderError
 from ..types import Camera, IdImage, Pinhole
 from .meshes import SceneMeshes, bounding_sphere, merged, normals
@@ -292,8 +293,8 @@ class Rasteriser:
 
     def __init__(self, meshes: SceneMeshes, threads: int) -> None:
         self._meshes = meshes
-        self._threads = threads
         self._map = mapper(threads)
+        self._thread_local = threading.local()
         self._normals = [normals(mesh) for mesh in meshes.meshes]
         self._is_closed = np.array([mesh.is_closed for mesh in meshes.meshes], np.bool_)
         self._own_spheres_m = [bounding_sphere(mesh) for mesh in meshes.meshes]
@@ -307,16 +308,13 @@ class Rasteriser:
             first_vertex=_offsets(len(mesh.vertices_m) for mesh in meshes.meshes),
             first_triangle=_offsets(len(mesh.triangles) for mesh in meshes.meshes),
         )
-        n_vertices, most = len(scene.vertices_m), int(np.diff(self._bodies.first_triangle).max())
-        self._buffers = [buffers_for(n_vertices, most) for _ in range(threads)]
         self._place(range(len(meshes.meshes)))
         compile_all()
 
     def first_hits(self, cameras: Sequence[Camera]) -> list[Hits]:
         """The first hits of the pixels of each camera, with the bodies at the poses that were read last."""
         self._place(self._meshes.moving)
-        parts = self._map(self._draw, self._buffers, [cameras[part] for part in slices(len(cameras), self._threads)])
-        return [hits for part in parts for hits in part]
+        return list(self._map(self._drawn, cameras))
 
     def _place(self, moved: Iterable[int]) -> None:
         """Place some of the bodies where they are."""
@@ -330,10 +328,7 @@ class Rasteriser:
             faces[:, 3] = -(faces[:, :3] * vertices_m[self._meshes.meshes[body].triangles[:, 0]]).sum(axis=1)
             self._spheres_m[body, :3] = R @ self._own_spheres_m[body][:3] + position_m
 
-    def _draw(self, buffers: Buffers, cameras: Sequence[Camera]) -> list[Hits]:
-        return [self._drawn(camera, buffers) for camera in cameras]
-
-    def _drawn(self, camera: Camera, buffers: Buffers) -> Hits:
+    def _drawn(self, camera: Camera) -> Hits:
         """The bodies whose spheres may be in the image, from the nearest on."""
         view = view_of(camera)
         center_m, radius_m = (self._spheres_m[:, :3] - view.origin_m) @ view.R_cam_world.T, self._spheres_m[:, 3]
@@ -344,20 +339,24 @@ class Rasteriser:
         order, is_one_sided = order[may_see[order]], self._is_closed & is_outside
         inverse_depth, depth_m = np.zeros(view.height * view.width), np.empty(camera.intrinsics.shape, np.float32)
         nearest = np.full(camera.intrinsics.shape, len(self._bodies.triangles), np.int32)
-        rasterise(view, self._bodies, order, is_one_sided, buffers, inverse_depth, nearest.reshape(-1))
+        rasterise(view, self._bodies, order, is_one_sided, self._buffers, inverse_depth, nearest.reshape(-1))
         with np.errstate(divide="ignore"):
             np.divide(1, inverse_depth.reshape(depth_m.shape), out=depth_m, casting="same_kind")
         return Hits(depth_m, nearest)
 
-
-def buffers_for(vertices: int, triangles: int) -> Buffers:
-    """Buffers of one thread, for as many vertices, and as many triangles in a body."""
-    return Buffers(
-        corners=np.empty((vertices, 5)),
-        chosen=np.empty(triangles, np.int32),
-        planes=np.empty((triangles, 9)),
-        rows=np.empty((triangles, 3), np.int32),
-    )
+    @property
+    def _buffers(self) -> Buffers:
+        """The buffers of a thread, for all vertices and the triangles of the largest body."""
+        if not hasattr(self._thread_local, "buffers"):
+            most = int(np.diff(self._bodies.first_triangle).max())
+            self._thread_local.buffers = Buffers(
+                corners=np.empty((len(self._bodies.vertices_m), 5)),
+                chosen=np.empty(most, np.int32),
+                planes=np.empty((most, 9)),
+                rows=np.empty((most, 3), np.int32),
+            )
+        buffers: Buffers = self._thread_local.buffers
+        return buffers
 
 
 def view_of(camera: Camera) -> View:

@@ -4,12 +4,13 @@ from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, PositiveFloat
 
 from voxdepth.types import FloatArray, MaskImage
 
 from ..bodies import Body, Box, Surface
 from ..errors import SceneError
+from ..types import in_order
 
 PATH_CLEARANCE_M = 1.5
 """Free width on both sides of a path."""
@@ -23,14 +24,7 @@ GROUND_SIDE_M = 400.0
 PAVED = Surface(albedo=0.38, pattern="ground")
 
 
-def _require_increasing(bounds: tuple[float, float]) -> tuple[float, float]:
-    low, high = bounds
-    if not 0 < low <= high:
-        raise ValueError(f"must be a range of positive numbers, low before high, got [{low}, {high}]")
-    return bounds
-
-
-Range = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_require_increasing)]
+Range = Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=False), AfterValidator(in_order)]
 """Smallest and largest value, both positive."""
 
 

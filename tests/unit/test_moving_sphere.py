@@ -45,7 +45,7 @@ def test_its_places_turn_with_the_heading_of_the_camera_and_stay_level() -> None
 def test_a_mover_is_seen_and_felt_where_it_is() -> None:
     moves = Mover(body=BALL, position_m=lambda time_s: np.array([3.0 + time_s, 0.0, 0.0]))
     with World(scene_with(moves), np.empty((0, 3))) as world:
-        assert (list(world.movers), list(world.bodies), world.moving_ids) == ([0], [1], [0])
+        assert (list(world.movers), list(world.bodies)) == ([0], [1])
         renderer = create_renderer("raycast", world)
         for time_s in (0.0, 2.0):
             world.move_to(time_s)
