@@ -16,9 +16,6 @@ from swarm.types import MissionResult, Outcome
 
 from .config import Run
 
-Progress = Callable[[float, float], None]
-"""Called after every tick with simulated time and real-time factor."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Finished:
@@ -44,7 +41,7 @@ def fly(run: Run, *, recorder: Recorder | None = None, threads: int | None = Non
         KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
     """
     with flying(run, recorder or Recorder(), recorded=False, threads=threads) as mission:
-        wall_s = ticked(mission, None)
+        wall_s = ticked(mission)
         if mission.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt
         return Finished(result=mission.result(), wall_s=wall_s, folder=None)
@@ -65,15 +62,13 @@ def flying(
     )
 
 
-def ticked(mission: Mission, progress: Progress | None, after_tick: Callable[[], None] = lambda: None) -> float:
+def ticked(mission: Mission, after_tick: Callable[[], None] = lambda: None) -> float:
     """Fly to the end or to a `KeyboardInterrupt`, which `after_tick` may raise; return the wall-clock time [s]."""
     start = time.perf_counter()
     try:
         while mission.outcome is None:
             mission.tick()
             after_tick()
-            if progress is not None:
-                progress(mission.time_s, mission.time_s / (time.perf_counter() - start))
     except KeyboardInterrupt:
         if mission.outcome is None:
             mission.interrupt()

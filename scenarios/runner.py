@@ -3,7 +3,7 @@
 import json
 import platform
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from io import BytesIO
@@ -21,7 +21,7 @@ from voxdepth.tools.provenance import machine, versions
 from voxdepth.tools.viewer import PARTIAL_RECORDING, RECORDING
 
 from .config import Run
-from .flight import Finished, Progress, flying, ticked
+from .flight import Finished, flying, ticked
 from .images import save_picture
 from .mission_pictures import flight_figure
 from .report import write_page
@@ -30,8 +30,12 @@ LONGEST_CORRECTOR = 40
 """Number of characters of a corrector with its settings in the name of a folder."""
 
 
-def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | None = None) -> Finished:
+def fly_and_write(
+    run: Run, out: Path, *, record: bool, progress: Callable[[float], None] = lambda time_s: None
+) -> Finished:
     """Fly a mission and write its files to a new folder below `out`; `record` says whether they include a recording.
+
+    `progress` hears the simulated time [s] after every tick.
 
     Ctrl-C ends the mission after a tick with the outcome `interrupted`, and its files are written. A run that is killed
     leaves `config.toml` and its recording up to some seconds before as `run.part.rrd`. A folder or a file that cannot
@@ -43,7 +47,12 @@ def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | Non
             with flying(run, recorder, recorded=record) as mission:
                 hand_on = until_written.enter_context(kept_back())
                 write(folder / "config.toml", to_toml(run).encode())
-                wall_s = ticked(mission, progress, hand_on)
+
+                def after_tick() -> None:
+                    hand_on()
+                    progress(mission.time_s)
+
+                wall_s = ticked(mission, after_tick)
                 result = mission.result()
         finally:
             recorder.close()

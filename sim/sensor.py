@@ -260,8 +260,6 @@ class StereoSensor(DepthSensor):
         self._renderer = renderer
         self._right = right or self.needs_right
         self._map = pool_map
-        self.mount_m = config.left_mount_m
-        """Position of the left camera in the body frame, shape (3,)."""
 
     def captures(self, drones: Sequence[int], frame: int) -> Iterator[Capture]:
         """One capture for each of the drones, all at the present time of the world.

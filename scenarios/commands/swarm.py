@@ -1,21 +1,15 @@
 """Commands about missions of the swarm."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from voxdepth.tools.options import CORRECTOR_HELP, INTERRUPTED
+from voxdepth.tools.options import CORRECTOR_HELP, INTERRUPTED, counter
 from voxdepth.tools.viewer import RECORDING, open_viewer, require_display
 
 from .options import Depth, Renderer, Scenario, Seed, Size, given
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
 
 Prior = StrEnum("Prior", "NONE DRIFT TRUE")
 """Pose priors; the same words as in a scenario."""
@@ -65,8 +59,8 @@ def run(
     }
     planned = load_run(scenario, seed, given(options, size))
     console = Console()
-    with _progress(console, planned.scenario.mission.duration_s) as progress:
-        finished = fly_and_write(planned, out, record=record, progress=progress)
+    with counter(console, "flying", int(planned.scenario.mission.duration_s), "s of simulated time") as told:
+        finished = fly_and_write(planned, out, record=record, progress=lambda time_s: told(int(time_s)))
     print_summary(console, finished, planned)
     if finished.result.outcome == "interrupted":
         raise typer.Exit(INTERRUPTED)
@@ -123,16 +117,3 @@ def picture(
     else:
         take_picture(load_run(what, seed, given({}, size)), out, drone=drone, at_s=at)
     typer.echo(f"written to {out}", err=True)
-
-
-@contextmanager
-def _progress(console: "Console", duration_s: float) -> Iterator[Callable[[float, float], None]]:
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (
-        TextColumn("flying"), BarColumn(), TextColumn("{task.completed:5.1f} of at most {task.total:.0f} s"),
-        TextColumn("real-time factor {task.fields[factor]:.2f}"), TimeElapsedColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("", total=duration_s, factor=0.0)
-        yield lambda time_s, factor: bar.update(task, completed=time_s, factor=factor)

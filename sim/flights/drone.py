@@ -11,9 +11,10 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Scene
 from ..drone import AirframeConfig
+from ..errors import SceneError
 from ..seeds import Purpose, stream
 from ..types import BodyPose, DroneState, VelocityCommand
-from .trajectory import Flight, SmoothNoise, Track, require_rate
+from .trajectory import Flight, SmoothNoise, Track
 
 ROUNDING_M = 1.5
 TURNING_S = 1.0
@@ -47,7 +48,8 @@ class Drone(Flight):
         """One pose per frame, at most 240 per second; see `Flight.poses`."""
         from ..world import PHYSICS_HZ
 
-        require_rate(rate_hz, PHYSICS_HZ)
+        if rate_hz > PHYSICS_HZ:
+            raise SceneError(f"expected a frame rate of at most {PHYSICS_HZ} Hz, got {rate_hz:g} Hz; change the rate")
         return self._fly(_PurePursuit(self, path_m, stream(seed, Purpose.FLIGHT)), rate_hz)
 
     def _fly(self, pursuit: "_PurePursuit", rate_hz: float) -> Iterator[BodyPose]:

@@ -13,7 +13,7 @@ from .. import frames
 from ..errors import SceneError
 from ..seeds import Purpose, stream
 from ..types import BodyPose
-from .trajectory import Flight, SmoothNoise, Track, Trajectory, frame_times_s, require_rate, sample
+from .trajectory import Flight, SmoothNoise, Track, Trajectory, frame_times_s, sample
 
 ROUNDING_M = 1.0
 TURNING_S = 1.2
@@ -120,7 +120,6 @@ class Cut(Flight):
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Poses of the takes; see `Flight.poses`."""
-        require_rate(rate_hz)
         track = self.walk.track(path_m)
         duration_s = self.walk.duration_s(track)
         shortest_s = 2 * self.every / rate_hz
@@ -207,7 +206,6 @@ class Stations(Flight):
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Poses without an end; see `Flight.poses`."""
-        require_rate(rate_hz)
         track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
         place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
         return self._stand(place_m, track.heading_rad(self.at_m), stream(seed, Purpose.FLIGHT), rate_hz)

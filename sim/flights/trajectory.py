@@ -26,26 +26,18 @@ class Flight(Model, ABC):
         """One pose per frame; pose k is at k / `rate_hz` and does not depend on how many are drawn.
 
         The path consists of way points on the ground in the world frame, shape (n, 3). A path that the flight cannot
-        follow, or an impossible rate, raises a `SceneError`.
+        follow, or a rate that is too high for it, raises a `SceneError`.
         """
 
 
 def sample(trajectory: Trajectory, rate_hz: float, duration_s: float = np.inf) -> Iterator[BodyPose]:
-    """The poses of a trajectory at the frame times up to and including `duration_s`; see `require_rate`."""
-    require_rate(rate_hz)
+    """The poses of a trajectory at the frame times up to and including `duration_s`."""
     return map(trajectory, frame_times_s(rate_hz, duration_s))
 
 
 def frame_times_s(rate_hz: float, duration_s: float) -> Iterator[float]:
     """The frame times up to and including `duration_s` [s]."""
     return takewhile(lambda time_s: time_s <= duration_s, (k / rate_hz for k in count()))
-
-
-def require_rate(rate_hz: float, highest_hz: float = np.inf) -> None:
-    """A frame rate that is not positive and finite, or above the highest, raises a `SceneError`."""
-    if not (0 < rate_hz < np.inf and rate_hz <= highest_hz):
-        limit = f" of at most {highest_hz:g} Hz" if highest_hz < np.inf else ""
-        raise SceneError(f"expected a positive, finite frame rate{limit}, got {rate_hz:g} Hz; change the rate")
 
 
 class SmoothNoise:
@@ -123,9 +115,6 @@ def _way_points(path_m: FloatArray) -> FloatArray:
             f"a flight needs a path of at least 2 way points, shape (n, 3), got shape {points.shape}; "
             "choose a scene that has a path, or give one"
         )
-    if not np.isfinite(points).all():
-        bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-        raise SceneError(f"way points must be finite, but number {bad[0]} is {points[bad[0]].tolist()}; correct it")
     apart = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1) > 1e-6
     points = points[np.r_[True, apart]]
     length_m = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

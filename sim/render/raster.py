@@ -21,7 +21,6 @@ from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
 from voxdepth.types import FloatArray, Intrinsics, MaskImage
 
 from ..cpu import mapper
-from ..errors import RenderError
 from ..types import Camera, IdImage, Pinhole
 from .meshes import SceneMeshes, bounding_sphere, merged, normals
 from .raycast import Hits
@@ -381,8 +380,6 @@ def _near_clip(camera: Camera) -> Vector:
         return np.inf, 0.0, 0.0
     i, T, normal = camera.intrinsics, camera.T_world_cam, camera.clip_plane[:3]
     distance_m = -float(normal @ T[:3, 3] + camera.clip_plane[3])
-    if distance_m <= 0:
-        raise RenderError(f"the plane must be between the camera and what it sees, got one {-distance_m:g} m behind it")
     x, y, z = (T[:3, :3].T @ normal / distance_m).tolist()
     return z - x * i.cx_px / i.fx_px - y * i.cy_px / i.fy_px, x / i.fx_px, y / i.fy_px
 

@@ -70,17 +70,14 @@ def test_laws_of_every_flight(flight: Flight) -> None:
 
 
 @pytest.mark.parametrize("flight", FLIGHTS, ids=lambda flight: flight.kind)
-def test_bad_paths_and_rates_are_refused_at_once(flight: Flight) -> None:
-    for path_m, rate_hz, message in (
-        (np.zeros((1, 3)), HZ, "at least 2 way points"),
-        (np.zeros((4, 2)), HZ, "at least 2 way points"),
-        (np.array([[0, 0, 0], [0, 0, 9.0]]), HZ, "at least 1 m, got 0 m"),
-        (np.array([[0, 0, 0], [9, np.nan, 0]]), HZ, "must be finite, but number 1"),
-        (CORNER, 0.0, "positive, finite frame rate"),
-        (CORNER, np.nan, "positive, finite frame rate"),
+def test_bad_paths_are_refused_at_once(flight: Flight) -> None:
+    for path_m, message in (
+        (np.zeros((1, 3)), "at least 2 way points"),
+        (np.zeros((4, 2)), "at least 2 way points"),
+        (np.array([[0, 0, 0], [0, 0, 9.0]]), "at least 1 m, got 0 m"),
     ):
         with pytest.raises(SceneError, match=message):
-            flight.poses(path_m, 0, rate_hz)
+            flight.poses(path_m, 0, HZ)
 
 
 @given(st.lists(st.tuples(*[st.floats(-9, 9)] * 3), min_size=2, max_size=6), st.floats(0, 1))
