@@ -21,8 +21,6 @@ from .provenance import simulation_versions
 WITHOUT_TEMPLATE = "corrector_phase_passthrough_share"
 """The metric of the paper's method that says how many frames it did not correct."""
 CONTACT_KINDS = ("drone", "building", "ground", "mover")
-UNITS = {"m_s": "m/s", "m": "m", "s": "s", "share": "share", "rad": "rad"}
-"""Units by the ends of the names of metrics, longer ends first."""
 
 
 def percent(share: float) -> str:
@@ -67,8 +65,8 @@ def write_page(path: Path, run: Run, finished: Finished, *, picture: Path) -> No
     The same run gives the same page.
     """
     overview, depth = summary_tables(finished, run)
-    metrics = [(*named(name), value) for name, value in finished.result.metrics.items()]
-    all_metrics = Table.of("All metrics", ("metric", "unit", Column("value", number=".4g")), metrics)
+    metrics = list(finished.result.metrics.items())
+    all_metrics = Table.of("All metrics", ("metric", Column("value", number=".4g")), metrics)
     caption = "The flight from above, to scale: higher bodies are darker."
     page = render_page(
         DATA / "templates" / "run.html.j2",
@@ -82,14 +80,6 @@ def write_page(path: Path, run: Run, finished: Finished, *, picture: Path) -> No
         commit=source_commit(),
     )
     write(path, page.encode())
-
-
-def named(metric: str) -> tuple[str, str]:
-    """Return the words and the unit of the name of a metric, as in `min_clearance_m`; no unit for a count."""
-    for end, unit in UNITS.items():
-        if metric.endswith(f"_{end}"):
-            return metric.removesuffix(f"_{end}").replace("_", " "), unit
-    return metric.replace("_", " "), ""
 
 
 def print_summary(console: Console, finished: Finished, run: Run) -> None:

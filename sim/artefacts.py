@@ -4,7 +4,7 @@ The terms apply to the depth of any sensor model. A place is a cube in the world
 Its random numbers do not depend on the frame, so that an error comes again wherever the camera sees the place.
 """
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import cv2
 import numpy as np
@@ -61,17 +61,13 @@ class Rims(NoiseTerm):
     The widths differ from place to place, so that the rims are ragged, and are the same in every frame.
     """
 
+    uses_shadows: ClassVar[bool] = True
     fatten_px: Pixels = (0, 0)
     """Least and largest width by which a near surface is drawn over the background."""
     erode_px: Pixels = (0, 0)
     """Least and largest width of the background beside an occlusion shadow that is invalid, too."""
     cell_m: float = Field(default=0.02, gt=0)
     """Side of a place [m]; smaller places make rougher rims."""
-
-    @property
-    def uses_shadows(self) -> bool:
-        """Whether shadows are widened."""
-        return self.erode_px[1] > 0
 
     def apply(self, image: NoisyDepth) -> None:
         """Widen the shadows, then draw near surfaces over them and over the background."""
@@ -96,6 +92,7 @@ class Rims(NoiseTerm):
 class Specks(NoiseTerm):
     """Connected specks of a depth of their own. Those of a place have the same shape and depth in every frame."""
 
+    uses_shadows: ClassVar[bool] = True
     share: float = Field(default=0.0, ge=0, le=1)
     """Share of the places that have a speck."""
     where: Literal["shadows", "holes"] = "holes"
@@ -113,11 +110,6 @@ class Specks(NoiseTerm):
     def active(self) -> bool:
         """Whether any place has a speck."""
         return self.share > 0
-
-    @property
-    def uses_shadows(self) -> bool:
-        """It does: specks lie in shadows, or in holes outside of them."""
-        return True
 
     def apply(self, image: NoisyDepth) -> None:
         """Draw the specks of all places in view, in the order of the places."""

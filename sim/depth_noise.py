@@ -7,7 +7,7 @@ depend on what else is in the image.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -43,8 +43,6 @@ class NoisyDepth:
     seed: int
     key: tuple[int, int]
     """Drone and frame."""
-    stamp_s: float = 0.0
-    """Time of the image."""
 
     def rng(self, purpose: Purpose) -> np.random.Generator:
         """The random stream of one purpose for this drone and frame."""
@@ -59,15 +57,13 @@ class NoisyDepth:
 class NoiseTerm(Model, ABC):
     """One kind of depth error."""
 
+    uses_shadows: ClassVar[bool] = False
+    """Whether the term depends on what the second camera does not see."""
+
     @property
     def active(self) -> bool:
         """Whether the configuration differs from the default, with which a term changes nothing."""
         return self != type(self)()
-
-    @property
-    def uses_shadows(self) -> bool:
-        """Whether the term depends on what the second camera does not see."""
-        return False
 
     @abstractmethod
     def apply(self, image: NoisyDepth) -> None:
@@ -75,19 +71,16 @@ class NoiseTerm(Model, ABC):
 
 
 class Scale(NoiseTerm):
-    """`D + D beta` with `beta ~ U[-theta, theta]`, drawn for every frame or held: paper, Eq. noisesim."""
+    """`D + D beta` with `beta ~ U[-theta, theta]`, drawn for every frame: paper, Eq. noisesim."""
 
     theta: float = Field(default=0.0, ge=0, le=1)
     """Noise ratio threshold; 0 disables the term, and more than 1 would make depths negative."""
     unit: Literal["object", "frame", "pixel"] = "object"
     """The unit that shares one draw."""
-    hold_s: float = Field(default=0.0, ge=0)
-    """Time for which a draw is held, since errors of real depth are correlated in time; 0 draws for every frame."""
 
     def apply(self, image: NoisyDepth) -> None:
         """Scale valid depths."""
-        drone, frame = image.key
-        rng = stream(image.seed, Purpose.SCALE, drone, int(image.stamp_s / self.hold_s) if self.hold_s else frame)
+        rng = image.rng(Purpose.SCALE)
         if self.unit == "object":  # Body k takes draw k + 1 of the stream, whichever bodies are in the image.
             n_draws = int(image.segment_id.max(initial=-1)) + 2
             scale = (1 + rng.uniform(-self.theta, self.theta, n_draws)).take(image.segment_id + 1)
@@ -161,17 +154,13 @@ class Textureless(NoiseTerm):
 class Occlusion(NoiseTerm):
     """Surfaces that the second camera does not see have no depth."""
 
+    uses_shadows: ClassVar[bool] = True
     enabled: bool = True
 
     @property
     def active(self) -> bool:
         """Whether the term is enabled, as it is by default."""
         return self.enabled
-
-    @property
-    def uses_shadows(self) -> bool:
-        """It always does."""
-        return True
 
     def apply(self, image: NoisyDepth) -> None:
         """Invalidate occluded pixels."""

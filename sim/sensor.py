@@ -231,7 +231,7 @@ class DepthSensor:
         image = NoisyDepth(
             depth_m=depth_m, invalid_reason=reason, segment_id=view.segment_id, occluded=occluded,
             depth_true_m=view.depth_m, T_world_cam=view.T_world_cam, surfaces=self._surfaces, intrinsics=self.rendered,
-            seed=self._seed, key=(pair.pose.drone, pair.frame), stamp_s=pair.pose.stamp_s,
+            seed=self._seed, key=(pair.pose.drone, pair.frame),
         )  # fmt: skip
         for term in terms:
             term.apply(image)

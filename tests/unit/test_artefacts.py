@@ -243,7 +243,6 @@ def test_shadows_are_there_for_the_artefacts_that_need_them_with_any_sensor_mode
     specks = Specks(share=1.0, where="shadows", size_px=(20, 20), ratio=(0.5, 0.5), cell_m=0.02)
     drawn = capture(artefacts=Artefacts(islands=specks).model_dump(), depth="truth")
     assert (np.abs(drawn.depth_raw_m - drawn.depth_true_m) > 0.1).sum() > 20
-    assert not capture(artefacts=Artefacts(rims=Rims(fatten_px=(2, 2))).model_dump(), depth="truth").occluded.any()
 
 
 def test_motion_blurs_the_images_by_the_motion_and_leaves_the_truth_of_the_middle() -> None:

@@ -1,7 +1,5 @@
 """Noise of gray images and of depth: each term alone has the statistics of its configuration."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -114,17 +112,6 @@ def test_scale_is_uniform_within_theta_and_redrawn_every_frame(unit: str) -> Non
     per_frame = {"object": 25, "frame": 1, "pixel": 2000}[unit]
     assert len(np.unique(noisy[0])) == pytest.approx(per_frame, rel=0.01)
     assert len(np.unique(noisy[:, 0, 0])) == 200
-
-
-def test_a_held_scale_changes_when_its_time_is_over() -> None:
-    term = Scale(theta=0.5, unit="frame", hold_s=1.0)
-    draws = []
-    for frame in range(40):
-        noisy = replace(image(frame=frame), stamp_s=0.1 * frame + 0.01)
-        term.apply(noisy)
-        draws.append(float(noisy.depth_m[0, 0]))
-    assert [len(set(draws[k : k + 10])) for k in (0, 10, 20, 30)] == [1, 1, 1, 1]
-    assert len(set(draws)) == 4
 
 
 def test_what_else_is_seen_does_not_shift_an_objects_noise() -> None:

@@ -70,11 +70,11 @@ def test_an_axis_that_cannot_be_flown_is_refused(values: dict[str, object], mess
 
 
 def test_an_arm_has_one_noise_ratio_along_another_axis() -> None:
-    hold = {"key": "rig.noise.scale.hold_s", "levels": [0.0, 0.5, 1.0]}
-    specs = expand(study(noisy("n", 0.5), seeds=1, axis=hold))
+    noise = {"key": "rig.noise.disparity.sigma_px", "levels": [0.0, 0.5, 1.0]}
+    specs = expand(study(noisy("n", 0.5), seeds=1, axis=noise))
     assert [(s.run.scenario.rig.noise.scale.theta, s.level) for s in specs] == [(0.5, 0.0), (0.5, 0.5), (0.5, 1.0)]
     with pytest.raises(pydantic.ValidationError, match="'n' has 2 theta in a study with an axis, expected one"):
-        study(noisy("n", 0.5, 0.6), axis=hold)
+        study(noisy("n", 0.5, 0.6), axis=noise)
 
 
 @pytest.mark.parametrize("levels", [STOPS, tuple(-level for level in STOPS)])
