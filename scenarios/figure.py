@@ -4,10 +4,9 @@ import base64
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -16,7 +15,6 @@ PANEL_IN = (5.2, 3.8)
 """Width and height of a panel."""
 LEGEND_COLUMNS = 4
 """Largest number of entries side by side in a shared legend."""
-INVISIBLE = "\N{ZERO WIDTH SPACE}"
 
 Draw = Callable[["Axes"], None]
 
@@ -29,20 +27,10 @@ class Picture:
     caption: str
     png: bytes
 
-    @classmethod
-    def of(cls, title: str, caption: str, figure: "Figure") -> Self:
-        """Save a figure as PNG."""
-        return cls(title=title, caption=caption, png=png_of(figure))
-
     @property
     def base64(self) -> str:
         """The PNG as text for an HTML page."""
         return base64.b64encode(self.png).decode()
-
-
-def panels(title: str, draws: Sequence[Draw], **style: Any) -> bytes:
-    """Draw one panel per function and return the figure as PNG; `style` is that of `panel_figure`."""
-    return png_of(panel_figure(title, draws, **style))
 
 
 def panel_figure(
@@ -84,26 +72,6 @@ def line_color(k: int) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def plotted(frame: "pd.DataFrame", title: str, x: str, y: str, **style: Any) -> Draw:
-    """Return a panel with a line, or with `kind="bar"` a bar of each group, for every column of a frame.
-
-    The groups, or the horizontal axis, are the index of the frame; `style` is that of `DataFrame.plot`.
-    """
-
-    def draw(axes: "Axes") -> None:
-        looks = {"marker": "o", "ms": 4} if style.get("kind", "line") == "line" else {"width": 0.84}
-        frame.rename(columns=lambda name: legend_label(str(name))).plot(
-            ax=axes, fontsize=7, legend=False, **looks | style
-        )
-        axes.set_title(title, fontsize=9, parse_math=False)
-        axes.set(xlabel=x, ylabel=y)
-        axes.grid(alpha=0.3)
-        if len(frame.columns) > 1:
-            axes.legend(fontsize=7)
-
-    return draw
-
-
 def image_shown(title: str, image: Any, **style: Any) -> Draw:
     """Return a panel with an image without axes; `style` is that of `Axes.imshow`."""
 
@@ -116,26 +84,18 @@ def image_shown(title: str, image: Any, **style: Any) -> Draw:
 
 
 def add_shared_legend(figure: "Figure") -> None:
-    """Put one legend of all panels below the figure in the place of their own; no dollar sign begins a formula."""
+    """Put one legend of all panels below the figure."""
     labels: dict[str, Any] = {}
     for axes in figure.axes:
         handles, names = axes.get_legend_handles_labels()
         labels |= dict(zip(names, handles, strict=True))
-        if (own := axes.get_legend()) is not None:
-            own.remove()
-    if labels:
-        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0), "ncols": LEGEND_COLUMNS}
-        for text in figure.legend(list(labels.values()), list(labels), fontsize=8, **below).get_texts():
-            text.set_parse_math(False)
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0), "ncols": LEGEND_COLUMNS}
+    figure.legend(list(labels.values()), list(labels), fontsize=8, **below)
 
 
-def legend_label(name: str) -> str:
-    """Return a name as a legend shows it: matplotlib leaves out labels that begin with an underscore."""
-    return f"{INVISIBLE}{name}" if name.startswith("_") else name
-
-
-def png_of(figure: "Figure") -> bytes:
-    """Return a figure with all that is around it as PNG, without anything that changes from call to call."""
+def encoded(figure: "Figure", kind: Literal["png", "jpg"] = "png") -> bytes:
+    """Return a figure with all that is around it as an image, without anything that changes from call to call."""
     data = io.BytesIO()
-    figure.savefig(data, format="png", metadata={"Software": None}, bbox_inches="tight")
+    metadata = {"Software": None} if kind == "png" else None
+    figure.savefig(data, format=kind, metadata=metadata, bbox_inches="tight")
     return data.getvalue()

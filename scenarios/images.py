@@ -1,6 +1,5 @@
 """Colours of drones and of invalid pixels, and picture files."""
 
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ from voxdepth.tools.files import write
 from voxdepth.types import GrayImage
 
 from .errors import ScenarioError
+from .figure import encoded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,7 +60,4 @@ def require_picture(path: Path) -> None:
 def save_picture(path: Path, figure: "Figure") -> None:
     """Write a figure as JPEG or PNG; a failure is a `ToolError`."""
     require_picture(path)
-    data, is_png = BytesIO(), path.suffix.lower() == ".png"
-    metadata = {"Software": None} if is_png else None
-    figure.savefig(data, format="png" if is_png else "jpg", bbox_inches="tight", metadata=metadata)
-    write(path, data.getvalue())
+    write(path, encoded(figure, "png" if path.suffix.lower() == ".png" else "jpg"))

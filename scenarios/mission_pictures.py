@@ -109,11 +109,8 @@ def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
     """Show the part of the world that was flown through."""
     flown_m = np.concatenate([t.position_m[:, :2] for t in result.trajectories] + [[team.goal_m[:2]] for team in teams])
     low_m, high_m = flown_m.min(axis=0) - MARGIN_M, flown_m.max(axis=0) + MARGIN_M
-    axes.set_xlim(low_m[0], high_m[0])
-    axes.set_ylim(low_m[1], high_m[1])
-    axes.set_aspect("equal")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
+    (left, bottom), (right, top) = low_m, high_m
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x [m]", ylabel="y [m]")
 
 
 def take_picture(run: Run, path: Path, *, drone: int, at_s: float) -> None:

@@ -43,7 +43,7 @@ def experiment(
 
     cv2.setNumThreads(1)
     chosen = None if sequences is None else tuple(dict.fromkeys(sequences.replace(" ", "").split(",")))
-    console, asked = Console(), find_experiment(name)
+    console, given = Console(), {"sequences": chosen, "frames": frames, "width_px": width, "seed": seed}
     with console.status("") as status:
-        context = asked.context(out, status.update, sequences=chosen, frames=frames, width_px=width, seed=seed)
-        run(asked, context, " ".join(["voxdepth", *sys.argv[1:]]), console)
+        asked = find_experiment(name).asked(**given, out=out, report=status.update)
+        run(asked, " ".join(["voxdepth", *sys.argv[1:]]), console)

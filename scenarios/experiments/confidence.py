@@ -15,7 +15,7 @@ from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
 from voxdepth.types import CorrectedDepth, FloatArray, Source
 
 from ..sequences import GROUPS
-from .experiment import Experiment, ExperimentContext, Findings
+from .experiment import Experiment, Findings
 
 TRAINING_SEED = 101
 """Seed of the sequences that confidences are fitted to; no reported result uses it."""
@@ -28,22 +28,22 @@ FITTED = [name for name in CORRECTOR_NAMES if name != DEFAULT]
 """The correctors whose confidences are fitted; the default one computes its own."""
 
 
-def fit_all(context: ExperimentContext) -> Findings:
+def fit_all(asked: Experiment) -> Findings:
     """Fit the confidence of all correctors but the default one."""
     counts = {name: np.zeros((2, len(Source))) for name in FITTED}
-    for sequence, factor in product(context.sequences, DECIMATIONS):
-        recording = context.recording(sequence)
+    for sequence, factor in product(asked.sequences, DECIMATIONS):
+        recording = asked.recording(sequence)
         camera = decimated(recording[0], factor).intrinsics
         correctors = {name: create_bare(name, camera) for name in FITTED}
-        for index in range(context.frames):
-            context.report(f"{sequence}, decimated by {factor}, frame {index + 1} of {context.frames}")
+        for index in range(asked.frames):
+            asked.report(f"{sequence}, decimated by {factor}, frame {index + 1} of {asked.frames}")
             capture = decimated(recording[index], factor)
             for name, corrector in correctors.items():  # All sizes count alike.
                 counts[name] += factor**2 * counted(corrector.process(frame_of(capture)), capture)
     fitted = {name: fit(of) for name, of in counts.items()}
     text = (
-        f"# Written by `voxdepth experiment confidence`: {context.frames} frames of each of\n"
-        f"# {', '.join(context.sequences)}, seed {context.seed}.\n{tomli_w.dumps(fitted)}"
+        f"# Written by `voxdepth experiment confidence`: {asked.frames} frames of each of\n"
+        f"# {', '.join(asked.sequences)}, seed {asked.seed}.\n{tomli_w.dumps(fitted)}"
     )
     shares = pd.DataFrame(fitted, index=["memory", "inpainted"]).T.fillna(0.0)
     return Findings(

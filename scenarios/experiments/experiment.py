@@ -1,9 +1,9 @@
 """An experiment: a question, the frames that it is asked of, and a function that answers it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pandas as pd
 
@@ -26,17 +26,30 @@ class Findings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExperimentContext:
-    """The frames that an experiment works on; recordings and results are shared with `voxdepth evaluate`."""
+class Experiment:
+    """A question that is asked of rendered sequences; recordings and results are shared with `voxdepth evaluate`."""
 
-    out: Path
+    name: str
+    """Its word on the command line, and the name of its folder."""
+    question: str
+    """One sentence."""
+    answer: Callable[["Experiment"], Findings]
+    """Raises `ScenarioError`, `SimError` or `VoxDepthError` if a sequence cannot be recorded or a method fails."""
     sequences: tuple[str, ...]
     frames: int
-    width_px: int | None
+    width_px: int | None = None
     """Width of the images; None for that of each sequence."""
-    seed: int
-    report: Callable[[str], None]
+    seed: int = 0
+    out: Path = Path("evaluation")
+    report: Callable[[str], None] = print
     """Is called with a description of each step when it begins."""
+
+    def asked(self, **given: Any) -> Self:
+        """The experiment with what the user gives and is not None; what cannot be is a `ScenarioError`."""
+        asked = replace(self, **{name: value for name, value in given.items() if value is not None})
+        for name in asked.sequences:
+            asked.sequence(name)
+        return asked
 
     def sequence(self, name: str) -> SeededSequence:
         """A sequence at the requested width with its field of view; a `ScenarioError` if there is none like that."""
@@ -50,28 +63,3 @@ class ExperimentContext:
     def recording(self, name: str) -> Recording:
         """The recording of a sequence, made now if there is none; a failure is a `ScenarioError` or a `SimError`."""
         return recorded(self.sequence(name), self.out, self.frames, self.report)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Experiment:
-    """A question that can be asked of rendered sequences, with the defaults of its context."""
-
-    name: str
-    """Its word on the command line, and the name of its folder."""
-    question: str
-    """One sentence."""
-    answer: Callable[[ExperimentContext], Findings]
-    """Raises `ScenarioError`, `SimError` or `VoxDepthError` if a sequence cannot be recorded or a method fails."""
-    sequences: tuple[str, ...]
-    frames: int
-    width_px: int | None = None
-    seed: int = 0
-
-    def context(self, out: Path, report: Callable[[str], None], **given: Any) -> ExperimentContext:
-        """What it works on: what the user gives, or its defaults for None; what cannot be is a `ScenarioError`."""
-        chosen: dict[str, Any] = {name: getattr(self, name) for name in ("sequences", "frames", "width_px", "seed")}
-        chosen |= {name: value for name, value in given.items() if value is not None}
-        context = ExperimentContext(out=out, report=lambda what: report(f"{self.name}: {what}"), **chosen)
-        for name in context.sequences:
-            context.sequence(name)
-        return context

@@ -13,8 +13,8 @@ from voxdepth.tools.evaluation.suite import Plan, evaluate
 
 from ..errors import ScenarioError
 from ..evaluation import shipped
-from ..figure import panels, plotted
-from .experiment import Experiment, ExperimentContext, Findings
+from ..figure import encoded, panel_figure
+from .experiment import Experiment, Findings
 
 _METHODS = {"VD": PAPER, "VD-code": AUTHORS, "RS": "realsense-left", "GS": "lmeds", "DS": "learned", "raw": "raw"}
 METHODS = {name: method for name, method in _METHODS.items() if method in installed_names()}
@@ -42,19 +42,19 @@ PSNR, MASKED = "PSNR [dB]", "masked RMSE [m]"
 SELECTORS = {PSNR: SETTLED_PSNR, MASKED: SETTLED_RMSE}
 
 
-def compare(context: ExperimentContext) -> Findings:
+def compare(asked: Experiment) -> Findings:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
-    if context.frames <= SETTLED_FRAMES:
-        raise ScenarioError(f"quality needs more than {SETTLED_FRAMES} frames of each sequence, got {context.frames}")
-    requested = [shipped(context.sequence(name)) for name in context.sequences]
+    if asked.frames <= SETTLED_FRAMES:
+        raise ScenarioError(f"quality needs more than {SETTLED_FRAMES} frames of each sequence, got {asked.frames}")
+    requested = [shipped(asked.sequence(name)) for name in asked.sequences]
     methods = find_methods(list(METHODS.values()))
-    plan = Plan(sequences=requested, methods=methods, frames=context.frames, out=context.out)
-    evaluation = evaluate(plan, lambda what, results: context.report(f"{what}; {results} of {len(plan)} done"))
+    plan = Plan(sequences=requested, methods=methods, frames=asked.frames, out=asked.out)
+    evaluation = evaluate(plan, lambda what, results: asked.report(f"{what}; {results} of {len(plan)} done"))
     for failed in evaluation.failures:
         raise ScenarioError(f"{failed.method} failed on {failed.sequence}: {failed.error}")
     blocks = {}
     for metric, selector in SELECTORS.items():
-        found = select(evaluation.measurements, selector).unstack("method").reindex(list(context.sequences))
+        found = select(evaluation.measurements, selector).unstack("method").reindex(list(asked.sequences))
         ours = found["value"].reindex(columns=METHODS.values()).set_axis(METHODS, axis="columns")
         printed = PAPER_PSNR_DB if metric == PSNR else PAPER_PSNR_DB.iloc[:0]
         n = found["n"].max(axis="columns").fillna(0).astype(int)
@@ -69,7 +69,7 @@ def compare(context: ExperimentContext) -> Findings:
             "numbers were measured on other data. PSNR (peak 65535 mm, surfaces within that) and masked RMSE (occluded "
             "pixels within 20 m) are after completion by the nearest valid, and n is pixels.",
         ),
-        files={"figure.png": draw(psnrs_db, masked_m, context.frames)},
+        files={"figure.png": draw(psnrs_db, masked_m, asked.frames)},
     )
 
 
@@ -105,7 +105,7 @@ def draw(psnrs_db: pd.DataFrame, masked_m: pd.DataFrame, frames: int) -> bytes:
     better = "PSNR of all surfaces: how much higher than that of the depth as measured? Higher is better"
     masked = "Error of the surfaces within 20 m that the right camera does not see. Lower is better"
     legend = {name: name if name == method else f"{name}: {title(method)}" for name, method in METHODS.items()}
-    return panels(
+    figure = panel_figure(
         f"How near to the truth is the depth? Frames {SETTLED_FRAMES + 1} to {frames} of each sequence; "
         "pixels without depth get that of the nearest pixel that has one",
         [
@@ -116,11 +116,15 @@ def draw(psnrs_db: pd.DataFrame, masked_m: pd.DataFrame, frames: int) -> bytes:
         panel_in=(10.0, 3.4),
         shared_legend=True,
     )
+    return encoded(figure)
 
 
 def _draw_bars(values: pd.DataFrame, title: str, unit: str, number: str, axes: Axes) -> None:
     """Bars with their values."""
-    plotted(values, title, "", unit, kind="bar", rot=0)(axes)
+    values.plot(ax=axes, kind="bar", rot=0, width=0.84, fontsize=7, legend=False)
+    axes.set_title(title, fontsize=9)
+    axes.set(xlabel="", ylabel=unit)
+    axes.grid(alpha=0.3)
     for bars in axes.containers:
         axes.bar_label(bars, fmt=number, fontsize=6, padding=1)  # type: ignore[arg-type]
     axes.margins(y=0.15)

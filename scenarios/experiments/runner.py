@@ -11,7 +11,7 @@ from voxdepth.tools.table import Table, csv_of
 from ..errors import ScenarioError
 from ..provenance import SIMULATION
 from .confidence import CONFIDENCE
-from .experiment import Experiment, ExperimentContext
+from .experiment import Experiment
 from .quality import QUALITY
 
 if TYPE_CHECKING:
@@ -27,17 +27,17 @@ def find_experiment(name: str) -> Experiment:
     return EXPERIMENTS[name]
 
 
-def run(experiment: Experiment, context: ExperimentContext, command: str, console: "Console") -> None:
+def run(experiment: Experiment, command: str, console: "Console") -> None:
     """Answer a question, write the results below `out` and print them; a file that cannot be written is a `ToolError`.
 
     See `Experiment.answer` for what else it raises.
     """
-    findings = experiment.answer(context)
+    findings = experiment.answer(experiment)
     result = {
         "name": experiment.name,
         "question": experiment.question,
         "command": command,
-        **{name: getattr(context, name) for name in ("sequences", "frames", "width_px", "seed")},
+        **{name: getattr(experiment, name) for name in ("sequences", "frames", "width_px", "seed")},
         "provenance": vars(Provenance.here(SIMULATION)),
         "notes": findings.notes,
     }
@@ -48,8 +48,8 @@ def run(experiment: Experiment, context: ExperimentContext, command: str, consol
         **findings.files,
     }
     for name, content in files.items():
-        write(context.out / experiment.name / name, content)
+        write(experiment.out / experiment.name / name, content)
     table.print(console)
     for note in findings.notes:
         console.print(note, markup=False, highlight=False, soft_wrap=True)
-    console.print(f"{', '.join(files)} are in {context.out / experiment.name}", markup=False, soft_wrap=True)
+    console.print(f"{', '.join(files)} are in {experiment.out / experiment.name}", markup=False, soft_wrap=True)

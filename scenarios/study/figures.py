@@ -8,7 +8,7 @@ import numpy as np
 
 from voxdepth.types import FloatArray
 
-from ..figure import Draw, Picture, legend_label, line_color, panel_figure
+from ..figure import Draw, Picture, encoded, line_color, panel_figure
 from .analysis import GOAL_SPEED, REACHED, Arm, Comparison, headline
 from .design import ENDPOINTS, EndpointName, Study
 from .statistics import wilson
@@ -49,14 +49,15 @@ def forest(comparisons: Sequence[Comparison], endpoint: EndpointName) -> list[Pi
 
 
 def _picture(title: str, caption: str, draws: Sequence[Draw], panel_in: tuple[float, float], **style: Any) -> Picture:
-    return Picture.of(title, caption, panel_figure("", draws, panel_in=panel_in, **style))
+    figure = panel_figure("", draws, panel_in=panel_in, **style)
+    return Picture(title=title, caption=caption, png=encoded(figure))
 
 
 def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
     """Draw a block of rows for each comparison: its scenarios, and a diamond for all of them."""
     row, names = 0, {}
     for one in comparisons:
-        names[row] = legend_label(f"{one.first} - {one.second}")
+        names[row] = f"{one.first} - {one.second}"
         for name, pairs in one.by_scenario.items():
             value, interval = pairs.difference
             row += 1
@@ -67,8 +68,6 @@ def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
         row += 1
     axes.axvline(0, color="0.4", lw=1)
     axes.set_yticks(list(names), list(names.values()), fontsize=8)
-    for label in axes.get_yticklabels():
-        label.set_parse_math(False)
     axes.set_ylim(row - 0.5, -0.7)
     axes.set_xlabel("difference [percentage points]")
     axes.grid(alpha=0.3, axis="x")
@@ -79,7 +78,7 @@ def _draw_curves(arms: Sequence[Arm], x_label: str, y_label: str, bands: Callabl
     for k, name in enumerate(dict.fromkeys(arm.name for arm in arms)):
         own, color = sorted((a for a in arms if a.name == name), key=lambda a: abs(a.level or 0)), line_color(k)
         runs = sorted({arm.n for arm in own})
-        label = legend_label(f"{name}, n = {runs[0]}" + (f" to {runs[-1]}" if len(runs) > 1 else ""))
+        label = f"{name}, n = {runs[0]}" + (f" to {runs[-1]}" if len(runs) > 1 else "")
         y, low, high = bands(own)
         x, style = [arm.level for arm in own], {"color": color, "label": label}
         if len(own) == 1:
@@ -89,8 +88,7 @@ def _draw_curves(arms: Sequence[Arm], x_label: str, y_label: str, bands: Callabl
         axes.fill_between(x, low, high, color=color, alpha=0.15, lw=0)
     if max((arm.level for arm in arms if arm.level is not None), key=abs) < 0:
         axes.invert_xaxis()
-    axes.set_xlabel(x_label)
-    axes.set_ylabel(y_label)
+    axes.set(xlabel=x_label, ylabel=y_label)
     if y_label.endswith("[%]"):
         axes.set_ylim(-3, 103)  # Many points lie at the ends.
     axes.grid(alpha=0.3)

@@ -43,10 +43,9 @@ def test_quality_is_told_beside_the_paper_s_and_recordings_are_kept(tmp_path: Pa
 
 
 def test_confidence_is_fitted_where_there_are_fills_and_its_file_can_be_read(tmp_path: Path) -> None:
-    confidence = find_experiment("confidence")
-    context = confidence.context(tmp_path, print, sequences=(SEQUENCE,), frames=3, width_px=WIDTH_PX)
-    assert context.seed == 101, "no reported result uses it"
-    result = confidence.answer(context)
+    confidence = find_experiment("confidence").asked(out=tmp_path, sequences=(SEQUENCE,), frames=3, width_px=WIDTH_PX)
+    assert confidence.seed == 101, "no reported result uses it"
+    result = confidence.answer(confidence)
     shares = result.table.set_index("corrector")
     assert not shares.loc["raw"].any() and shares.loc["telea", "inpainted"] > 0
     ((name, content),) = result.files.items()

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from scenarios.errors import ScenarioError
-from scenarios.experiments.experiment import Experiment, ExperimentContext, Findings
+from scenarios.experiments.experiment import Experiment, Findings
 from scenarios.experiments.quality import PAPER_M_RMSE, PAPER_PSNR_DB, claim, leads
 from scenarios.experiments.runner import find_experiment, run
 from voxdepth.tools.errors import ToolError
@@ -19,12 +19,12 @@ from voxdepth.tools.errors import ToolError
 TABLE = pd.DataFrame({"method": ["one", "two"], "time [ms]": [1.23456, None], "n": [3, 0]})
 
 
-def answer(context: ExperimentContext) -> Findings:
+def answer(asked: Experiment) -> Findings:
     """The same table for every question."""
     return Findings(table=TABLE, notes=("a note",), files={"more.txt": b"more"})
 
 
-def fail(context: ExperimentContext) -> Findings:
+def fail(asked: Experiment) -> Findings:
     raise ScenarioError("it failed")
 
 
@@ -32,7 +32,7 @@ STUB = Experiment(name="stub", question="What is it?", answer=answer, sequences=
 
 
 def report(out: Path, experiment: Experiment = STUB, **given: Any) -> None:
-    run(experiment, experiment.context(out, print, **given), "voxdepth experiment stub", Console(width=300))
+    run(experiment.asked(out=out, **given), "voxdepth experiment stub", Console(width=300))
 
 
 def test_the_table_is_printed_and_written_with_what_is_needed_to_repeat_it(
@@ -53,12 +53,12 @@ def test_the_table_is_printed_and_written_with_what_is_needed_to_repeat_it(
     assert stored["notes"] == ["a note"]
 
 
-def test_what_the_user_does_not_say_the_experiment_does(tmp_path: Path) -> None:
-    context = STUB.context(tmp_path, print, frames=None)
-    assert (context.sequences, context.frames, context.width_px) == (("sim-LN",), 5, 160)
-    rig = context.sequence("sim-LN").sequence.rig
+def test_what_the_user_does_not_say_the_experiment_does() -> None:
+    asked = STUB.asked(frames=None)
+    assert (asked.sequences, asked.frames, asked.width_px) == (("sim-LN",), 5, 160)
+    rig = asked.sequence("sim-LN").sequence.rig
     assert (rig.width_px, rig.height_px) == (160, 90), "the shape of the sequence stays"
-    assert context.sequence("sim-KTC").sequence.rig.height_px == 160
+    assert asked.sequence("sim-KTC").sequence.rig.height_px == 160
 
 
 @pytest.mark.parametrize(
@@ -68,9 +68,9 @@ def test_what_the_user_does_not_say_the_experiment_does(tmp_path: Path) -> None:
         ({"width_px": 20}, "rig.width_px: expected at least 32, got 20"),
     ],
 )
-def test_what_cannot_be_is_said(given: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_what_cannot_be_is_said(given: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
-        STUB.context(tmp_path / "out", print, **given)
+        STUB.asked(**given)
 
 
 def test_a_failure_writes_nothing(tmp_path: Path) -> None:
@@ -85,10 +85,10 @@ def test_a_file_in_the_way_is_told(tmp_path: Path) -> None:
         report(tmp_path)
 
 
-def test_quality_needs_frames_after_the_warm_up(tmp_path: Path) -> None:
+def test_quality_needs_frames_after_the_warm_up() -> None:
     quality = find_experiment("quality")
     with pytest.raises(ScenarioError, match="quality needs more than 16 frames of each sequence, got 16"):
-        quality.answer(quality.context(tmp_path, print, frames=16))
+        quality.answer(quality.asked(frames=16))
 
 
 def masked(**vd_m: float) -> str:
