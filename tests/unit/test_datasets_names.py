@@ -4,18 +4,16 @@ from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.sequences import CAMERA, SHAPE, write_images
 from voxdepth.datasets import open_dataset
 from voxdepth.datasets.names import in_order
 from voxdepth.errors import DatasetError
-from voxdepth.types import Intrinsics
 
-CAMERA = Intrinsics(fx_px=9, fy_px=9, cx_px=4, cy_px=3, width_px=8, height_px=6)
 BEGIN = datetime(2024, 2, 28, 23, 59, 59, 880_000, tzinfo=UTC)
 """Before the end of a second, a minute, a day and, in a leap year, no month."""
 STEP_US = 33_333
@@ -133,9 +131,7 @@ def test_names_that_say_the_same_are_refused(stems: list[str]) -> None:
 def write(folder: Path, depth: list[tuple[str, int]], gray: list[tuple[str, int]]) -> None:
     """Images of the values, so that it can be told which ones make a frame."""
     for name, images, kind in (("depth", depth, np.uint16), ("color", gray, np.uint8)):
-        (folder / name).mkdir()
-        for stem, value in images:
-            assert cv2.imwrite(str(folder / name / f"{stem}.png"), np.full((6, 8), value, kind))
+        write_images(folder, {f"{name}/{stem}.png": np.full(SHAPE, value, kind) for stem, value in images})
 
 
 @pytest.mark.parametrize("form", list(TIMES)[::4])
