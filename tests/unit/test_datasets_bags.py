@@ -485,8 +485,13 @@ def test_a_bag_that_was_cut_is_found_when_it_is_opened(layout: str, share: float
     assert "\n" not in str(caught.value)
 
 
-def test_an_image_that_is_sent_twice_counts_once(tmp_path: Path) -> None:
-    require_frames(open_dataset(write(tmp_path, "walk.bag", depth_topic(stamps_ns=STAMPS_NS[:1]) + whole())))
+def test_an_image_that_is_sent_twice_at_once_counts_once(tmp_path: Path) -> None:
+    again = depth_topic(stamps_ns=STAMPS_NS[:1])
+    require_frames(open_dataset(write(tmp_path, "once.bag", again + whole())))
+    later = [entry._replace(received_ns=entry.received_ns + S // 100) for entry in again]
+    with pytest.warns(UserWarning) as told:
+        open_dataset(write(tmp_path, "later.bag", later + whole()))
+    assert "expected stamps of /cam/depth/image_rect" in str(told[0].message) + str(told[1].message)
 
 
 @pytest.mark.parametrize("profile", ["ros1", "    "])

@@ -74,9 +74,12 @@ def test_a_count_beside_the_time_changes_nothing(counted: str, form: str) -> Non
     assert named.are_times and [time_ns for time_ns, _ in named.files] == [time_ns for time_ns, _ in plain.files]
 
 
-def test_whole_microseconds_are_not_taken_for_decimals_because_none_has_six_digits() -> None:
-    named = in_order([Path(f"1699187734_{us}.png") for us in (16_667, 50_000, 83_333)])
-    assert [time_ns % 10**9 for time_ns, _ in named.files] == [16_667_000, 50_000_000, 83_333_000]
+@pytest.mark.parametrize("parts", [(16_667, 50_000), (16_667_000, 50_000_000)])
+def test_parts_of_five_or_eight_digits_are_whole_because_no_decimals_have_as_many(
+    parts: tuple[int, int],
+) -> None:
+    named = in_order([Path(f"1699187734_{part}.png") for part in parts])
+    assert [time_ns % 10**9 for time_ns, _ in named.files] == [16_667_000, 50_000_000]
 
 
 @given(st.lists(st.integers(0, 10**12), min_size=2, max_size=9, unique=True))
