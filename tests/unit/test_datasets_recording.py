@@ -1,42 +1,28 @@
 """Recordings: what the simulator's writer wrote reads back as frames without truth, and damage is found."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sim import frames
 from sim.recording import RecordingWriter
 from sim.types import Capture
+from tests.sequences import CAMERA as SHARED_CAMERA
 from tests.sequences import write_images
+from tests.unit.test_recording_format import any_capture
 from voxdepth.datasets import open_dataset
 from voxdepth.datasets.recording import RecordingDataset
 from voxdepth.errors import DatasetError
-from voxdepth.types import Intrinsics
 
-CAMERA = Intrinsics(fx_px=9, fy_px=9, cx_px=4, cy_px=3, width_px=9, height_px=7, baseline_m=0.095)
+CAMERA = replace(SHARED_CAMERA, baseline_m=0.095)
 N = 3
 TRUTH = ("gray_right", "depth_true", "occluded", "segment", "invalid_reason")
 
 
 def capture_of(index: int) -> Capture:
-    rng = np.random.default_rng(index)
-    depth_raw_m = rng.uniform(0.5, 40, CAMERA.shape).astype(np.float32)
-    depth_raw_m[rng.random(CAMERA.shape) < 0.2] = 0
-    return Capture(
-        stamp_s=0.1 + index / 3,
-        drone=0,
-        gray_left=rng.integers(0, 256, CAMERA.shape, np.uint8),
-        gray_right=rng.integers(0, 256, CAMERA.shape, np.uint8),
-        depth_true_m=rng.uniform(0.5, 40, CAMERA.shape).astype(np.float32),
-        depth_raw_m=depth_raw_m,
-        occluded=rng.random(CAMERA.shape) < 0.5,
-        invalid_reason=rng.integers(0, 7, CAMERA.shape, np.uint8),
-        segment_id=rng.integers(-1, 50, CAMERA.shape, np.int32),
-        T_world_cam=frames.pose(frames.rotation_from_yaw(0.3), np.ones(3)),
-        intrinsics=CAMERA,
-    )
+    return any_capture(index, 0.1 + index / 3, CAMERA)
 
 
 @pytest.fixture
