@@ -55,23 +55,14 @@ TIMES: dict[str, Callable[[int], str]] = {
 
 
 @pytest.mark.parametrize("form", TIMES)
-def test_names_with_a_time_are_in_its_order_at_its_distances(form: str) -> None:
+@pytest.mark.parametrize("counted", ["{1}", "{:06d}_{}", "frame{}-{}", "{1}_{0}"])
+def test_names_with_a_time_are_in_its_order_at_its_distances_also_with_a_count(counted: str, form: str) -> None:
     us = [k * STEP_US for k in range(12)]
-    paths = [Path("depth") / f"{TIMES[form](t)}.png" for t in us]
+    paths = [Path("depth") / f"{counted.format(k + 8, TIMES[form](t))}.png" for k, t in enumerate(us)]
     named = in_order(sorted(paths))
     assert named.are_times and [path for _, path in named.files] == paths
     since_s = [(time_ns - named.files[0][0]) / 1e9 for time_ns, _ in named.files]
     np.testing.assert_allclose(since_s, np.array(us) / 1e6, atol=1.1e-3)
-
-
-@pytest.mark.parametrize("form", TIMES)
-@pytest.mark.parametrize("counted", ["{:06d}_{}", "frame{}-{}", "{1}_{0}"])
-def test_a_count_beside_the_time_changes_nothing(counted: str, form: str) -> None:
-    texts = [TIMES[form](k * STEP_US) for k in range(12)]
-    plain, named = (in_order([Path(name) for name in names]) for names in (
-        [f"{text}.png" for text in texts], [f"{counted.format(k + 8, text)}.png" for k, text in enumerate(texts)]
-    ))  # fmt: skip
-    assert named.are_times and [time_ns for time_ns, _ in named.files] == [time_ns for time_ns, _ in plain.files]
 
 
 @pytest.mark.parametrize("parts", [(16_667, 50_000), (16_667_000, 50_000_000)])
