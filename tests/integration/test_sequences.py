@@ -19,8 +19,7 @@ from scenarios.sequences import (
     record,
     simulation,
 )
-from sim.bodies import Box
-from sim.errors import RecordingError, SceneError, SensorError
+from sim.errors import RecordingError, SensorError
 from sim.recording import Recording
 from sim.types import Capture
 from tests.integration.test_cli import voxdepth
@@ -174,12 +173,6 @@ def test_a_flight_that_is_too_short_is_refused_before_anything_is_written(tmp_pa
     longest = int(str(caught.value).split("--frames ")[1][0])
     record(short, tmp_path / "r", longest, lambda frames: None)
     assert len(Recording.open(tmp_path / "r")) == longest
-
-
-@pytest.mark.parametrize("size", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan"))])
-def test_bodies_without_size_are_refused(size: tuple[float, float, float]) -> None:
-    with pytest.raises(SceneError, match="must be positive and finite"):
-        Box(size)
 
 
 @pytest.mark.slow

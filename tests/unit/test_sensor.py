@@ -1,5 +1,7 @@
 """Laws of cameras, stereo and noise."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -67,14 +69,6 @@ def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) 
     assert np.mean(np.abs(error) < 1) > 0.98
 
 
-def test_the_left_band_that_the_right_camera_misses_is_as_wide_as_the_disparity() -> None:
-    left, right = stereo_pair(wall(2.0))
-    occluded = occlusion_mask(left.depth_m, right.depth_m, WIDE)
-    expected = WIDE.fx_px * BASELINE_M / 2.0
-    assert abs(occluded.sum(axis=1) - expected).max() <= 1
-    assert occluded[:, : int(expected) - 1].all()
-
-
 def test_the_shadow_beside_a_box_has_the_width_of_the_disparity_difference() -> None:
     front_m, back_m = 2.0, 6.0
     left, right = stereo_pair(wall(back_m), block(front_m, 1.0))
@@ -106,9 +100,7 @@ def test_bright_frames_saturate_and_dark_ones_lose_their_texture() -> None:
 
 
 @pytest.mark.parametrize("depth", ["truth", "noisy", "stereo"])
-def test_captures_of_the_same_seed_are_the_same_bytes(depth: str) -> None:
-    from concurrent.futures import ThreadPoolExecutor
-
+def test_captures_of_the_same_seed_are_the_same_bytes_with_more_threads_and_of_some_drones(depth: str) -> None:
     config = RigConfig(width_px=96, height_px=64, depth=depth, noise=THETA if depth == "noisy" else DepthNoise())
     starts = [(0.0, 0.0, 0.0), (-1.0, 1.5, 0.0), (-2.0, -1.5, 0.5)]
     captures = []
@@ -117,25 +109,11 @@ def test_captures_of_the_same_seed_are_the_same_bytes(depth: str) -> None:
             with world_of(wall(4.0), starts_m=starts) as world:
                 rig = StereoSensor(world, create_renderer("raycast", world), config, seed=3, pool_map=pool_map)
                 captures.append(list(rig.captures([0, 1, 2], frame=5)))
+                (alone,) = rig.captures([2], frame=5)
+        np.testing.assert_array_equal(alone.depth_raw_m, captures[-1][2].depth_raw_m)
     for one, other in zip(*captures, strict=True):
         np.testing.assert_array_equal(one.depth_raw_m, other.depth_raw_m)
         np.testing.assert_array_equal(one.gray_left, other.gray_left)
-
-
-def test_a_capture_of_some_drones_is_part_of_the_capture_of_all() -> None:
-    config = RigConfig(width_px=96, height_px=64, depth="noisy", noise=THETA)
-    with world_of(wall(4.0), starts_m=[(0, 0, 0), (-1, 1.5, 0), (-2, -1.5, 0.5)]) as world:
-        rig = StereoSensor(world, create_renderer("raycast", world), config, seed=3)
-        (alone,), (*_, together) = rig.captures([2], frame=1), rig.captures([0, 1, 2], frame=1)
-    np.testing.assert_array_equal(alone.depth_raw_m, together.depth_raw_m)
-
-
-def test_the_noisy_tier_has_holes_where_the_right_camera_is_blocked() -> None:
-    capture = capture_of(wall(6.0), block(2.0, 1.0), width_px=160, height_px=120, depth="noisy")
-    np.testing.assert_array_equal(capture.depth_raw_m == 0, capture.occluded)
-    assert 0.01 < capture.occluded.mean() < 0.2
-    seen = ~capture.occluded
-    np.testing.assert_array_equal(capture.depth_raw_m[seen], capture.depth_true_m[seen])
 
 
 def test_a_baseline_wider_than_the_image_can_match_is_refused() -> None:

@@ -5,12 +5,9 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sim.bodies import Body, Box, Pattern, Scene, Surface, Weather
 from sim.render import create_renderer
-from sim.render.shading import spans_of
 from sim.world import World
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
 
@@ -115,23 +112,6 @@ def test_the_sky_is_brightest_at_the_horizon_and_clouds_are_far_away() -> None:
         here, there = create_renderer("raster", world).render([camera_at(0, 0, 0), camera_at(9, 5, 2)])
     np.testing.assert_array_equal(here.gray, there.gray)
     assert (here.gray - clear)[:40].std() > 2
-
-
-@given(st.integers(0, 2**31))
-def test_spans_cover_the_image_and_their_places_are_sorted_by_body(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    body_of_triangle = np.array([0, 0, 1, 2, 2, 3], np.int32)
-    triangle = rng.integers(0, 6, (6, 3)).astype(np.int32).repeat(3, axis=1)
-    spans, place_of_body = spans_of(triangle, body_of_triangle)
-    place = np.empty(triangle.size, np.int64)
-    for first, size, seen, at in spans:
-        assert (triangle.ravel()[first : first + size] == seen).all()
-        assert first // 9 == (first + size - 1) // 9
-        place[first : first + size] = np.arange(at, at + size)
-    body = body_of_triangle[triangle.ravel()]
-    np.testing.assert_array_equal(np.sort(place), np.arange(triangle.size))
-    np.testing.assert_array_equal(body[np.argsort(place)], np.sort(body))
-    np.testing.assert_array_equal(np.diff(place_of_body), np.bincount(body, minlength=4))
 
 
 def test_drones_are_drawn_where_they_are_now() -> None:

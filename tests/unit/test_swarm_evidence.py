@@ -35,13 +35,6 @@ def evidence(depth_m: FloatImage, confidence: FloatImage | float = 1.0) -> Evide
     return exact().read(image(depth_m, confidence))
 
 
-def test_a_wall_is_a_surface_up_to_which_all_is_free() -> None:
-    sensor = exact()
-    free_m, surface_m = sensor.read(image(flat(3.0)))
-    np.testing.assert_allclose(free_m * sensor.rays_cam[..., 2], 3.0, rtol=1e-6)
-    np.testing.assert_array_equal(free_m, surface_m)
-
-
 def test_the_error_of_the_disparity_shortens_free_space() -> None:
     """f B / (f B / z + s), with an error in pixels of images that are three times as wide as the depth."""
     scale = 3.0
@@ -100,15 +93,6 @@ def test_the_least_confidence_is_enough() -> None:
     for confidence, is_shown in ((0.0999, False), (0.1, True)):
         _, surface_m = evidence(flat(2.0), confidence)
         np.testing.assert_array_equal(np.isfinite(surface_m), is_shown)
-
-
-def test_a_doubtful_surface_ends_trusted_free_space() -> None:
-    depth_m, confidence = flat(8.0), np.ones(CAMERA.shape, np.float32)
-    near = np.random.default_rng(1).random(CAMERA.shape) < 0.25
-    depth_m[near], confidence[near] = 1.0, 0.2
-    free_m, surface_m = evidence(depth_m, confidence)
-    assert (free_m[free_m > 0] < 2.0).mean() > 0.95
-    np.testing.assert_array_equal(free_m[free_m > 0], surface_m[free_m > 0])
 
 
 @pytest.mark.parametrize(("camera", "step"), [(CAMERA, 1), (LARGE, 4)], ids=["all pixels", "sampled pixels"])

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose
 from swarm.neighbours import NeighbourConfig, NeighbourTracker
@@ -52,7 +50,7 @@ def test_in_view_it_is_the_camera_if_the_radio_agrees(found: list[object], x_m: 
     np.testing.assert_allclose(around.position_m, [[x_m, 0, 0]], atol=1e-9)
 
 
-@pytest.mark.parametrize("at", [(-5, 0, 0), (0, 5, 0), (1, 5, 0), (1, 0, 5), (12.5, 0, 0), (9, 8, 0)])
+@pytest.mark.parametrize("at", [(-5, 0, 0), (0, 5, 0), (1, -5, 0), (1, 0, 5), (1, 0, -5), (12.5, 0, 0), (9, 8, 0)])
 def test_out_of_view_and_out_of_range_it_is_the_radio(at: tuple[float, float, float]) -> None:
     around = tracker().update(percept(0.0), heard(d1=(at, (1, 2, 3))), 0.0)
     np.testing.assert_array_equal(around.position_m, [at])
@@ -98,21 +96,6 @@ def test_who_is_seen_and_not_heard_is_around_and_still() -> None:
     np.testing.assert_allclose(around.position_m, [[4.0, 0.5, 0.0]], atol=1e-9)
     assert not around.velocity_m_s.any()
     assert len(watched.update(percept(0.0), NOBODY, 9.0)) == 0
-
-
-@given(st.integers(0, 10_000))
-def test_the_mirrored_situation_gives_the_mirrored_neighbours(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    at, speed = rng.uniform(-12, 12, (3, 3)), rng.uniform(-2, 2, (3, 3))
-    found = [i for i in range(3) if rng.random() < 0.6]
-    around = []
-    for mirror in (np.ones(3), MIRROR):
-        radio = Neighbours(drone=np.arange(1, 4), position_m=at * mirror, velocity_m_s=speed * mirror)
-        image = percept(0.0, *(seen_at(i + 1, at[i] * mirror * 1.05) for i in found))
-        around.append(tracker().update(image, radio, 0.2))
-    np.testing.assert_array_equal(around[0].drone, around[1].drone)
-    np.testing.assert_allclose(around[0].position_m * MIRROR, around[1].position_m, atol=1e-9)
-    np.testing.assert_allclose(around[0].velocity_m_s * MIRROR, around[1].velocity_m_s)
 
 
 def test_neighbours_of_a_swarm_are_those_with_its_numbers() -> None:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from scenarios.config import Run, load_run
-from scenarios.errors import ScenarioError
 from scenarios.flight import Finished, fly
 from scenarios.runner import summary
 from sim import frames
@@ -127,8 +126,3 @@ def test_a_prior_disturbs_nothing_else_and_is_named_in_the_result() -> None:
         np.testing.assert_array_equal(a.position_m, b.position_m)
     finished = Finished(result=oracle.result, wall_s=1.0, folder=None)
     assert summary(finished, planned("true"))["pose_prior"] == "true (oracle)"
-
-
-def test_an_unknown_prior_is_refused() -> None:
-    with pytest.raises(ScenarioError, match="pose_prior"):
-        planned("gps")

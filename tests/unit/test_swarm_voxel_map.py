@@ -121,7 +121,7 @@ def test_no_path_costs_less_than_the_planned_one(seed: int) -> None:
         assert (np.abs(left[a] - left[b]) <= step + 1e-9).all()
 
 
-def test_a_column_is_free_where_the_slices_around_it_are() -> None:
+def test_a_column_is_free_where_the_slices_around_it_are_and_not_beyond_the_map() -> None:
     drone = Drone().sees(flat(3.0), PROOF)
     rng, n_free = np.random.default_rng(3), 0
     for _ in range(300):
@@ -133,13 +133,8 @@ def test_a_column_is_free_where_the_slices_around_it_are() -> None:
         assert drone.map.is_column_free(at_m, low_m, high_m, drone.time_s) == is_free
         n_free += is_free
     assert 20 < n_free < 280
-
-
-@pytest.mark.parametrize("far_m", [-12.1, 12.1, 100.0])
-def test_no_column_beyond_the_map_is_free(far_m: float) -> None:
-    drone = Drone().sees(flat(3.0), PROOF)
-    assert not drone.map.is_column_free(np.array([far_m, 0, 0]), -0.1, 0.1, drone.time_s)
-    assert not drone.map.is_column_free(np.array([0, far_m, 0]), -0.1, 0.1, drone.time_s)
+    for beyond_m in ((-12.1, 0, 0), (12.1, 0, 0), (0, -12.1, 0), (0, 100.0, 0)):
+        assert not drone.map.is_column_free(np.array(beyond_m), -0.1, 0.1, drone.time_s)
     assert not drone.map.is_column_free(np.array([1.0, 0, 0]), -0.1, 5.0, drone.time_s)
 
 
@@ -239,16 +234,13 @@ def empty_costs(side: int = 40) -> CostMap:
     return costs_of(state)
 
 
-def test_the_free_length_ends_where_the_width_no_longer_fits() -> None:
+def test_the_free_length_ends_where_the_width_no_longer_fits_or_as_asked_for() -> None:
     costs = empty_costs()
     at_m = np.array([2.0, 5.0])
     ahead = costs.free_length_m(at_m, np.array([1.0, 0.0]), 20.0)
     assert 10 - 0.25 - WIDTH_M - 2 - 0.3 <= ahead <= 10 - 0.25 - WIDTH_M - 2
     assert costs.free_length_m(at_m, np.array([1.0, 0.0]), 3.0) == 3.0
     assert costs.clearance_m(np.array([5.0, 5.0])) == pytest.approx(4.75, abs=0.3)
-
-
-def test_the_free_length_in_the_open_is_what_was_asked_for() -> None:
     costs = costs_of(np.zeros((200, 200), np.uint8))
     for longest_m in np.linspace(0.5, 3, 200):
         assert costs.free_length_m(np.full(2, 25.0), np.array([1.0, 0.0]), longest_m) == longest_m
