@@ -22,8 +22,7 @@ from swarm.voxel_map import (
     find_in_view,
 )
 from tests.helpers import CAMERA
-from tests.swarm_scenes import turn
-from tests.unit.test_swarm_evidence import flat, image
+from tests.swarm_scenes import flat, measured, turn
 from voxdepth.types import FloatArray, FloatImage, Intrinsics
 
 NOBODY = np.empty((0, 3))
@@ -55,7 +54,7 @@ class Drone:
         for _ in range(times):
             self.time_s += 0.1
             T = pose(turn(yaw_rad) @ R_BODY_CAM, at_m)
-            self.map.update(self.sensor.read(image(depth_m)), T, drones_m, self.time_s)
+            self.map.update(self.sensor.read(measured(depth_m)), T, drones_m, self.time_s)
         return self
 
     def costs(self, low_m: float = -0.2, high_m: float = 0.2, after_s: float = 0.0) -> CostMap:
