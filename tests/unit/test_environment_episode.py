@@ -156,6 +156,17 @@ def test_an_episode_ends_by_the_fault_of_the_learner_or_is_cut_short(
             env.step(HOVER)
 
 
+def test_another_drone_that_is_lost_is_no_fault_of_the_learner_far_from_its_leader_in_its_slot() -> None:
+    with opened(quick(lost_m=2.0)) as env:
+        env.reset(seed=0)
+        world = env.mission.world
+        far_m, q_xyzw = [0.0, 0.0, 99.0], [0.0, 0.0, 0.0, 1.0]
+        pybullet.resetBasePositionAndOrientation(world.drone_ids[2], far_m, q_xyzw, physicsClientId=world.client)
+        _, reward, terminated, truncated, info = env.step(HOVER)
+    assert (info["outcome"], terminated, truncated) == ("lost", False, True)
+    assert reward > -1
+
+
 @pytest.mark.slow
 def test_the_default_task_asks_for_eyes() -> None:
     """Who flies to its slot without a look at the depth hits a tower."""

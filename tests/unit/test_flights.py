@@ -219,9 +219,11 @@ def test_a_hover_sways_by_its_sigma() -> None:
     assert yaw_deg.std() == pytest.approx(0.5, rel=0.3)
 
 
-def test_a_hover_without_sway_is_perfectly_still_and_on_the_path() -> None:
+def test_a_hover_without_sway_is_perfectly_still_and_on_the_path_and_looks_where_it_is_told() -> None:
     poses = fly(Hover(sway_m=0, sway_deg=0), STRAIGHT, n=200)
     np.testing.assert_array_equal(numbers(poses)[:, 1:], np.tile([0, 0, 2.5, 0, 0, 0, 1], (200, 1)))
+    to_the_left = headings(fly(Hover(look_deg=90.0, sway_deg=0), STRAIGHT, n=1))
+    np.testing.assert_allclose(to_the_left, np.pi / 2)
 
 
 @pytest.mark.parametrize("rate_deg_s", [90.0, -40.0])

@@ -16,7 +16,7 @@ from sim.render import create_renderer
 from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher, texture
 from sim.types import Capture, InvalidReason
-from tests.helpers import block, camera_at, wall, world_of
+from tests.helpers import block, wall, world_of
 from voxdepth.types import FloatImage, GrayImage, Intrinsics
 
 WIDE = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86, baseline_m=0.095)
@@ -55,21 +55,6 @@ def test_surfaces_nearer_than_the_search_are_out_of_range_not_right() -> None:
     assert lost.mean() > 0.5
     reasons = capture.invalid_reason[lost & ~capture.occluded]
     assert (reasons == InvalidReason.OUT_OF_RANGE).all()
-
-
-def test_threads_share_a_matcher_and_get_the_same_bytes() -> None:
-    from concurrent.futures import ThreadPoolExecutor
-
-    with world_of(wall(6.0), block(2.0, 1.0)) as world:
-        views = [camera_at(0, y, 0, intrinsics=WIDE) for y in (0.0475, -0.0475)]
-        left, right = (image.gray for image in create_renderer("raycast", world).render(views))
-    matcher = StereoMatcher(WIDE, StereoConfig(), max_depth_m=40)
-    alone = matcher.match(left, right)[0]
-    with ThreadPoolExecutor(2) as pool:
-        together = list(pool.map(lambda _: matcher.match(left, right)[0], range(6)))
-    for disparity in together:
-        np.testing.assert_array_equal(disparity, alone)
-    cv2.setNumThreads(1)
 
 
 SMALL = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)

@@ -17,7 +17,7 @@ from swarm.errors import MissionError
 from swarm.mapping_pilot import MappingPilot
 from swarm.pilot import Decision, PilotConfig, Situation
 from swarm.types import Motion, Percept
-from swarm.voxel_map import BLACKLISTED, FREE
+from swarm.voxel_map import BLACKLISTED, FREE, HEIGHT_M
 from tests.helpers import CAMERA
 from tests.swarm_scenes import NOBODY, RADIUS_M, flat, measured, neighbours_of, situation_of, state, turn
 from voxdepth.types import CorrectedDepth, FloatArray
@@ -109,7 +109,7 @@ def wall_at(x_m: float) -> View:
 @pytest.mark.parametrize(
     ("seen", "wanted"),
     [
-        *((HOLES, wanted) for wanted in ((3, 0, 0), (-0.4, 0, 0), (2, -2, 0), (0, 0, 1))),
+        *((HOLES, wanted) for wanted in ((3, 0, 0), (-0.4, 0, 0), (2, -2, 0), (0, 0, 1), (0, 0, -0.5))),
         (DOUBT, (3, 0, 0)),
         (LYING, (3, 0, 0)),
     ],
@@ -117,6 +117,7 @@ def wall_at(x_m: float) -> View:
 def test_nobody_flies_into_the_unknown(seen: CorrectedDepth, wanted: tuple[float, float, float]) -> None:
     flight = Flight(always(seen)).flies(wanted, 6.0)
     assert flight.farthest_m < START_M - RADIUS_M
+    assert abs(flight.position_m[2]) < HEIGHT_M / 2 - RADIUS_M, "a start is free as high as the map"
 
 
 def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_it_knew_too_little_of(

@@ -74,9 +74,10 @@ def test_one_that_is_not_found_again_is_remembered_for_a_short_while(now_s: floa
     np.testing.assert_allclose(around.position_m, [[x_m, 0, 0]], atol=1e-9)
 
 
-def test_since_the_image_it_went_on_as_the_radio_says() -> None:
+def test_since_it_was_found_it_went_on_as_the_radio_says() -> None:
     eyes, radio = tracker(), heard(d1=((5, 0, 0), (1, -2, 0.5)))
-    around = eyes.update(percept(1.0, seen_at(1, (4.5, 0.5, 0))), radio, 1.4)
+    eyes.update(percept(1.0, seen_at(1, (4.5, 0.5, 0))), radio, 1.0)
+    around = eyes.update(percept(1.2), radio, 1.4)
     np.testing.assert_allclose(around.position_m, [[4.9, -0.3, 0.2]], atol=1e-9)
     np.testing.assert_array_equal(around.velocity_m_s, [(1, -2, 0.5)])
 

@@ -129,7 +129,7 @@ def test_clearance_is_the_gap_to_the_collision_sphere() -> None:
         assert world.clearance_at_m((3.5, 0.0, 2.0)) < 0
 
 
-def test_bad_starts_are_refused() -> None:
+def test_starts_that_touch_something_and_missing_commands_are_refused() -> None:
     with (
         pytest.raises(SceneError, match="drone 1 starts at"),
         world_of(GROUND, wall(3.0), starts_m=[(0, 0, 2), (3, 0, 2)]),
@@ -137,9 +137,6 @@ def test_bad_starts_are_refused() -> None:
         pass
     with pytest.raises(SceneError, match="spread the formation"), world_of(starts_m=[(0, 0, 2), (0, 0.3, 2)]):
         pass
-
-
-def test_commands_must_match_the_drones() -> None:
     with world_of(starts_m=[(0, 0, 2)]) as world, pytest.raises(SceneError, match="one command for each"):
         world.apply([])
 
