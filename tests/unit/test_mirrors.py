@@ -8,10 +8,10 @@ import pytest
 from sim.bodies import Body, Box, Scene, Surface
 from sim.render import create_renderer
 from sim.render.mirrors import FRAME_M
-from sim.sensor import RigConfig, StereoSensor
-from sim.types import BodyPose, Camera, Images
+from sim.sensor import RigConfig
+from sim.types import Camera, Images
 from sim.world import World
-from tests.helpers import block, camera_at, wall, world_of
+from tests.helpers import block, camera_at, captured, wall, world_of
 
 PANE_M = 3.0
 
@@ -31,10 +31,8 @@ def seen(*bodies: Body, at: Camera | None = None) -> Images:
 @pytest.mark.parametrize(("behind_m", "reflectivity"), [(1.0, 1.0), (4.0, 0.6)])
 def test_a_stereo_camera_measures_the_mirror_image(behind_m: float, reflectivity: float) -> None:
     config = RigConfig(width_px=640, height_px=360, mount_forward_m=0.0)
-    pose = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
-    with world_of(pane(reflectivity), wall(-behind_m - 1.0), wall(9.0, name="far")) as world:
-        sensor = StereoSensor(world, create_renderer("raster", world), config, seed=0)
-        capture = sensor.capture(sensor.render([pose], 0)[0])
+    bodies = pane(reflectivity), wall(-behind_m - 1.0), wall(9.0, name="far")
+    capture = captured(config, *bodies, renderer="raster")
     on_pane = np.abs(capture.depth_true_m - PANE_M) < 1e-3
     inner = np.zeros_like(on_pane)
     inner[120:240, 260:380] = True

@@ -12,14 +12,13 @@ from sim.errors import SensorError
 from sim.render import create_renderer
 from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher, occlusion_mask
-from sim.types import BodyPose, Capture, Images
-from tests.helpers import CAMERA, block, camera_at, wall, world_of
+from sim.types import Capture, Images
+from tests.helpers import AT_ORIGIN, CAMERA, block, camera_at, captured, wall, world_of
 from voxdepth.types import Intrinsics
 
 BASELINE_M = 0.095
 THETA = DepthNoise(scale=Scale(theta=0.3))
 WIDE = RigConfig(width_px=640, height_px=360).intrinsics
-POSE = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
 
 
 def stereo_pair(*bodies: Body, intrinsics: Intrinsics = WIDE) -> tuple[Images, Images]:
@@ -30,29 +29,16 @@ def stereo_pair(*bodies: Body, intrinsics: Intrinsics = WIDE) -> tuple[Images, I
     return left, right
 
 
-def capture_of(*bodies: Body, seed: int = 0, **config: object) -> Capture:
-    """What a drone at the origin measures."""
-    with world_of(*bodies, starts_m=[(0, 0, 0)]) as world:
-        renderer = create_renderer("raycast", world, threads=1)
-        (capture,) = StereoSensor(world, renderer, RigConfig.model_validate(config), seed=seed).captures([0], 0)
-    return capture
-
-
 @pytest.mark.parametrize("renderer", ["raycast", "tiny"])
 @pytest.mark.parametrize("distance_m", [1.0, 12.0])
-def test_a_plane_reads_its_depth(renderer: str, distance_m: float) -> None:
+def test_a_plane_reads_its_depth_and_nothing_is_infinitely_far(renderer: str, distance_m: float) -> None:
     with world_of(wall(distance_m)) as world:
-        image = create_renderer(renderer, world).render([camera_at(0, 0, 0)])[0]
-    np.testing.assert_allclose(image.depth_m, distance_m, atol=0.003)
-    assert (image.segment_id == 0).all()
-
-
-@pytest.mark.parametrize("renderer", ["raycast", "tiny"])
-def test_where_nothing_is_depth_is_infinite(renderer: str) -> None:
-    with world_of(wall(3.0)) as world:
-        image = create_renderer(renderer, world).render([camera_at(0, 0, 0, q_xyzw=(0, 0, 1, 0))])[0]
-    assert np.isinf(image.depth_m).all()
-    assert (image.segment_id == -1).all()
+        cameras = [camera_at(0, 0, 0), camera_at(0, 0, 0, q_xyzw=(0, 0, 1, 0))]
+        ahead, behind = create_renderer(renderer, world).render(cameras)
+    np.testing.assert_allclose(ahead.depth_m, distance_m, atol=0.003)
+    assert (ahead.segment_id == 0).all()
+    assert np.isinf(behind.depth_m).all()
+    assert (behind.segment_id == -1).all()
 
 
 @pytest.mark.parametrize("distance_m", [2.0, 7.0])
@@ -92,7 +78,7 @@ def test_bright_frames_saturate_and_dark_ones_lose_their_texture() -> None:
     darkest, *_, brightest = sorted(range(100), key=lambda frame: exposure_gain(1.2, 0, frame, seed=0))
     with world_of(wall(3.0)) as world:
         sensor = StereoSensor(world, create_renderer("raster", world), config, seed=0)
-        dark, bright = (sensor.capture(sensor.render([POSE], frame)[0]) for frame in (darkest, brightest))
+        dark, bright = (sensor.capture(sensor.render([AT_ORIGIN], frame)[0]) for frame in (darkest, brightest))
     assert (bright.gray_left == 255).mean() > 0.9
     assert (bright.depth_raw_m == 0).mean() > 0.5
     assert dark.gray_left.mean() < 20
@@ -118,7 +104,7 @@ def test_captures_of_the_same_seed_are_the_same_bytes_with_more_threads_and_of_s
 
 def test_a_baseline_wider_than_the_image_can_match_is_refused() -> None:
     with pytest.raises(SensorError, match="shorten the baseline"):
-        capture_of(wall(4.0), width_px=160, height_px=120, baseline_m=2.0)
+        captured(RigConfig(width_px=160, height_px=120, baseline_m=2.0), wall(4.0))
 
 
 @pytest.mark.parametrize("radius_m", [0.01, 0.1])
@@ -143,12 +129,8 @@ def test_slanted_walls_hide_nothing_of_themselves(yaw_deg: float) -> None:
 
 
 def test_every_sensor_model_with_a_right_image_reports_occlusion() -> None:
-    masks = []
-    with world_of(wall(6.0), block(2.0, 1.0)) as world:
-        for depth in ("truth", "noisy", "stereo"):
-            config = RigConfig(depth=depth, mount_forward_m=0.0)
-            sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=0, right=True)
-            masks.append(sensor.capture(sensor.render([POSE], 0)[0]).occluded)
+    models = [RigConfig(depth=depth, mount_forward_m=0.0) for depth in ("truth", "noisy", "stereo")]
+    masks = [captured(model, wall(6.0), block(2.0, 1.0), right=True).occluded for model in models]
     assert masks[0].sum() > 100
     np.testing.assert_array_equal(masks[0], masks[1])
     np.testing.assert_array_equal(masks[0], masks[2])
@@ -156,8 +138,8 @@ def test_every_sensor_model_with_a_right_image_reports_occlusion() -> None:
 
 def test_the_sky_keeps_its_depth_under_noise_and_nothing_reads_farther() -> None:
     noise = DepthNoise(scale=Scale(theta=0.5), disparity=Disparity(sigma_px=0.05))
-    rig = {"width_px": 160, "height_px": 120, "depth": "noisy", "noise": noise, "max_depth_m": 40.0}
-    capture = capture_of(wall(30.0, side_m=20.0), seed=1, **rig)
+    rig = RigConfig(width_px=160, height_px=120, depth="noisy", noise=noise, max_depth_m=40.0)
+    capture = captured(rig, wall(30.0, side_m=20.0), seed=1)
     sky = np.isinf(capture.depth_true_m)
     assert sky.mean() > 0.2
     assert capture.depth_raw_m.max() <= 40.0
@@ -178,7 +160,7 @@ def share_within(image: Capture, share: float) -> float:
 
 
 def test_less_light_means_more_noise_and_less_depth() -> None:
-    images = [capture_of(wall(4.0), light_stops=stops) for stops in (0.0, -3.0, -6.0)]
+    images = [captured(RigConfig(light_stops=stops), wall(4.0)) for stops in (0.0, -3.0, -6.0)]
     noise = [float(np.std(np.diff(image.gray_left[::2].astype(float), axis=1))) for image in images]
     assert noise == sorted(noise)
     depth = [share_within(image, 0.1) for image in images]

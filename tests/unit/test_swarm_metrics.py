@@ -70,6 +70,7 @@ class TestDistances:
             clearances = []
             for _ in range(2):
                 clearances.append(sampled(metrics, world.states)["clearance_m"])
+                assert clearances[-1] == world.clearance_m(0)
                 world.apply([VelocityCommand(velocity_m_s=np.array([-1.0, 0, 0]), yaw_rad=0.0)])
                 for _ in range(120):
                     world.step()

@@ -31,15 +31,6 @@ CONFIG = AirframeConfig()
 DT_S = 1 / 240
 
 
-@pytest.mark.parametrize("n", [0, 1, 8])
-def test_level_hover_needs_the_weight_alone(n: int) -> None:
-    level = np.tile([0.0, 0, 0, 1], (n, 1))
-    still = np.zeros((n, 3))
-    actuated = VelocityController(n, CONFIG).actuate(still, level, still, still, np.zeros(n), DT_S)
-    weight_n = 0, 0, CONFIG.mass_kg * GRAVITY_M_S2
-    assert actuated == [(weight_n, (0, 0, 0))] * n
-
-
 @given(st.integers(0, 2**31), st.floats(-9, 9), st.sampled_from([0.1, 3.0, 100.0]))
 def test_the_law_turns_with_the_world_about_the_vertical_and_obeys_its_limits(
     seed: int, turn_rad: float, speed_m_s: float
