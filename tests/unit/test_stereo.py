@@ -15,7 +15,7 @@ from sim.flights import Hover
 from sim.sensor import RigConfig
 from sim.stereo import StereoConfig, StereoMatcher, texture
 from sim.types import Capture, InvalidReason
-from tests.helpers import block, captured, wall
+from tests.helpers import CAMERA, block, captured, wall
 from voxdepth.types import FloatImage, GrayImage, Intrinsics
 
 WIDE = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86, baseline_m=0.095)
@@ -55,16 +55,15 @@ def test_surfaces_nearer_than_the_search_are_out_of_range_not_right() -> None:
     assert (reasons == InvalidReason.OUT_OF_RANGE).all()
 
 
-SMALL = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
 INSIDE = np.s_[8:-8, 48:-8]
 """Pixels that both cameras see, with their whole neighbourhood."""
 
 
 def slanted(per_col: float, per_row: float) -> tuple[GrayImage, GrayImage, FloatImage]:
     """Left and right image of a slanted surface that is rough everywhere, and its disparity [px]."""
-    noise = np.random.default_rng(0).integers(0, 256, SMALL.shape).astype(np.float32)
+    noise = np.random.default_rng(0).integers(0, 256, CAMERA.shape).astype(np.float32)
     right = np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.0), np.float32)
-    row, col = np.indices(SMALL.shape, np.float32)
+    row, col = np.indices(CAMERA.shape, np.float32)
     disparity_px = np.asarray(20 + per_col * (col - 80) + per_row * (row - 60), np.float32)
     left = cv2.remap(right, col - disparity_px, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     return np.clip(left, 0, 255).astype(np.uint8), np.clip(right, 0, 255).astype(np.uint8), disparity_px
@@ -76,7 +75,7 @@ def test_a_rough_surface_has_no_hole_however_it_is_slanted(check: str, per_col: 
     """Its neighbours differ by much more than a sixteenth of a pixel, and two of them may meet in the right image."""
     left, right, disparity_px = slanted(per_col, per_row)
     config = StereoConfig.model_validate({"min_depth_m": 0.2, "check": check})
-    found, reason = StereoMatcher(SMALL, config, max_depth_m=40).match(left, right)
+    found, reason = StereoMatcher(CAMERA, config, max_depth_m=40).match(left, right)
     assert (reason[INSIDE] == InvalidReason.NONE).mean() > 0.995
     np.testing.assert_allclose(np.median(found[INSIDE] / 16 - disparity_px[INSIDE]), 0, atol=0.1)
 
@@ -87,7 +86,7 @@ def test_the_check_tolerates_pixels_not_their_sixteenths() -> None:
     shares = []
     for check_px in (1 / 16, 1.0):
         config = StereoConfig(min_depth_m=0.2, check_px=check_px)
-        _, reason = StereoMatcher(SMALL, config, max_depth_m=40).match(left, right)
+        _, reason = StereoMatcher(CAMERA, config, max_depth_m=40).match(left, right)
         shares.append(float((reason[INSIDE] == InvalidReason.AMBIGUOUS).mean()))
     assert shares[0] == pytest.approx(0.15, abs=0.03)
     assert shares[1] < 0.005
