@@ -16,9 +16,7 @@ from sim.sensor import RigConfig
 from sim.stereo import StereoConfig, StereoMatcher, texture
 from sim.types import Capture, InvalidReason
 from tests.helpers import CAMERA, block, captured, wall
-from voxdepth.types import FloatImage, GrayImage, Intrinsics
-
-WIDE = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86, baseline_m=0.095)
+from voxdepth.types import FloatImage, GrayImage
 
 
 def test_texture_of_photon_noise_alone_is_1_13_times_its_deviation() -> None:
