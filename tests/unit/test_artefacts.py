@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from sim.artefacts import Artefacts, NoReturn, Rims, Specks, inner
+from sim.artefacts import Artefacts, NoReturn, Rims, Specks, grown, inner
 from sim.bodies import Body, Surface
 from sim.depth_noise import DepthNoise, NoiseTerm, NoisyDepth, Occlusion
 from sim.render import create_renderer
@@ -205,6 +205,14 @@ def test_specks_of_holes_need_a_hole() -> None:
     Specks(share=0.3, where="holes", size_px=(1, 1), ratio=(0.5, 0.5)).apply(noisy)
     assert (noisy.depth_m[:, :200] == 1).sum() > 20
     assert (noisy.depth_m[:, 200:] == 2).all()
+
+
+@pytest.mark.parametrize("size", [1, 17])
+def test_specks_are_connected_and_have_their_size(size: int) -> None:
+    offsets = grown(np.random.default_rng(3), size) + 50
+    mask = np.zeros((101, 101), np.bool_)
+    mask[tuple(offsets.T)] = True
+    assert components(mask) == [size]
 
 
 def test_dark_surfaces_and_their_share_of_glossy_places_return_nothing() -> None:

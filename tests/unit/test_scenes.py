@@ -14,6 +14,7 @@ from sim.bodies import Body, Box, Cylinder, Heightfield, Scene, SceneSpec
 from sim.errors import SceneError
 from sim.render.meshes import heightfield
 from sim.scenes import CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec, RoomSpec
+from sim.scenes.layout import Layout
 from sim.scenes.plains import ground_height_m
 from sim.scenes.room import slats
 from sim.scenes.vegetation import TreeRanges, blob, bush, tree
@@ -125,6 +126,16 @@ def test_plants_look_irregular_and_keep_their_measures() -> None:
     assert vertices(crown).std(axis=0).min() > 0.2
 
 
+def test_layouts_keep_obstacles_apart_and_say_when_they_are_full() -> None:
+    layout = Layout(np.array([[0.0, 0, 0], [10, 0, 0]]))
+    places = np.array([[5.0, 1.0], [5.0, 4.0]])
+    assert layout.place("first", places, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
+    with pytest.raises(SceneError, match="room for second, found none at 2"):
+        layout.place("second", places, reach_m=1.0, apart_m=1.0)
+    with pytest.raises(SceneError, match="expected room for tree"):
+        ForestSpec(density=60.0, length_m=70, width_m=20).build(0)
+
+
 @given(x=st.floats(-60, 180), y=st.floats(-120, 120))
 def test_ground_height_is_that_of_the_triangles(x: float, y: float) -> None:
     ground = built(PlainsSpec(vegetation=0.0), 1).bodies[0]
@@ -151,8 +162,6 @@ def test_density_adds_trees_that_keep_their_spacing_and_bushes_move_none() -> No
     at = np.array([body.position_m[:2] for body in ForestSpec(spacing_m=3.0).build(1).bodies if "trunk" in body.name])
     apart = np.linalg.norm(at[:, None] - at, axis=2) + 99 * np.eye(len(at))
     assert apart.min() >= 3.0
-    with pytest.raises(SceneError, match="expected room for tree"):
-        ForestSpec(density=60.0, length_m=70, width_m=20).build(0)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])

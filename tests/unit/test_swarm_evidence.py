@@ -35,6 +35,14 @@ def test_the_error_of_the_disparity_shortens_free_space() -> None:
     np.testing.assert_allclose(surface_m * sensor.rays_cam[..., 2], 5.0, rtol=1e-6)
 
 
+@pytest.mark.parametrize(("hole_share", "is_free"), [(0.3, True), (0.84, False), (1.0, False)])
+def test_a_cell_of_holes_proves_nothing(hole_share: float, is_free: bool) -> None:
+    depth_m = flat(6.0)
+    depth_m[np.random.default_rng(0).random(CAMERA.shape) < hole_share] = 0
+    free_m, _ = evidence(depth_m)
+    assert (free_m > 0).mean() == pytest.approx(float(is_free), abs=0.05)
+
+
 @pytest.mark.parametrize("n_holes", [1, 2])
 def test_a_cell_is_free_up_to_where_its_holes_could_hide_something_wide(n_holes: int) -> None:
     """Columns of holes that span an angle are 0.1 m wide at a range of 0.1 m / angle."""
