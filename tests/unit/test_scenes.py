@@ -128,7 +128,7 @@ def test_plants_look_irregular_and_keep_their_measures() -> None:
 
 def test_layouts_keep_obstacles_apart_and_say_when_they_are_full() -> None:
     layout = Layout(np.array([[0.0, 0, 0], [10, 0, 0]]))
-    places = np.array([[5.0, 1.0], [5.0, 4.0]])
+    places = np.array([[5.0, 2.0], [5.0, 4.0]])
     assert layout.place("first", places, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
     with pytest.raises(SceneError, match="room for second, found none at 2"):
         layout.place("second", places, reach_m=1.0, apart_m=1.0)
