@@ -9,7 +9,9 @@ import numpy as np
 
 from sim import frames
 from sim.bodies import Body, Box, Scene, Surface
-from sim.types import Camera
+from sim.render import RendererName, create_renderer
+from sim.sensor import RigConfig, StereoSensor
+from sim.types import BodyPose, Camera, Capture
 from sim.world import World
 from voxdepth.geometry import PointArray
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics
@@ -41,6 +43,24 @@ def world_of(*bodies: Body, starts_m: object = ()) -> Iterator[World]:
     """A world of some bodies, with drones where asked for."""
     with World(Scene(seed=5, bodies=bodies), np.asarray(starts_m, np.float64).reshape(-1, 3)) as world:
         yield world
+
+
+AT_ORIGIN = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
+"""A carrier of cameras that looks along x."""
+
+
+def captured(
+    config: RigConfig,
+    *bodies: Body,
+    seed: int = 0,
+    pose: BodyPose = AT_ORIGIN,
+    renderer: RendererName = "raycast",
+    right: bool = False,
+) -> Capture:
+    """What the cameras of a carrier measure of some bodies."""
+    with world_of(*bodies) as world:
+        sensor = StereoSensor(world, create_renderer(renderer, world, threads=1), config, seed=seed, right=right)
+        return sensor.capture(sensor.render([pose], 0)[0])
 
 
 def camera_at(x: float, y: float, z: float, q_xyzw: object = (0, 0, 0, 1), intrinsics: Intrinsics = CAMERA) -> Camera:

@@ -9,7 +9,7 @@ from tests.baseline_frames import camera, frame, holed, scene, texture
 from voxdepth.baselines.global_smoother import MIN_WEIGHT, SIGMA_GRAY, SMOOTHNESS, STRENGTHS, GlobalSmoother
 from voxdepth.baselines.ip_basic import IpBasic
 from voxdepth.baselines.lmeds import FRAMES, MIN_SAMPLES, LMedS, least_median_of_squares
-from voxdepth.baselines.single_frame import INPAINTING, InpaintingName, Median, OpenCvInpaint
+from voxdepth.baselines.single_frame import INPAINTING, InpaintingName, Median, OpenCvInpaint, Raw
 from voxdepth.errors import ConfigError
 from voxdepth.types import DepthCorrector, Source
 
@@ -19,7 +19,13 @@ def filled(corrector: DepthCorrector, depth_m: np.ndarray, gray: np.ndarray | No
     return corrector.process(frame(depth_m, gray)).depth_m
 
 
-# Median
+# Raw depth, and the median
+
+
+def test_raw_depth_comes_back_as_it_is_in_an_array_of_its_own() -> None:
+    depth_m = scene(0, (30, 40))
+    np.testing.assert_array_equal(filled(Raw(), depth_m), depth_m)
+    assert not np.shares_memory(filled(Raw(), depth_m), depth_m)
 
 
 def test_it_is_the_median_of_the_window_with_holes_as_zeros_and_repeated_borders() -> None:
