@@ -64,7 +64,7 @@ def test_a_drone_can_stop_within_the_range_at_which_its_camera_is_right(name: st
     scenario = load_run(name, 0, {}).scenario
     fastest_m_s = max(scenario.mission.cruise_speed_m_s, scenario.mission.follower_speed_m_s)
     needed_m = sight_needed_m(scenario, fastest_m_s)
-    errors = {d: median_error(scenario, d) for d in np.linspace(1.0, needed_m, 7).round(2).tolist()}
+    errors = {d: median_error(scenario, d) for d in np.linspace(1.0, needed_m, 3).round(2).tolist()}
     assert max(errors.values()) < WRONG, errors
 
 
