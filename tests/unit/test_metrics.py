@@ -16,6 +16,7 @@ seeds = st.integers(0, 10_000)
 TRUTH = np.array([[1.0, 2.0, 4.0, 10.0, np.inf, 0.0, 8.0, 5.0]], np.float32)
 DEPTH = np.array([[1.0, 2.5, 0.0, 8.0, 5.0, 5.0, 8.5, 40.0]], np.float32)
 MASK = np.array([[True, True, True, True, True, True, True, False]])
+NO_DEPTHS = (np.nan, np.inf, -1.0)
 FIGURES = ("mae_m", "rmse_m", "coverage", "too_far_share", "too_near_share")
 
 
@@ -118,22 +119,19 @@ def test_sums_are_taken_in_double_precision() -> None:
     assert Sums.of(depth_m, truth_m, truth_m > 0).abs_error_m == 2.0**15 + (1e6 - 1) * 2.0**-10
 
 
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, -1.0])
-def test_a_pixel_that_is_no_depth_is_refused_rather_than_averaged(wrong: float) -> None:
-    depth_m = DEPTH.copy()
-    depth_m[0, 0] = wrong
-    with pytest.raises(FrameError, match="got 1 judged pixels"):
-        Sums.of(depth_m, TRUTH, MASK)
-
-
-def test_images_of_different_shapes_are_refused_rather_than_spread() -> None:
-    with pytest.raises(FrameError, match=r"depth_m \(1, 8\), truth_m \(3, 8\)"):
-        Sums.of(DEPTH, np.repeat(TRUTH, 3, axis=0), MASK)
-
-
-def test_a_mask_of_numbers_is_refused() -> None:
-    with pytest.raises(FrameError, match="expected a mask of type bool, got uint8"):
-        Sums.of(DEPTH, TRUTH, MASK.astype(np.uint8))
+@pytest.mark.parametrize(
+    ("depth_m", "truth_m", "mask", "told"),
+    [
+        *((np.where(DEPTH == 1, np.float32(wrong), DEPTH), TRUTH, MASK, "got 1 judged pixels") for wrong in NO_DEPTHS),
+        (DEPTH, np.repeat(TRUTH, 3, axis=0), MASK, r"depth_m \(1, 8\), truth_m \(3, 8\)"),
+        (DEPTH, TRUTH, MASK.astype(np.uint8), "expected a mask of type bool, got uint8"),
+    ],
+)
+def test_what_is_no_depth_or_no_mask_or_of_another_shape_is_refused_rather_than_averaged(
+    depth_m: np.ndarray, truth_m: np.ndarray, mask: np.ndarray, told: str
+) -> None:
+    with pytest.raises(FrameError, match=told):
+        Sums.of(depth_m, truth_m, mask)
 
 
 # Right depths, and completion
