@@ -35,10 +35,10 @@ lint: $(INSTALLED) ## check style, types, layers, and that modules import each o
 	$(BIN)/lint-imports
 
 test: setup lint ## run lint and all tests
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist worksteal
 
 fast: setup      ## run the tests that answer within a minute
-	$(BIN)/pytest -n 2 -m "not slow"
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow"
 
 fuzz: setup      ## try EXAMPLES streams of odd frames by SEED, or the usual number
 	VOXDEPTH_FUZZ_EXAMPLES=$(EXAMPLES) VOXDEPTH_FUZZ_SEED=$(SEED) $(BIN)/pytest tests/fuzz
