@@ -36,16 +36,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 @pytest.mark.slow
 def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Path], tmp_path: Path) -> None:
     post, plain = folders
-    command = (
-        "--data",
-        post,
-        "--data",
-        plain,
-        "--methods",
-        "raw,ip-basic",
-        "--frames",
-        "5",
-    )
+    command = ("--data", post, "--data", plain, "--methods", "raw,ip-basic", "--frames", "5")
     done = invoke("evaluate", *command, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     for words in ("the truth", "plain-shadows", "held-out patches", "later frames", "0 of them finished before"):

@@ -11,14 +11,7 @@ from scenarios.errors import ScenarioError
 from scenarios.evaluation import moving_ids
 from scenarios.files import shipped_names
 from scenarios.images import INVALID_REASON_COLORS
-from scenarios.sequences import (
-    GROUPS,
-    SeededSequence,
-    load_sequence,
-    names_of,
-    record,
-    simulation,
-)
+from scenarios.sequences import GROUPS, SeededSequence, load_sequence, names_of, record, simulation
 from sim.errors import SensorError
 from sim.recording import Recording
 from sim.types import Capture

@@ -66,9 +66,7 @@ def test_names_with_a_time_are_in_its_order_at_its_distances_also_with_a_count(c
 
 
 @pytest.mark.parametrize("parts", [(16_667, 50_000), (16_667_000, 50_000_000)])
-def test_parts_of_five_or_eight_digits_are_whole_because_no_decimals_have_as_many(
-    parts: tuple[int, int],
-) -> None:
+def test_parts_of_five_or_eight_digits_are_whole_because_no_decimals_have_as_many(parts: tuple[int, int]) -> None:
     named = in_order([Path(f"1699187734_{part}.png") for part in parts])
     assert [time_ns % 10**9 for time_ns, _ in named.files] == [16_667_000, 50_000_000]
 
