@@ -9,7 +9,6 @@ from swarm.types import Motion, Neighbours, Percept
 from tests.helpers import CAMERA
 from tests.swarm_scenes import AT_ORIGIN, NOBODY, flat, neighbours_of, percept_of
 
-MIRROR = np.array([1.0, -1.0, 1.0])
 STILL = np.zeros(3)
 
 
