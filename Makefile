@@ -2,6 +2,7 @@
 
 PYTHON := $(shell command -v python3.11)
 VENV := .venv
+INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
@@ -13,11 +14,14 @@ help:            ## list the targets
 
 setup: $(READY)  ## create .venv and install everything with pinned versions
 
-$(READY): pyproject.toml constraints.txt
+$(INSTALLED): pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "make: python3.11 not found; install Python 3.11 (PyBullet has no wheels for later versions)" >&2; exit 1; }
 	@echo "installing the pinned packages into $(VENV), 3.5 GB; this takes two to three minutes and prints nothing"
 	"$(PYTHON)" -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[all,dev]'
+	@touch $@
+
+$(READY): $(INSTALLED)
 	@echo "compiling most of the loops over pixels, once; this takes about 25 s"
 	$(BIN)/voxdepth run city --drones 2 --duration 1 --no-record --out $(VENV)/first-run >/dev/null 2>&1
 	@touch $@
@@ -25,21 +29,21 @@ $(READY): pyproject.toml constraints.txt
 demo: setup      ## fly the city scenario by corrected depth
 	$(BIN)/voxdepth run city --seed 2
 
-lint: setup      ## check style, types, layers, and that modules import each other in no circle
+lint: $(INSTALLED) ## check style, types, layers, and that modules import each other in no circle
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: lint       ## run lint and all tests
-	$(BIN)/pytest -n 2
+test: setup lint ## run lint and all tests
+	$(BIN)/pytest -n 2 --dist worksteal
 
 fast: setup      ## run the tests that answer within a minute
-	$(BIN)/pytest -n 2 -m "not slow"
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow"
 
 fuzz: setup      ## try EXAMPLES streams of odd frames by SEED, or the usual number
 	VOXDEPTH_FUZZ_EXAMPLES=$(EXAMPLES) VOXDEPTH_FUZZ_SEED=$(SEED) $(BIN)/pytest tests/fuzz
 
-docs: setup      ## build the documentation site in site/, and check its links
+docs: $(INSTALLED) ## build the documentation site in site/, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/mkdocs build --quiet
 

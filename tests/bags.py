@@ -92,13 +92,16 @@ def in_order(entries: Sequence[Entry]) -> list[Entry]:
     return sorted(entries, key=lambda entry: entry.received_ns)
 
 
-def write_bag(path: Path, ordered: Sequence[Entry], plugin: str = "sqlite3", compression: str = "none") -> Path:
-    """Write messages, in their order, into a bag whose kind is that of the suffix; a folder of ROS 2 without one."""
+def write_bag(path: Path, ordered: Sequence[Entry], compression: str = "none") -> Path:
+    """Write messages, in their order, into a bag of the kind of the suffix; without one into a folder of ROS 2.
+
+    The storage of a folder is the last word of its name: `walk-mcap`, or else SQLite.
+    """
     if path.suffix == ".bag":
         with rosbag1.Writer(path) as writer:
             _write(writer, ordered, ROS1)
         return path
-    storage = {".db3": "sqlite3", ".mcap": "mcap"}.get(path.suffix, plugin)
+    storage = "mcap" if path.name.endswith("mcap") else "sqlite3"
     folder = path.parent / path.stem
     writer = rosbag2.Writer(folder, version=8, storage_plugin=rosbag2.StoragePlugin[storage.upper()])
     if compression != "none":

@@ -6,14 +6,16 @@ from typing import Any
 import numpy as np
 
 from sim.drone import AirframeConfig
-from sim.frames import R_BODY_CAM, pose
+from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
 from sim.types import Capture, DroneState, VelocityCommand
 from swarm.approach import DECEL_M_S2, GAIN_PER_S
-from swarm.pilot import Decision
+from swarm.config import MissionConfig
+from swarm.controllers import Role
+from swarm.pilot import Decision, Situation
 from swarm.types import Motion, Neighbours, Percept
 from tests.helpers import CAMERA
 from voxdepth.baselines.single_frame import Raw
-from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame, Intrinsics, Source
 
 
 def neighbours_of(motions: Mapping[int, Motion]) -> Neighbours:
@@ -36,14 +38,27 @@ HOVERS = Decision(command=VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=0.0)
 Vector = tuple[float, float, float]
 
 
-def state(x: float, y: float, z: float, velocity_m_s: Any = (0.0, 0.0, 0.0)) -> DroneState:
-    """A drone that looks along x."""
+def state(x: float, y: float, z: float, velocity_m_s: Any = (0.0, 0.0, 0.0), yaw_rad: float = 0.0) -> DroneState:
+    """A level drone, by default one that looks along x."""
     return DroneState(
         position_m=np.array([x, y, z], np.float64),
         velocity_m_s=np.array(velocity_m_s, np.float64),
-        q_world_body_xyzw=np.array([0.0, 0, 0, 1]),
+        q_world_body_xyzw=quaternion_from_yaw(yaw_rad),
         rates_rad_s=np.zeros(3),
     )
+
+
+def role_of(drone: int, config: MissionConfig, camera: Intrinsics = CAMERA) -> Role:
+    """The role of a drone in a mission of a single swarm."""
+    (team,) = config.teams()
+    return Role(drone=drone, team=team, airframe=AIRFRAME, camera=camera)
+
+
+def situation_of(own: DroneState, leader_m: Any = (0.0, 0.0, 0.0), **known: Any) -> Situation:
+    """What a drone knows of which the leader stands still and nobody else is around."""
+    leader = Motion(np.array(leader_m, np.float64), np.zeros(3))
+    fields: dict[str, Any] = {"time_s": 0.0, "percept": None, "mates": NOBODY, "neighbours": NOBODY}
+    return Situation(own=own, leader=leader, **fields | known)
 
 
 def near(*others: tuple[Vector, Vector]) -> Neighbours:
@@ -60,6 +75,13 @@ def turn(yaw_rad: float) -> FloatArray:
 def flat(depth_m: float) -> FloatImage:
     """The same depth everywhere."""
     return np.full(CAMERA.shape, depth_m, np.float32)
+
+
+def measured(depth_m: FloatImage, confidence: FloatImage | float = 1.0) -> CorrectedDepth:
+    """Depth that a sensor measured, with a confidence where there is some."""
+    confidence = np.where(depth_m > 0, np.float32(1) * confidence, np.float32(0)).astype(np.float32)
+    source = np.where(depth_m > 0, Source.SENSOR, Source.INVALID).astype(np.uint8)
+    return CorrectedDepth(depth_m=depth_m, source=source, confidence=confidence)
 
 
 def corrected(depth_m: FloatImage) -> CorrectedDepth:

@@ -18,7 +18,7 @@ from voxdepth.errors import VoxDepthError
 from voxdepth.registry import create_corrector, installed_names
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
-EXAMPLES = int(os.environ.get("VOXDEPTH_FUZZ_EXAMPLES") or 1500)
+EXAMPLES = int(os.environ.get("VOXDEPTH_FUZZ_EXAMPLES") or 750)
 SEED = int(os.environ.get("VOXDEPTH_FUZZ_SEED") or 0)
 REFUSED = (VoxDepthError, TypeError, ValueError)
 

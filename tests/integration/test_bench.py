@@ -2,22 +2,16 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
+from tests.commands import invoke
 from tests.integration.test_cli import voxdepth
 from voxdepth.tools import benchmark
 from voxdepth.tools.benchmark import FRAME, camera_of, measure, played, walk
-from voxdepth.tools.cli import create_app
 from voxdepth.tools.errors import ToolError
 
 STEPS = ["measure", "track", "warp", "fuse", "fill", "remember", "smooth", "confidence", "upsample", FRAME]
 """Of the default corrector."""
 MACHINE = ("machine: ", "GPU: ", "numpy ", "opencv-python-headless ", "voxdepth ")
-
-
-def bench(*arguments: str) -> Result:
-    """The command, in this process."""
-    return CliRunner(env={"COLUMNS": "120"}).invoke(create_app(), ["bench", *arguments])
 
 
 def test_images_are_played_back_and_forth() -> None:
@@ -39,20 +33,14 @@ def test_every_step_of_the_default_corrector_is_timed_in_every_frame() -> None:
 
 
 @pytest.mark.slow
-def test_a_run_prints_the_machine_and_tables(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_prints_the_machine_and_tables_and_is_silent_besides(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(benchmark, "N_FRAMES", 20)
-    done = bench("--size", "160x120")
-    assert done.exit_code == 0, done.exception
-    assert [words for words in (*MACHINE, *STEPS, "voxdepth", "p50", "p95", "ratio") if words not in done.output] == []
-
-
-@pytest.mark.slow
-def test_the_command_is_silent_besides() -> None:
     done = voxdepth("bench", "--size", "160x120")
     assert done.returncode == 0, done.stderr
+    words = (*MACHINE, *STEPS, "160x120, one core", "voxdepth", "p50", "p95", "ratio")
+    assert [word for word in words if word not in done.stdout] == []
     lines = [line for line in done.stderr.splitlines() if not line.startswith("Warp CUDA warning")]
     assert lines == [], "Warp alone says where it finds no GPU"
-    assert "160x120, one core" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -66,6 +54,6 @@ def test_a_bad_size_is_refused_before_anything_is_measured(
     size: str, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(benchmark, "measure", lambda *_: pytest.fail("it went on"))
-    done = bench("--size", size)
+    done = invoke("bench", "--size", size)
     assert isinstance(done.exception, ToolError)
     assert message in str(done.exception)

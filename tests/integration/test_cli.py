@@ -222,7 +222,7 @@ def test_a_signal_ends_the_run_and_closes_the_recording(sent: signal.Signals, tm
     deadline = time.monotonic() + 60
     while not list(tmp_path.glob("*/run.part.rrd")) and time.monotonic() < deadline:
         time.sleep(0.1)
-    time.sleep(2)
+    time.sleep(0.5)
     process.send_signal(sent)
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors

@@ -13,20 +13,21 @@ import cv2
 import numpy as np
 import pytest
 import rerun as rr
-from typer.testing import CliRunner, Result
 
 from sim.testing import noisy_sequence
 from sim.types import Capture
+from tests.commands import invoke
 from tests.helpers import promised_entities
 from tests.integration.test_cli import ENVIRONMENT
+from tests.sequences import toml_of, write_images
 from tests.unit.test_correction import contents
+from voxdepth.datasets import open_dataset
 from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import create_corrector
 from voxdepth.temporal.config import TemporalConfig
-from voxdepth.tools.cli import create_app, explained
+from voxdepth.tools.cli import explained
 from voxdepth.tools.errors import ToolError
-from voxdepth.types import Frame
 
 N_FRAMES = 16
 SHORT_EPOCHS = "window_frames = 4\nmax_epoch_frames = 5\nfusion_lag_frames = 2\n"
@@ -34,19 +35,15 @@ SHORT_EPOCHS = "window_frames = 4\nmax_epoch_frames = 5\nfusion_lag_frames = 2\n
 
 def write_tum(folder: Path, captures: list[Capture]) -> None:
     """A folder in the format of TUM RGB-D, whose depth is in 1/5000 m."""
-    lists: dict[str, list[str]] = {"rgb": [], "depth": []}
+    lists = {"rgb": "", "depth": ""}
     for index, capture in enumerate(captures):
         images = {"rgb": capture.gray_left, "depth": np.minimum(capture.depth_raw_m * 5000, 65535).astype(np.uint16)}
-        for kind, image in images.items():
-            (folder / kind).mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(folder / kind / f"{index:03d}.png"), image)
-            lists[kind].append(f"{100 + index / 30:.6f} {kind}/{index:03d}.png\n")
+        write_images(folder, {f"{kind}/{index:03d}.png": image for kind, image in images.items()})
+        for kind in lists:
+            lists[kind] += f"{100 + index / 30:.6f} {kind}/{index:03d}.png\n"
     for kind, lines in lists.items():
-        (folder / f"{kind}.txt").write_text("".join(lines))
-    camera = {key: value for key, value in vars(captures[0].intrinsics).items() if value is not None} | {
-        "units_per_m": 5000
-    }
-    (folder / "calibration.toml").write_text("".join(f"{key} = {value}\n" for key, value in camera.items()))
+        (folder / f"{kind}.txt").write_text(lines)
+    (folder / "calibration.toml").write_text(f"{toml_of(captures[0].intrinsics)}units_per_m = 5000\n")
 
 
 @pytest.fixture(scope="module")
@@ -67,17 +64,12 @@ def sequence(captures: list[Capture], tmp_path_factory: pytest.TempPathFactory) 
 def whole(sequence: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What an uninterrupted run makes of it. Read only."""
     out = tmp_path_factory.mktemp("whole") / "out"
-    assert correct(sequence, "--out", out, *short(sequence)).exit_code == 0
+    assert invoke("correct", sequence, "--out", out, *short(sequence)).exit_code == 0
     return out
 
 
 def short(sequence: Path) -> tuple[str | Path, ...]:
     return "--corrector", "voxdepth", "--config", sequence.parent / "short.toml"
-
-
-def correct(*arguments: str | Path) -> Result:
-    """The command, in this process."""
-    return CliRunner(env={"COLUMNS": "120"}).invoke(create_app(), ["correct", *map(str, arguments)])
 
 
 def rows(path: Path, entity: str) -> int:
@@ -88,16 +80,13 @@ def rows(path: Path, entity: str) -> int:
 def test_the_images_are_those_of_the_corrector_alone(
     options: list[str], name: str, sequence: Path, captures: list[Capture], tmp_path: Path
 ) -> None:
-    done = correct(sequence, "--out", tmp_path / "out", *options)
+    done = invoke("correct", sequence, "--out", tmp_path / "out", *options)
     assert done.exit_code == 0, done.output
     alone = create_corrector(name, captures[0].intrinsics)
-    for index, capture in enumerate(captures):
+    dataset = open_dataset(sequence)
+    for index in range(N_FRAMES):
         depth_mm = cv2.imread(str(tmp_path / "out" / "depth" / f"{index:03d}.png"), cv2.IMREAD_UNCHANGED)
-        stored = cv2.imread(str(sequence / "depth" / f"{index:03d}.png"), cv2.IMREAD_UNCHANGED)
-        frame = Frame.from_millimetres(
-            stamp_s=100 + index / 30, gray=capture.gray_left, depth_mm=stored, units_per_m=5000
-        )
-        expected_m = alone.process(frame).depth_m
+        expected_m = alone.process(dataset[index]).depth_m
         np.testing.assert_allclose(depth_mm / 1000, expected_m, atol=0.00051)
         np.testing.assert_array_equal(depth_mm > 0, expected_m > 0)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
@@ -106,7 +95,7 @@ def test_the_images_are_those_of_the_corrector_alone(
 
 
 def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path, tmp_path: Path) -> None:
-    done = correct(sequence, "--out", tmp_path / "out", *short(sequence), "--frames", "12")
+    done = invoke("correct", sequence, "--out", tmp_path / "out", *short(sequence), "--frames", "12")
     for words in ("walk, tum: 12 frames, corrector VoxDepth", "pixels with depth", "% corrected", "epoch end",
                   "median", "frames per second", f"report.json are in {tmp_path / 'out'}"):  # fmt: skip
         assert words in done.output, words
@@ -126,7 +115,8 @@ def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
 def test_a_run_that_is_stopped_leaves_no_result(sent: signal.Signals, captures: list[Capture], tmp_path: Path) -> None:
     write_tum(tmp_path / "short", captures)
-    assert correct(tmp_path / "short", "--out", tmp_path / "compiled").exit_code == 0  # So that the next says nothing.
+    compiled = invoke("correct", tmp_path / "short", "--out", tmp_path / "compiled")  # So that the next says nothing.
+    assert compiled.exit_code == 0
     write_tum(tmp_path / "walk", captures * 6)
     command = [tmp_path / "walk", "--out", tmp_path / "made" / "out", "--record", tmp_path / "made" / "out.rrd"]
     program = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", "correct", *map(str, command)]
@@ -142,7 +132,7 @@ def test_a_run_that_is_stopped_leaves_no_result(sent: signal.Signals, captures: 
     assert not (tmp_path / "made" / "out.rrd").exists()
     if sent == signal.SIGINT:
         assert not (tmp_path / "made").exists()
-    assert correct(*command).exit_code == 0
+    assert invoke("correct", *command).exit_code == 0
     assert rows(tmp_path / "made" / "out.rrd", "/depth/corrected") == 6 * N_FRAMES
 
 
@@ -150,9 +140,11 @@ def test_a_rerun_recording_holds_every_frame_and_the_ends_of_epochs(
     whole: Path, sequence: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "made" / "out.rrd"
+    path.parent.mkdir()
+    path.write_bytes(b"of another run")
     rr.set_strict_mode(True)
     try:
-        done = correct(sequence, "--out", tmp_path / "out", *short(sequence), "--record", path)
+        done = invoke("correct", sequence, "--out", tmp_path / "out", *short(sequence), "--record", path)
     finally:
         rr.set_strict_mode(False)
     assert done.exit_code == 0, done.output
@@ -166,18 +158,10 @@ def test_a_rerun_recording_holds_every_frame_and_the_ends_of_epochs(
     assert contents(tmp_path / "out") == contents(whole)
 
 
-def test_a_recording_replaces_an_earlier_one(sequence: Path, tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
-    path.write_bytes(b"of another run")
-    options = [*short(sequence), "--frames", "4", "--record", path]
-    assert correct(sequence, "--out", tmp_path / "out", *options).exit_code == 0
-    assert rows(path, "/depth/corrected") == 4
-
-
 def test_a_frame_that_cannot_be_read_leaves_neither_a_result_nor_a_recording(sequence: Path, tmp_path: Path) -> None:
     shutil.copytree(sequence, tmp_path / "walk")
     (tmp_path / "walk" / "rgb" / "004.png").write_bytes(b"")
-    done = correct(tmp_path / "walk", "--out", tmp_path / "out", "--record", tmp_path / "out.rrd")
+    done = invoke("correct", tmp_path / "walk", "--out", tmp_path / "out", "--record", tmp_path / "out.rrd")
     assert isinstance(done.exception, DatasetError)
     assert [path.name for path in tmp_path.iterdir()] == ["walk"]
 
@@ -194,7 +178,7 @@ def test_a_missing_extra_is_named_before_anything_else_is_done(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, package, None)  # type: ignore[arg-type]  # Python's own mark of a missing package.
-    done = correct("nowhere", *options)
+    done = invoke("correct", "nowhere", *options)
     assert explained(done.exception) == f"this needs the package {extra}"
     assert not list(tmp_path.iterdir())
 
@@ -206,9 +190,6 @@ MINE = ["--corrector", "voxdepth", "--config", "mine.toml"]
     ("options", "text", "message"),
     [
         (["--frames", "17"], "", f"has {N_FRAMES} frames, 17 were asked for"),
-        (["--corrector", "magic"], "", "there is no corrector 'magic'"),
-        (["--corrector", "raw", "--config", "mine.toml"], "", "the corrector 'raw' takes no configuration"),
-        (["--corrector", "temporal[fill]"], "", "with a setting as in temporal[fill=all], got 'temporal[fill]'"),
         (["--corrector", "voxdepth[window_frames=9]", "--config", "mine.toml"], "", "write it to mine.toml"),
         (["--record", "out.mp4"], "", "--record must name an .rrd file, got out.mp4"),
         (["--config", "mine.toml"], SHORT_EPOCHS, "3 problems: unknown key 'window_frames'; "),
@@ -218,7 +199,6 @@ MINE = ["--corrector", "voxdepth", "--config", "mine.toml"]
             "configures the corrector 'voxdepth': ask for that",
         ),
         (MINE, "[voxels]\nsize_mm = 3", "voxels.size_mm"),
-        (MINE, "window_frames = 'ten'", "window_frames: "),
         (MINE, "median_size_px = 4", "median_size_px: expected 1, 3 or 5, got 4"),
         (MINE, "= 3", "mine.toml is not valid TOML"),
     ],
@@ -228,7 +208,7 @@ def test_bad_options_and_configurations_say_what_is_wrong_in_one_line_and_write_
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(text)
-    done = correct(sequence, "--out", "out", *options)
+    done = invoke("correct", sequence, "--out", "out", *options)
     assert isinstance(done.exception, (ToolError, ConfigError, DatasetError))
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
@@ -241,7 +221,7 @@ def test_nothing_is_ever_written_among_the_input(
     option: str, ending: str, name: str, sequence: Path, tmp_path: Path
 ) -> None:
     before, place = sorted(sequence.rglob("*")), sequence / name / ending
-    done = correct(sequence, "--out", tmp_path / "out", option, place)
+    done = invoke("correct", sequence, "--out", tmp_path / "out", option, place)
     assert isinstance(done.exception, ToolError)
     assert f"{option} {place} lies in the input" in str(done.exception)
     assert sorted(sequence.rglob("*")) == before
@@ -252,17 +232,25 @@ def test_nothing_is_ever_written_among_the_input(
 def test_the_command_config_prints_the_configuration_and_correct_takes_it(
     arguments: list[str], sequence: Path, tmp_path: Path
 ) -> None:
-    printed = CliRunner().invoke(create_app(), ["config", *arguments])
+    printed = invoke("config", *arguments)
     assert printed.exit_code == 0
     own = VoxDepthConfig() if arguments == ["voxdepth"] else TemporalConfig()
     assert type(own).model_validate(tomllib.loads(printed.stdout)) == own
     options = ["--corrector", *arguments] if arguments else []
     file = tmp_path / "all.toml"
     file.write_text(printed.stdout)
-    for out, more in (("a", ["--config", str(file)]), ("b", []), ("c", ["--config", str(tmp_path / "a/config.toml")])):
-        done = CliRunner().invoke(
-            create_app(), ["correct", str(sequence), "--out", str(tmp_path / out), *options, *more]
-        )
+    for out, more in (("a", ["--config", file]), ("b", []), ("c", ["--config", tmp_path / "a" / "config.toml"])):
+        done = invoke("correct", sequence, "--out", tmp_path / out, *options, *more)
         assert done.exit_code == 0, done.output
     assert contents(tmp_path / "a") == contents(tmp_path / "b") == contents(tmp_path / "c")
-    assert CliRunner().invoke(create_app(), ["config", "raw"]).exit_code != 0
+    assert invoke("config", "raw").exit_code != 0
+
+
+def test_a_corrector_beside_me_is_found_by_the_installed_command(sequence: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "import voxdepth\n\n\ndef make(intrinsics):\n    return voxdepth.create_corrector('raw', intrinsics)\n"
+    )
+    command = [Path(sys.executable).with_name("voxdepth"), "correct", sequence, "--corrector", "mine:make"]
+    done = subprocess.run([*command, "--out", "out"], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["frames"] == N_FRAMES

@@ -5,19 +5,18 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
-from typer.testing import CliRunner, Result
 
 from sim.testing import noisy_sequence
 from tests.bags import S, camera_info, image, images, write_bag
+from tests.commands import invoke
+from tests.sequences import toml_of, write_images
 from voxdepth.datasets import open_dataset
 from voxdepth.errors import DatasetError
 from voxdepth.registry import create_corrector
 from voxdepth.ros import depth_of, gray_of, header_of
-from voxdepth.tools.cli import create_app
 from voxdepth.tools.errors import ToolError
 from voxdepth.types import Intrinsics
 
@@ -34,16 +33,13 @@ def entries() -> dict[str, list]:
     headers = [(stamp, "left_optical") for stamp in STAMPS_NS]
     mm = [np.minimum(capture.depth_raw_m * 1000, 65535).astype(np.uint16) for capture in captures]
     camera = captures[0].intrinsics
-    pairs = list(zip(captures, headers, strict=True))
+    infos = [[camera_info(camera, h, baseline_m=baseline) for h in headers] for baseline in (0, camera.baseline_m or 0)]
+    gray = [image(capture.gray_left, "mono8", h) for capture, h in zip(captures, headers, strict=True)]
     return {
         "depth": images("/cam/depth", [image(d, "16UC1", h) for d, h in zip(mm, headers, strict=True)]),
-        "gray": images("/cam/image", [image(capture.gray_left, "mono8", h) for capture, h in pairs]),
-        "info": images("/cam/camera_info", [camera_info(camera, h) for h in headers], "CameraInfo"),
-        "right": images(
-            "/right/camera_info",
-            [camera_info(camera, h, baseline_m=camera.baseline_m or 0) for h in headers],
-            "CameraInfo",
-        ),
+        "gray": images("/cam/image", gray),
+        "info": images("/cam/camera_info", infos[0], "CameraInfo"),
+        "right": images("/right/camera_info", infos[1], "CameraInfo"),
     }
 
 
@@ -53,10 +49,6 @@ def bag(entries: dict[str, list], tmp_path_factory: pytest.TempPathFactory) -> P
     return write_bag(tmp_path_factory.mktemp("bag") / "walk.bag", [*chain(*entries.values())])
 
 
-def run(*arguments: str | Path) -> Result:
-    return CliRunner(env={"COLUMNS": "120"}).invoke(create_app(), [str(argument) for argument in arguments])
-
-
 def messages(path: Path) -> Iterator[tuple[str, int, Any]]:
     with AnyReader([path]) as reader:
         for connection, received_ns, data in reader.messages():
@@ -64,7 +56,7 @@ def messages(path: Path) -> Iterator[tuple[str, int, Any]]:
 
 
 def test_a_bag_has_the_correction_of_every_frame_with_its_own_header(bag: Path, tmp_path: Path) -> None:
-    done = run("correct", bag, "--out", tmp_path / "out.mcap")
+    done = invoke("correct", bag, "--out", tmp_path / "out.mcap")
     assert done.exit_code == 0, done.output
     assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"]
     dataset = open_dataset(bag)
@@ -90,62 +82,46 @@ def test_a_bag_has_the_correction_of_every_frame_with_its_own_header(bag: Path, 
 def test_a_folder_is_not_taken_for_a_file(bag: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
     out.mkdir()
-    assert "out.mcap names a file, but is a folder" in str(run("correct", bag, "--out", out).exception)
+    assert "out.mcap names a file, but is a folder" in str(invoke("correct", bag, "--out", out).exception)
 
 
 def test_times_that_ros_does_not_have_are_refused_before_anything_is_written(tmp_path: Path) -> None:
-    folder, pixels = tmp_path / "walk", np.full((48, 64), 900)
-    for kind, made in (("rgb", (pixels // 10).astype(np.uint8)), ("depth", pixels.astype(np.uint16))):
-        (folder / kind).mkdir(parents=True)
-        cv2.imwrite(str(folder / kind / "0.png"), made)
+    folder, lens = tmp_path / "walk", Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.05)
+    for kind, pixels in (("rgb", np.full(lens.shape, 90, np.uint8)), ("depth", np.full(lens.shape, 900, np.uint16))):
+        write_images(folder, {f"{kind}/0.png": pixels})
         (folder / f"{kind}.txt").write_text(f"-0.001 {kind}/0.png\n")
-    lens = "fx_px = 60.0\nfy_px = 60.0\ncx_px = 31.5\ncy_px = 23.5\nwidth_px = 64\nheight_px = 48\n"
-    (folder / "calibration.toml").write_text(f"{lens}baseline_m = 0.05\nunits_per_m = 1000\n")
-    done = run("correct", folder, "--out", tmp_path / "out.mcap")
+    (folder / "calibration.toml").write_text(f"{toml_of(lens)}units_per_m = 1000\n")
+    done = invoke("correct", folder, "--out", tmp_path / "out.mcap")
     assert isinstance(done.exception, ToolError)
     assert "expected times of 0 to 2147483648 s for a bag of ROS 2, got -0.001 s of frame 0" in str(done.exception)
     assert [path.name for path in tmp_path.iterdir()] == ["walk"]
 
 
 def test_the_largest_difference_of_a_pair_is_an_option(bag: Path, tmp_path: Path) -> None:
-    assert run("correct", bag, "--out", tmp_path / "out", "--frames", "1", "--within", "0").exit_code == 0
-    assert run("correct", bag, "--out", tmp_path / "none", "--within", "-1").exit_code == 2
+    assert invoke("correct", bag, "--out", tmp_path / "out", "--frames", "1", "--within", "0").exit_code == 0
+    assert invoke("correct", bag, "--out", tmp_path / "none", "--within", "-1").exit_code == 2
 
 
 def test_another_format_becomes_a_bag_with_its_times(bag: Path, tmp_path: Path) -> None:
-    for kind in ("depth", "ir"):
-        (tmp_path / "export" / kind).mkdir(parents=True)
     dataset = open_dataset(bag)
     for index in range(2):
         frame, name = dataset[index], f"{STAMPS_NS[index] // 1000}.png"
-        cv2.imwrite(str(tmp_path / "export" / "depth" / name), (frame.depth_m * 1000).astype(np.uint16))
-        cv2.imwrite(str(tmp_path / "export" / "ir" / name), frame.gray)
-    lens = {key: value for key, value in vars(dataset.intrinsics).items() if value is not None}
-    (tmp_path / "export" / "calibration.toml").write_text("".join(f"{key} = {lens[key]}\n" for key in lens))
-    assert run("correct", tmp_path / "export", "--out", tmp_path / "out.mcap").exit_code == 0
+        depth_mm = (frame.depth_m * 1000).astype(np.uint16)
+        write_images(tmp_path / "export", {f"depth/{name}": depth_mm, f"ir/{name}": frame.gray})
+    (tmp_path / "export" / "calibration.toml").write_text(toml_of(dataset.intrinsics))
+    assert invoke("correct", tmp_path / "export", "--out", tmp_path / "out.mcap").exit_code == 0
     headers = {header_of(message) for _, _, message in messages(tmp_path / "out.mcap")}
     assert {header.frame_id for header in headers} == {"camera"}
     for stamp_ns, header in zip(STAMPS_NS, sorted(headers), strict=False):
         assert abs(header.stamp_ns - stamp_ns) < 2000  # The names have microseconds.
 
 
-@pytest.mark.parametrize(
-    ("topics", "message"),
-    [
-        (("gray", "info"), "expected images of depth"),
-        (("depth", "second", "gray", "info"), "64FC1): /cam/depth (16UC1), /two (16UC1); choose one"),
-    ],
-)  # fmt: skip
-def test_a_bag_that_cannot_be_corrected_gives_one_line_and_no_file(
-    topics: tuple[str, ...], message: str, entries: dict[str, list], tmp_path: Path
-) -> None:
-    second = {"second": [entry._replace(topic="/two") for entry in entries["depth"]]}
-    made = [*chain(*((entries | second)[name] for name in topics))]
-    path = write_bag(tmp_path / "walk.mcap", made)
+def test_a_bag_that_cannot_be_corrected_gives_one_line_and_no_file(entries: dict[str, list], tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "walk.mcap", entries["gray"] + entries["info"])
     for out in ("out.mcap", "out"):
-        done = run("correct", path, "--out", tmp_path / out)
+        done = invoke("correct", path, "--out", tmp_path / out)
         assert isinstance(done.exception, DatasetError)
-        assert message in str(done.exception)
+        assert "expected images of depth" in str(done.exception)
         assert "\n" not in str(done.exception)
         assert [file.name for file in tmp_path.iterdir()] == ["walk.mcap"]
 
@@ -158,10 +134,10 @@ def test_a_bag_that_is_interrupted_or_exists_leaves_nothing_and_replaces_nothing
 
     with monkeypatch.context() as patch:
         patch.setattr("voxdepth.tools.output.confidence_fields", stop)
-        assert run("correct", bag, "--out", tmp_path / "out.mcap").exit_code != 0
+        assert invoke("correct", bag, "--out", tmp_path / "out.mcap").exit_code != 0
     assert not list(tmp_path.iterdir())
     (tmp_path / "out.mcap").write_text("mine")
-    assert isinstance(run("correct", bag, "--out", tmp_path / "out.mcap").exception, ToolError)
+    assert isinstance(invoke("correct", bag, "--out", tmp_path / "out.mcap").exception, ToolError)
     assert (tmp_path / "out.mcap").read_text() == "mine"
 
 
@@ -170,10 +146,10 @@ def test_a_bag_is_evaluated_like_any_other_recording(entries: dict[str, list], b
     second = [entry._replace(topic="/two") for entry in entries["depth"]]
     path = write_bag(tmp_path / "walk.mcap", [*chain(*entries.values()), *second])
     command = ("evaluate", "--methods", "raw", "--frames", "2", "--out", tmp_path / "results", "--data", path)
-    done = run(*command, "--depth-topic", "/two")
+    done = invoke(*command, "--depth-topic", "/two")
     assert done.exit_code == 0, done.output
     table = (tmp_path / "results" / "results.csv").read_text()
     assert "walk.mcap-shadows" in table
     assert ",close," in table
-    failed = run(*command)
+    failed = invoke(*command)
     assert "choose one with --depth-topic" in " ".join(failed.output.split()) + str(failed.exception)

@@ -6,21 +6,15 @@ import shutil
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
 from scenarios.files import shipped_names
 from scenarios.sequences import GROUPS
+from tests.commands import invoke
 from tests.evaluation_clips import write_recording
 from voxdepth.datasets import open_dataset
-from voxdepth.tools.cli import create_app
 from voxdepth.tools.evaluate import _planned
 from voxdepth.tools.evaluation import suite
 from voxdepth.tools.evaluation.recordings import HELD_OUT
-
-
-def evaluate(*arguments: str | Path) -> Result:
-    """The command, in this process."""
-    return CliRunner(env={"COLUMNS": "120"}).invoke(create_app(), ["evaluate", *map(str, arguments)])
 
 
 def values(out: Path) -> dict[tuple[str, ...], str]:
@@ -42,17 +36,8 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 @pytest.mark.slow
 def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Path], tmp_path: Path) -> None:
     post, plain = folders
-    command = (
-        "--data",
-        post,
-        "--data",
-        plain,
-        "--methods",
-        "raw,ip-basic",
-        "--frames",
-        "5",
-    )
-    done = evaluate(*command, "--out", tmp_path / "out")
+    command = ("--data", post, "--data", plain, "--methods", "raw,ip-basic", "--frames", "5")
+    done = invoke("evaluate", *command, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     for words in ("the truth", "plain-shadows", "held-out patches", "later frames", "0 of them finished before"):
         assert words in done.output, words
@@ -63,7 +48,7 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     assert result["key"]["frames"] == 5
     assert set(result["key"]["versions"]) >= {"voxdepth", "numpy"}
     before = values(tmp_path / "out")
-    again = evaluate(*command, "--out", tmp_path / "out")
+    again = invoke("evaluate", *command, "--out", tmp_path / "out")
     assert "10 results, 10 of them finished before" in again.output, again.output
     assert values(tmp_path / "out") == before
 
@@ -75,7 +60,9 @@ def test_a_baseline_that_is_assumed_is_told_once_although_every_kind_opens_the_r
     calibration = tmp_path / "walk" / "calibration.toml"
     kept = [line for line in calibration.read_text().splitlines(keepends=True) if "baseline_m" not in line]
     calibration.write_text("".join(kept))
-    done = evaluate("--data", tmp_path / "walk", "--methods", "raw", "--frames", "3", "--out", tmp_path / "out")
+    done = invoke(
+        "evaluate", "--data", tmp_path / "walk", "--methods", "raw", "--frames", "3", "--out", tmp_path / "out"
+    )
     assert done.exit_code == 0, done.output
     assert "walk-patches" in done.stdout
     assert done.stderr.count("states no baseline of its camera, 0.05 m is assumed: state it in metres by ") == 1
@@ -94,12 +81,12 @@ def test_an_interrupted_evaluation_goes_on(
         return really(method, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(suite, "run", interrupted)
-    stopped = evaluate(*command)
+    stopped = invoke("evaluate", *command)
     assert stopped.exit_code != 0
     assert "the same command goes on" in stopped.output
     assert {path.name for path in tmp_path.iterdir()} == {"results", "write.lock"}
     monkeypatch.setattr(suite, "run", really)
-    assert "2 results, 1 of them finished before" in evaluate(*command).output
+    assert "2 results, 1 of them finished before" in invoke("evaluate", *command).output
 
 
 @pytest.mark.parametrize(

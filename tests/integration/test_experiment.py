@@ -6,26 +6,20 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner, Result
 
 from scenarios.experiments.runner import find_experiment
+from tests.commands import invoke
 from voxdepth.networks import has_runtime
-from voxdepth.tools.cli import create_app
 
 SEQUENCE, WIDTH_PX, FRAMES = "sim-MB", 160, 31
 DEEP_SMOOTH = ["DS"] if has_runtime() else []
 """The method that needs the extra `learned`."""
 
 
-def experiment(*arguments: str | Path) -> Result:
-    """The command, in this process."""
-    return CliRunner(env={"COLUMNS": "200"}).invoke(create_app(), ["experiment", *map(str, arguments)])
-
-
 @pytest.mark.slow
 def test_quality_is_told_beside_the_paper_s_and_recordings_are_kept(tmp_path: Path) -> None:
     options = ("--sequences", f"{SEQUENCE}, {SEQUENCE}", "--width", WIDTH_PX, "--frames", FRAMES, "--out", tmp_path)
-    done = experiment("quality", *options)
+    done = invoke("experiment", "quality", *options)
     assert done.exit_code == 0, done.output
     assert "paper: of VD, RS and GS, VD has the highest PSNR in 1 of 1" in done.output
     (recording,) = (tmp_path / "recordings").iterdir()
@@ -38,7 +32,7 @@ def test_quality_is_told_beside_the_paper_s_and_recordings_are_kept(tmp_path: Pa
     assert table["n"][0] > table["n"][1] > 0, "all pixels, and occluded pixels"
     assert table[["VD", "VD-code", "RS", "GS", *DEEP_SMOOTH]].notna().all(axis=None)
     made = recording.stat().st_mtime_ns
-    assert experiment("quality", *options).exit_code == 0
+    assert invoke("experiment", "quality", *options).exit_code == 0
     assert recording.stat().st_mtime_ns == made
 
 

@@ -97,13 +97,6 @@ def test_two_that_see_nothing_of_each_other_meet_without_a_radio() -> None:
     assert outcomes == [Outcome.COLLISION, Outcome.SUCCESS]
 
 
-def test_the_controller_of_somebody_else_flies_by_its_name() -> None:
-    with mission_among(config=config(route(0, 0, 3, 0), controller="examples.straight_controller:create")) as mission:
-        result = mission.run()
-    assert result.outcome is Outcome.SUCCESS
-    assert fly_at_a_wall(controller="examples.straight_controller:create").outcome is Outcome.COLLISION
-
-
 class Dividing(Straight):
     """Flies straight for a second, and then divides by a speed of 0."""
 

@@ -1,22 +1,16 @@
 """`voxdepth new` writes files that fly as they are."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from scenarios.config import load_run
 from scenarios.flight import fly
 from scenarios.study.design import expand, load_study
-from voxdepth.tools.cli import create_app
+from tests.commands import invoke
 from voxdepth.tools.errors import ToolError
 
 SHORT = {"mission.duration_s": 0.6, "mission.drones": 2, "rig.width_px": 64, "rig.height_px": 36}
-
-
-def new(kind: str, name: str) -> Any:
-    return CliRunner().invoke(create_app(), ["new", kind, name], catch_exceptions=True)
 
 
 @pytest.mark.parametrize("kind", ["scenario", "study", "controller", "corrector"])
@@ -24,7 +18,7 @@ def test_what_is_written_flies(kind: str, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     name = f"my_own_{kind}"
-    done = new(kind, name)
+    done = invoke("new", kind, name)
     assert done.stdout.startswith(f"written to {name}."), done.exception
     (path,) = tmp_path.iterdir()
     assert "NAME" not in path.read_text()
@@ -35,7 +29,7 @@ def test_what_is_written_flies(kind: str, tmp_path: Path, monkeypatch: pytest.Mo
         (run, *_) = [spec.run for spec in expand(load_study(path.name).model_copy(update={"changes": SHORT}))]
     else:
         own = {"controller": {"mission.controller": f"{name}:create"}, "corrector": {"corrector": f"{name}:Corrector"}}
-        assert new("scenario", "world").exit_code == 0
+        assert invoke("new", "scenario", "world").exit_code == 0
         world = path.name if kind == "scenario" else "world.toml"
         run = load_run(world, 0, {**SHORT, **own.get(kind, {})})
     finished = fly(run, threads=1)
@@ -58,7 +52,7 @@ def test_a_name_that_cannot_be_is_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there.toml").write_text("mine")
-    done = new(kind, name)
+    done = invoke("new", kind, name)
     assert isinstance(done.exception, ToolError)
     assert told in str(done.exception)
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]

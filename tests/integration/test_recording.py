@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from scenarios.config import images_of, load_run
+from scenarios.config import Run, images_of, load_run
 from scenarios.errors import ScenarioError
 from scenarios.flight import flying
 from scenarios.rerun.mission import CHUNK_S, HEADING_M, MissionRecorder, cloud
@@ -27,12 +27,17 @@ from voxdepth.types import Source
 IMAGE_EVERY = 2
 
 
-def recorded(path: Path, **changes: Any) -> Path:
-    """Record a second of two drones at 20 decisions and 10 images per second; warnings of Rerun are errors."""
+def planned(path: Path, **changes: Any) -> tuple[Run, MissionRecorder]:
+    """A flight of two drones for a second, and what records it."""
     run = load_run("city", 0, {"mission.drones": 2, "mission.duration_s": 1.0, **images_of(96, 54), **changes})
     settings: Any = {"recording_id": "test", "title": "a test", "image_every": IMAGE_EVERY}
     has_stages = run.scenario.corrector.name == PAPER
-    recorder = MissionRecorder(path, run.scenario.rig, **settings, has_stages=has_stages)
+    return run, MissionRecorder(path, run.scenario.rig, **settings, has_stages=has_stages)
+
+
+def recorded(path: Path, **changes: Any) -> Path:
+    """Record a second of two drones at 20 decisions and 10 images per second; warnings of Rerun are errors."""
+    run, recorder = planned(path, **changes)
     rr.set_strict_mode(True)
     try:
         with flying(run, recorder, recorded=True) as mission:
@@ -108,9 +113,7 @@ def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
 
 @pytest.mark.parametrize("drone", [0, 1, None])
 def test_a_recording_opens_at_the_first_contact(tmp_path: Path, drone: int | None) -> None:
-    run = load_run("city", 0, {"mission.drones": 2, "mission.duration_s": 0.5, **images_of(96, 54)})
-    settings: Any = {"recording_id": "test", "title": "a test", "image_every": IMAGE_EVERY}
-    recorder = MissionRecorder(tmp_path / "run.rrd", run.scenario.rig, **settings)
+    run, recorder = planned(tmp_path / "run.rrd")
     with flying(run, recorder, recorded=True) as mission:
         mission.tick()
         for other in ("tower-1-2", "later") if drone is not None else ():

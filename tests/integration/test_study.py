@@ -12,15 +12,15 @@ from pathlib import Path
 
 import pyarrow.parquet
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from scenarios.errors import ScenarioError
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
 from swarm.types import Outcome
+from tests.commands import invoke
 from tests.integration.test_cli import ENVIRONMENT
 from tests.studies import PIDS, arm, fake, killable, results_of, study, unseen
-from voxdepth.tools.cli import create_app
 
 TINY = """
 name = "tiny"
@@ -60,12 +60,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
     """The folder of a study that was flown, and what the command said."""
     folder = tmp_path_factory.mktemp("flown")
     (folder / "tiny.toml").write_text(TINY)
-    return folder / "out", study_command(folder / "tiny.toml", "--out", folder / "out", "--workers", "0")
-
-
-def study_command(*arguments: str | Path) -> Result:
-    """A command in this process, which is quicker."""
-    return CliRunner().invoke(create_app(), ["study", *map(str, arguments)])
+    return folder / "out", invoke("study", folder / "tiny.toml", "--out", folder / "out", "--workers", "0")
 
 
 @pytest.mark.slow
@@ -121,9 +116,9 @@ def test_a_study_from_its_file_to_its_report(flown: tuple[Path, Result], tmp_pat
     assert max(len(line) for line in said.stdout.splitlines() if "runs per hour" in line) < 80
     assert "4 of 4 runs" in said.stdout
     file = out.parent / "tiny.toml"
-    assert "go on with --resume, or use another --out" in str(study_command(file, "--out", out).exception)
-    assert study_command("run", file, "--out", out, "--resume").exit_code == 0
-    reported = study_command("report", out, "--to", tmp_path)
+    assert "go on with --resume, or use another --out" in str(invoke("study", file, "--out", out).exception)
+    assert invoke("study", "run", file, "--out", out, "--resume").exit_code == 0
+    reported = invoke("study", "report", out, "--to", tmp_path)
     assert reported.exit_code == 0, reported.output
     assert "4 of 4 runs" in reported.output
     table = pyarrow.parquet.read_table(tmp_path / "runs.parquet").to_pylist()
@@ -138,9 +133,9 @@ def test_an_archive_is_reported_without_unpacking_it(tmp_path: Path, monkeypatch
     monkeypatch.chdir(tmp_path)
     run_study(study(arm("a"), arm("b")), tmp_path / "out", Serial(fake), unseen)
     subprocess.run(["tar", "-cJf", "tiny.tar.xz", "-C", "out", "study.json", "runs"], check=True)
-    assert study_command("report", "tiny.tar.xz").exit_code == 0
+    assert invoke("study", "report", "tiny.tar.xz").exit_code == 0
     assert "voxdepth study replay tiny.tar.xz" in Path("runs/studies/tiny/report.html").read_text()
-    assert study_command("report", "tiny.tar.xz", "--to", "mine").exit_code == 0
+    assert invoke("study", "report", "tiny.tar.xz", "--to", "mine").exit_code == 0
     assert len(pyarrow.parquet.read_table("mine/runs.parquet")) == 4
 
 
@@ -148,13 +143,13 @@ def test_an_archive_is_reported_without_unpacking_it(tmp_path: Path, monkeypatch
 def test_runs_that_failed_are_told_and_flown_again_when_asked(tiny: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     tiny.write_text(TINY.replace("time_limit_s = 60", "time_limit_s = 0.05").replace("count = 2", "count = 1"))
-    flown = study_command(tiny, "--out", out, "--workers", "1")
+    flown = invoke("study", tiny, "--out", out, "--workers", "1")
     assert flown.exit_code == 1
     assert "0 of 2 runs, 2 errors" in flown.stdout
     assert "stopped at its time limit of 0.05 s" in flown.stdout
-    assert study_command("report", out).exit_code == 0
+    assert invoke("study", "report", out).exit_code == 0
     assert "<td>timeout</td>" in (out / "report.html").read_text()
-    resumed = study_command(tiny, "--out", out, "--resume", "--workers", "0")
+    resumed = invoke("study", tiny, "--out", out, "--resume", "--workers", "0")
     assert resumed.exit_code == 0, resumed.output
     assert "2 of 2 runs" in resumed.stdout
 
@@ -165,7 +160,7 @@ def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was
 ) -> None:
     out = tmp_path / "out"
     shutil.copytree(flown[0], out)
-    collisions = study_command("replay", out)
+    collisions = invoke("study", "replay", out)
     assert collisions.exit_code == 0, collisions.output
     same = "collision: the same as in the study, errors of depth within 0.0001, others within 1e-06"
     assert [f"arm blind, seed {seed}: {same}" in collisions.stdout for seed in (0, 1)] == [True, True]
@@ -173,22 +168,22 @@ def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was
     assert "| blind | 2 | 0 | 0 | 0 | 0 | 0 | 0 | 2 |" in collisions.stdout
     assert "truth" not in collisions.stdout
     key = next(key for key, record in results_of(out).items() if record.outcome is Outcome.COLLISION)
-    again = study_command("replay", out, key[:10], "--record")
+    again = invoke("study", "replay", out, key[:10], "--record")
     assert same in again.stdout
     assert len(list(out.glob("replays/*/run.rrd"))) == 1
     path = out / "runs" / f"{key}.json"
     stored = json.loads(path.read_text())
     path.write_text(json.dumps(stored | {"outcome": "lost", "metrics": stored["metrics"] | {"min_clearance_m": 7.0}}))
-    other = study_command("replay", out, key)
+    other = invoke("study", "replay", out, key)
     assert other.exit_code == 1
     assert "collision, in the study lost: NOT the same; other: outcome, min_clearance_m; other versions: none" in (
         other.stdout
     )
     assert "| blind |" not in other.stdout, "another flight than that of the study has no place in its table"
     shutil.rmtree(out / "runs")
-    assert "no run of the study ended in a collision" in study_command("replay", out).stdout
+    assert "no run of the study ended in a collision" in invoke("study", "replay", out).stdout
     for prefix, message in (("nothing", "no run's key begins with 'nothing'"), ("", "runs' keys begin with ''")):
-        assert message in str(study_command("replay", out, prefix).exception)
+        assert message in str(invoke("study", "replay", out, prefix).exception)
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import in_new_process
 from tests.evaluation_clips import write_recording
 from voxdepth.registry import installed_names
 from voxdepth.types import Source
@@ -85,9 +86,6 @@ class Hiding:
         return None if name.split(".")[0] in {absent!r} else self.finder.find_spec(name, *rest)
 
 sys.meta_path[:] = map(Hiding, sys.meta_path)
-sys.argv = ["voxdepth", *{command!r}]
-from voxdepth.tools.cli import main
-main()
 """
 
 
@@ -96,25 +94,21 @@ main()
 def test_commands_of_the_library_work_where_nothing_of_the_simulator_is_installed(
     absent: tuple[str, ...], tmp_path: Path
 ) -> None:
-    def done(*command: str) -> subprocess.CompletedProcess[str]:
-        code = WITHOUT.format(absent=absent, command=command)
-        return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path)
-
     shutil.rmtree(write_recording(tmp_path / "walk") / "depth_true")
-    for command, words in (
-        (("evaluate", "--data", "walk", "--methods", "raw,median", "--frames", "3"), "8 results"),
-        (("correct", "walk", "--out", "corrected"), "report.json are in corrected"),
-        (("bench", "--size", "160x120"), "machine:"),
-        (("doctor",), "without"),
-    ):
-        found = done(*command)
-        assert found.returncode == 0, (command, found.stdout, found.stderr)
+    told = {
+        ("evaluate", "--data", "walk", "--methods", "raw,median", "--frames", "3"): "8 results",
+        ("correct", "walk", "--out", "corrected"): "report.json are in corrected",
+        ("bench", "--size", "160x120"): "machine:",
+        ("doctor",): "without",
+    }
+    refused = {("view", "x.rrd"): "no recording at", ("evaluate", "sim-LN"): "testbed|pybullet"}
+    *done, view, evaluate = in_new_process([*told, *refused], cwd=tmp_path, before=WITHOUT.format(absent=absent))
+    for found, words in zip(done, told.values(), strict=True):
+        assert found.returncode == 0, found
         assert words in found.stdout
-    page = (tmp_path / "evaluation" / "report.html").read_text()
-    assert "walk-holes" in page
-    for command, words in ((("view", "x.rrd"), "no recording at"), (("evaluate", "sim-LN"), "testbed|pybullet")):
-        found = done(*command)
-        assert found.returncode == 2, found.stderr
+    assert "walk-holes" in (tmp_path / "evaluation" / "report.html").read_text()
+    for found, words in zip((view, evaluate), refused.values(), strict=True):
+        assert found.returncode == 2, found
         assert re.search(words, found.stderr) and len(found.stderr.splitlines()) == 1, found.stderr
 
 

@@ -14,8 +14,8 @@ from sim.depth_noise import DepthNoise, NoiseTerm, NoisyDepth, Occlusion
 from sim.render import create_renderer
 from sim.sensor import SUBFRAMES, RigConfig, StereoSensor
 from sim.stereo import StereoConfig
-from sim.types import BodyPose, Capture, InvalidReason
-from tests.helpers import block, wall, world_of
+from sim.types import Capture, InvalidReason
+from tests.helpers import AT_ORIGIN, block, captured, wall, world_of
 from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
 
 FRONT_M, BACK_M, SIDE_M = 1.5, 4.0, 0.5
@@ -23,16 +23,13 @@ RIG = RigConfig(width_px=640, height_px=120, hfov_deg=69.0, baseline_m=0.05, mou
 FX_PX = RIG.intrinsics.fx_px
 CAMERA = Intrinsics(fx_px=400, fy_px=400, cx_px=200, cy_px=150, width_px=400, height_px=300, baseline_m=0.05)
 SHAPE = CAMERA.shape
-LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def capture(*bodies: Body, y_m: float = 0.0, **changes: Any) -> Capture:
     """One capture of bodies, by default of a cube before a wall, by a changed `RIG`."""
     config = RigConfig.model_validate(RIG.model_dump() | changes)
-    pose = BodyPose(stamp_s=0.0, position_m=np.array([0.0, y_m, 0.0]), q_world_body_xyzw=LEVEL)
-    with world_of(*(bodies or (wall(BACK_M), block(FRONT_M, SIDE_M)))) as world:
-        sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=1)
-        return sensor.capture(sensor.render([pose], 0)[0])
+    pose = replace(AT_ORIGIN, position_m=np.array([0.0, y_m, 0.0]))
+    return captured(config, *(bodies or (wall(BACK_M), block(FRONT_M, SIDE_M))), seed=1, pose=pose)
 
 
 def beside_the_block(taken: Capture) -> tuple[int, int]:
@@ -247,7 +244,7 @@ def test_shadows_are_there_for_the_artefacts_that_need_them_with_any_sensor_mode
 
 def test_motion_blurs_the_images_by_the_motion_and_leaves_the_truth_of_the_middle() -> None:
     poses = [
-        BodyPose(stamp_s=k / 30, position_m=np.array([0, y_m, 0]), q_world_body_xyzw=LEVEL)
+        replace(AT_ORIGIN, stamp_s=k / 30, position_m=np.array([0, y_m, 0]))
         for k, y_m in enumerate(np.linspace(-0.03, 0.03, SUBFRAMES + 1))
     ]
     config = RigConfig.model_validate(RIG.model_dump() | {"photon_sigma": 0.0})

@@ -129,31 +129,21 @@ def test_the_same_frames_give_the_same_bits_after_a_reset_and_whatever_happens_t
         buffers[0][:], buffers[1][:], again.depth_m[:] = 1.0, 0, 99.0  # a driver that uses its buffers again
 
 
-@pytest.mark.parametrize("name", FILLERS)
-def test_single_frame_fillers_remember_nothing(name: str) -> None:
-    np.testing.assert_array_equal(run(name)[1].depth_m, BASELINES[name](camera((30, 40))).process(
-        frame(scene(1, (30, 40)), texture(0, (30, 40)))
-    ).depth_m)  # fmt: skip
+SCALED = [(name, 2, 0.0, 3) for name in ("telea", "navier-stokes", "global-smoother", "lmeds")]
+MOVED = [(name, 1, 0.125, 3) for name in ("lmeds", "ip-basic")]
 
 
-@pytest.mark.parametrize("name", ["telea", "navier-stokes", "global-smoother", "lmeds"])
-def test_a_scene_twice_as_far_is_filled_twice_as_far(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "times", "offset_m", "frames"), [*SCALED, *MOVED, *((name, 2, 0.0, 1) for name in LEARNED)]
+)
+def test_a_scene_that_is_farther_is_filled_as_much_farther(name: str, times: int, offset_m: float, frames: int) -> None:
     near, far = BASELINES[name](camera((30, 40))), BASELINES[name](camera((30, 40)))
-    for index in range(3):
+    for index in range(frames):
         depth_m, gray = scene(index, (30, 40)), texture(0, (30, 40))
-        expected_m = 2 * near.process(frame(depth_m, gray, index=index)).depth_m
-        np.testing.assert_allclose(far.process(frame(2 * depth_m, gray, index=index)).depth_m, expected_m, rtol=1e-5)
-
-
-@pytest.mark.parametrize("name", ["lmeds", "ip-basic"])
-def test_a_small_offset_in_depth_passes_through(name: str) -> None:
-    near, far = BASELINES[name](camera((30, 40))), BASELINES[name](camera((30, 40)))
-    for index in range(3):
-        depth_m = scene(index, (30, 40))
-        expected_m = near.process(frame(depth_m, index=index)).depth_m
-        moved_m = np.where(depth_m > 0, depth_m + np.float32(0.125), np.float32(0))
-        shifted_m = far.process(frame(moved_m, index=index)).depth_m
-        np.testing.assert_allclose(shifted_m[expected_m > 0], expected_m[expected_m > 0] + 0.125, atol=1e-4)
+        farther_m = np.where(depth_m > 0, times * depth_m + np.float32(offset_m), np.float32(0))
+        near_m = near.process(frame(depth_m, gray, index=index)).depth_m
+        far_m = far.process(frame(farther_m, gray, index=index)).depth_m
+        np.testing.assert_allclose(far_m[near_m > 0], times * near_m[near_m > 0] + offset_m, rtol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["lmeds", "global-smoother", *LEARNED])

@@ -34,14 +34,6 @@ def test_every_pixel_gets_a_depth_between_what_was_measured(shape: tuple[int, in
         assert ((result.confidence > 0) & (result.confidence <= 1)).all()
 
 
-def test_a_first_frame_twice_as_far_is_filled_twice_as_far() -> None:
-    near, far = (
-        create_bare("learned", camera(SHAPE)).process(frame(depth_m, texture(0, SHAPE))).depth_m
-        for depth_m in (scene(0, SHAPE), 2 * scene(0, SHAPE))
-    )
-    np.testing.assert_allclose(far, 2 * near, rtol=1e-4)
-
-
 def test_without_any_measurement_there_is_no_depth_and_then_that_of_the_past() -> None:
     corrector = create_bare("learned", camera(SHAPE))
     empty = frame(np.zeros(SHAPE, np.float32), texture(0, SHAPE))

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from tests.realsense_files import SoftwareCamera
-from voxdepth.baselines.realsense import (
-    RealSenseChain,
-    fill_farthest,
-    fill_from_left,
-)
+from voxdepth.baselines.realsense import RealSenseChain, fill_farthest, fill_from_left
 from voxdepth.errors import ConfigError
 from voxdepth.types import Frame, Intrinsics, Source
 

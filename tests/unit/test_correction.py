@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import pytest
 
-from voxdepth.errors import DatasetError
 from voxdepth.paper.epochs import EpochEnd, Phase, VoxDepthDiagnostics
 from voxdepth.paper.registration import Registration, RegistrationStatus
 from voxdepth.ros import confidence_levels
@@ -28,13 +27,12 @@ N_FRAMES = 7
 
 
 class Frames:
-    """A dataset in memory; the frames `broken` cannot be read."""
+    """A dataset in memory."""
 
-    def __init__(self, n_frames: int = N_FRAMES, *, seed: int = 0) -> None:
-        rng = np.random.default_rng(seed)
-        self.format = "tum"
-        self.intrinsics = CAMERA
-        self.broken: set[int] = set()
+    format, intrinsics = "tum", CAMERA
+
+    def __init__(self, n_frames: int = N_FRAMES) -> None:
+        rng = np.random.default_rng(0)
         self._depth_m = rng.uniform(0.5, 80, (n_frames, *CAMERA.shape)).astype(np.float32)
         self._depth_m[rng.random(self._depth_m.shape) < 0.3] = 0
         self._gray = rng.integers(0, 255, self._depth_m.shape, np.uint8)
@@ -46,8 +44,6 @@ class Frames:
         return f"{index:06d}"
 
     def __getitem__(self, index: int) -> Frame:
-        if index in self.broken:
-            raise DatasetError(f"depth/{index}.png is cut short")
         return Frame(stamp_s=index / 30, gray=self._gray[index], depth_m=self._depth_m[index])
 
 
@@ -57,7 +53,7 @@ class Remembering:
     uses_gray = False
 
     def __init__(self) -> None:
-        self.aligned, self.combined = 0, 0
+        self.aligned = 0
         self.reset()
 
     def reset(self) -> None:
@@ -69,7 +65,6 @@ class Remembering:
         return self.aligned - 1, frame.depth_m, self._seen_m
 
     def combine(self, aligned: tuple[int, np.ndarray, np.ndarray]) -> CorrectedDepth:
-        self.combined += 1
         index, raw_m, depth_m = aligned
         status = RegistrationStatus.OK if index else RegistrationStatus.NOT_TRIED
         return CorrectedDepth(
@@ -185,6 +180,14 @@ def test_a_corrector_without_stages_gives_the_same_files(whole: Path, tmp_path: 
     assert contents(tmp_path / "out") == contents(whole)
 
 
+def test_frames_without_depth_and_correctors_without_steps_count_in_no_median(tmp_path: Path) -> None:
+    dataset = Frames(2)
+    dataset._depth_m[0], dataset._depth_m[1] = 0, 3
+    report = planned(dataset, lambda: whole_corrector(timings_s={}), 2).run(tmp_path / "out", None, ignore)
+    assert report["raw_median_m"]["p50"] == pytest.approx(3, rel=0.01)
+    assert report["wall"]["steps_s"] == {} and "frame_s" not in report["wall"]
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(28, "No space left on device")])
 def test_a_correction_that_stops_leaves_nothing_behind(error: BaseException, whole: Path, tmp_path: Path) -> None:
     def stop(done: int) -> None:
@@ -208,11 +211,17 @@ def test_a_bug_in_a_corrector_shows_its_place(tmp_path: Path) -> None:
     assert caught.traceback[-1].name == "combine"
 
 
-def test_an_empty_folder_is_taken_and_progress_counts_every_frame(whole: Path, tmp_path: Path) -> None:
+def test_an_empty_folder_is_taken_and_progress_counts_every_frame(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told: list[int] = []
     planned().run(tmp_path, None, told.append)
     assert contents(tmp_path) == contents(whole)
     assert told == list(range(1, N_FRAMES + 1))
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(ToolError, match="cannot be replaced as a whole"):
+        planned().run(tmp_path / "here", None, ignore)
 
 
 def test_of_two_writers_of_one_folder_the_later_one_fails(tmp_path: Path) -> None:
@@ -273,16 +282,3 @@ def test_what_no_corrector_may_return_is_told(spoil: Callable[[CorrectedDepth], 
     fault = fault_of(spoil(result), CAMERA.shape)
     assert told in fault
     assert fault.startswith("expected ")
-
-
-def test_the_median_depth_is_that_of_frames_with_depth(tmp_path: Path) -> None:
-    dataset = Frames(2)
-    dataset._depth_m[0], dataset._depth_m[1] = 0, 3
-    report = planned(dataset, frames=2).run(tmp_path / "out", None, ignore)
-    assert report["raw_median_m"]["p50"] == pytest.approx(3, rel=0.01)
-
-
-def test_a_corrector_that_measures_no_steps_reports_no_times(tmp_path: Path) -> None:
-    report = planned(make=lambda: whole_corrector(timings_s={})).run(tmp_path / "out", None, ignore)
-    assert "frame_s" not in report["wall"]
-    assert report["wall"]["steps_s"] == {}

@@ -5,11 +5,10 @@ from collections.abc import Callable, Sequence
 from copy import deepcopy
 from threading import Event, Thread
 
-import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import require_equal
+from tests.helpers import require_equal, walk
 from voxdepth import (
     CorrectedDepth,
     Frame,
@@ -35,23 +34,6 @@ each = pytest.mark.parametrize(
 )
 
 
-def texture(seed: int) -> np.ndarray:
-    noise = np.random.default_rng(seed).integers(0, 256, (CAMERA.height_px, 2 * CAMERA.width_px), dtype=np.uint8)
-    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 1.5), None, 0, 255, cv2.NORM_MINMAX)
-
-
-def walk(n: int, seed: int = 0) -> list[Frame]:
-    """A textured wall that passes by one pixel a frame, with noise and new holes in every frame."""
-    rng, wide, frames = np.random.default_rng(seed), texture(seed), []
-    for i in range(n):
-        depth_m = rng.normal(DEPTH_M, 0.02, CAMERA.shape).astype(np.float32)
-        depth_m[rng.random(CAMERA.shape) < 0.1] = 0
-        depth_m[40:60, 70:90] = 0
-        gray = np.ascontiguousarray(wide[:, i : i + CAMERA.width_px])
-        frames.append(Frame(stamp_s=0.1 * i, gray=gray, depth_m=depth_m))
-    return frames
-
-
 def require_all_equal(got: Sequence[CorrectedDepth], want: Sequence[CorrectedDepth]) -> None:
     for one, other in zip(got, want, strict=True):
         require_equal(one, other)
@@ -59,7 +41,7 @@ def require_all_equal(got: Sequence[CorrectedDepth], want: Sequence[CorrectedDep
 
 @each
 def test_a_surface_is_kept_its_noise_is_not_raised_and_holes_are_filled(create: Create) -> None:
-    corrector, frames = create(), walk(8)
+    corrector, frames = create(), walk(8, CAMERA)
     results = [corrector.process(frame) for frame in frames]
     last, raw_m = results[-1], frames[-1].depth_m
     seen = raw_m > 0
@@ -72,7 +54,7 @@ def test_a_surface_is_kept_its_noise_is_not_raised_and_holes_are_filled(create: 
 @each
 def test_the_halves_together_are_the_whole(create: Create) -> None:
     whole, halves = create(), create()
-    frames = walk(8)
+    frames = walk(8, CAMERA)
     aligned = [halves.align(frame) for frame in frames]
     backwards = [halves.combine(one) for one in reversed(aligned)]
     require_all_equal(backwards[::-1], [whole.process(frame) for frame in frames])
@@ -81,14 +63,14 @@ def test_the_halves_together_are_the_whole(create: Create) -> None:
 @each
 def test_reset_forgets_the_stream(create: Create) -> None:
     corrector = create()
-    first = [corrector.process(frame) for frame in walk(8)]
+    first = [corrector.process(frame) for frame in walk(8, CAMERA)]
     corrector.reset()
-    require_all_equal([corrector.process(frame) for frame in walk(8)], first)
+    require_all_equal([corrector.process(frame) for frame in walk(8, CAMERA)], first)
 
 
 @each
 def test_time_must_increase_and_sizes_must_stay(create: Create) -> None:
-    corrector, (first, second) = create(), walk(2)
+    corrector, (first, second) = create(), walk(2, CAMERA)
     corrector.process(second)
     for earlier in (first, second):
         with pytest.raises(FrameError, match="time must increase"):
@@ -101,7 +83,7 @@ def test_time_must_increase_and_sizes_must_stay(create: Create) -> None:
 
 @each
 def test_a_closed_corrector_takes_no_more_frames(create: Create) -> None:
-    corrector, (first, second) = create(), walk(2)
+    corrector, (first, second) = create(), walk(2, CAMERA)
     corrector.process(first)
     corrector.close()
     for _ in range(2):
@@ -114,7 +96,7 @@ def test_a_closed_corrector_takes_no_more_frames(create: Create) -> None:
 def test_the_input_is_neither_modified_nor_kept_and_results_are_the_callers_own(create: Create) -> None:
     kept, overwritten = create(), create()
     results = []
-    for frame in walk(8):
+    for frame in walk(8, CAMERA):
         depth_m, gray = frame.depth_m.copy(), frame.gray.copy()
         expected = kept.process(frame)
         np.testing.assert_array_equal(frame.depth_m, depth_m)
@@ -138,7 +120,7 @@ def test_arguments_of_other_types_are_refused_in_one_line() -> None:
 @each
 @pytest.mark.parametrize("end", ["reset", "close"])
 def test_a_reset_and_an_end_wait_for_the_frame_that_another_thread_has_in_work(create: Create, end: str) -> None:
-    corrector, frames, begun, ended = create(), walk(2), Event(), []
+    corrector, frames, begun, ended = create(), walk(2, CAMERA), Event(), []
     align = corrector._align
 
     def slow(frame: Frame) -> object:
@@ -162,7 +144,7 @@ def test_a_reset_and_an_end_wait_for_the_frame_that_another_thread_has_in_work(c
 
 def test_the_paper_by_name_can_be_closed() -> None:
     corrector = create_corrector("voxdepth", CAMERA)
-    corrector.process(walk(1)[0])
+    corrector.process(walk(1, CAMERA)[0])
     corrector.close()
     with pytest.raises(FrameError, match="closed"):
-        corrector.process(walk(2)[1])
+        corrector.process(walk(2, CAMERA)[1])

@@ -1,25 +1,24 @@
 """Opening a dataset: the format is recognised by its files, and the camera comes from the nearest source."""
 
+from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
+from tests.sequences import CAMERA, SHAPE, toml_of, write_images
 from voxdepth.datasets import open_dataset
 from voxdepth.errors import ConfigError, DatasetError, FrameError
-from voxdepth.types import Intrinsics
 
-CALIBRATION = "fx_px = 7\nfy_px = 7.5\ncx_px = 4.0\ncy_px = 3.0\nwidth_px = 8\nheight_px = 6\n"
-GIVEN = Intrinsics(fx_px=3, fy_px=3, cx_px=4, cy_px=3, width_px=8, height_px=6, baseline_m=0.05)
+CALIBRATED = replace(CAMERA, fx_px=7.0)
+CALIBRATION = toml_of(CALIBRATED)
 JSON = '{"width": 8, "height": 6, "intrinsic_matrix": [9, 0, 0, 0, 9, 0, 4, 3, 1]}'
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    for name, kind in (("depth", np.uint16), ("color", np.uint8)):
-        (tmp_path / name).mkdir()
-        cv2.imwrite(str(tmp_path / name / "000000.png"), np.zeros((6, 8), kind))
+    images = {"depth/000000.png": np.zeros(SHAPE, np.uint16), "color/000000.png": np.zeros(SHAPE, np.uint8)}
+    write_images(tmp_path, images)
     (tmp_path / "camera_intrinsic.json").write_text(JSON)
     return tmp_path
 
@@ -27,11 +26,8 @@ def folder(tmp_path: Path) -> Path:
 def test_given_intrinsics_count_before_the_calibration_and_that_before_the_formats_own(folder: Path) -> None:
     assert open_dataset(folder).intrinsics.fx_px == 9
     (folder / "calibration.toml").write_text(CALIBRATION)
-    calibrated = open_dataset(folder).intrinsics
-    assert calibrated == Intrinsics(fx_px=7, fy_px=7.5, cx_px=4, cy_px=3, width_px=8, height_px=6)
-    assert open_dataset(folder, intrinsics=GIVEN).intrinsics is GIVEN
-    (folder / "calibration.toml").write_text(CALIBRATION + "baseline_m = 0.095\n")
-    assert open_dataset(folder).intrinsics.baseline_m == 0.095
+    assert open_dataset(folder).intrinsics == CALIBRATED
+    assert open_dataset(folder, intrinsics=CAMERA).intrinsics is CAMERA
 
 
 def test_a_calibration_of_optional_fields_alone_completes_the_camera_of_the_format(folder: Path) -> None:
@@ -44,7 +40,7 @@ def test_a_calibration_of_optional_fields_alone_completes_the_camera_of_the_form
 
 
 def test_a_given_unit_counts_before_the_calibration_and_that_before_the_formats_own(folder: Path) -> None:
-    cv2.imwrite(str(folder / "depth/000000.png"), np.full((6, 8), 1000, np.uint16))
+    write_images(folder, {"depth/000000.png": np.full(SHAPE, 1000, np.uint16)})
     for expected_m, file, text in (
         (1.0, "calibration.toml", ""),
         (0.1, "camera_intrinsic.json", JSON.replace("}", ', "depth_scale": 10000}')),
@@ -66,31 +62,31 @@ def test_a_tolerance_that_makes_no_sense_is_refused(folder: Path, within_s: floa
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("old", "new", "message"),
     [
-        ("fx_px = ", "no TOML"),
-        ("a = " + "[" * 5000, "no TOML"),
-        (
-            CALIBRATION.replace("fy_px", "fz_px"),
-            r"unknown key 'fz_px' \(did you mean f._px or f._px\?\); it lacks fy_px: add",
-        ),
-        (CALIBRATION.replace("fx_px = 7", "fx_px = '7'"), "fx_px must be a number, got '7'"),
-        (CALIBRATION.replace("fx_px = 7", "fx_px = nan"), "all numbers finite"),
-        (CALIBRATION.replace("fx_px = 7", "fx_px" + ".a" * 5000 + " = 7"), "describes no camera"),
-        (CALIBRATION.replace("fx_px = 7", "fx_px = true"), "fx_px must be a number"),
-        (CALIBRATION.replace("fx_px = 7", "fx_px = 0"), "describes no camera"),
-        (CALIBRATION.replace("width_px = 8", "width_px = 8.0"), "width_px must be a whole number, got 8.0"),
-        (CALIBRATION.replace("width_px = 8", "width_px = 99999999"), "1 to 65536 pixels a side"),
-        (CALIBRATION.replace("cx_px = 4.0", "cx_px = 320.0"), "far outside of an image of 8x6"),
-        (CALIBRATION.replace("cy_px = 3.0", "cy_px = -10.0"), "far outside of an image of 8x6"),
-        (CALIBRATION + "baseline_m = 0\n", "describes no camera"),
+        ("fx_px = 7.0", "fx_px = ", "no TOML"),
+        ("fx_px = 7.0", "a = " + "[" * 5000, "no TOML"),
+        ("fy_px", "fz_px", r"unknown key 'fz_px' \(did you mean f._px or f._px\?\); it lacks fy_px: add"),
+        ("fx_px = 7.0", "fx_px = '7'", "fx_px must be a number, got '7'"),
+        ("fx_px = 7.0", "fx_px = nan", "all numbers finite"),
+        ("fx_px = 7.0", "fx_px" + ".a" * 5000 + " = 7", "describes no camera"),
+        ("fx_px = 7.0", "fx_px = true", "fx_px must be a number"),
+        ("width_px = 8", "width_px = 8.0", "width_px must be a whole number, got 8.0"),
+        ("cx_px = 3.5", "cx_px = 320.0", "far outside of an image of 8x6"),
+        ("width_px = 8", "width_px = 8\nunits_per_m = '1000'", "units_per_m must be a number of 1 to 1,000,000"),
     ],
 )
-def test_a_calibration_that_makes_no_sense_is_refused(folder: Path, text: str, message: str) -> None:
-    (folder / "calibration.toml").write_text(text)
+def test_a_calibration_that_makes_no_sense_is_refused(folder: Path, old: str, new: str, message: str) -> None:
+    assert old in CALIBRATION
+    (folder / "calibration.toml").write_text(CALIBRATION.replace(old, new))
     with pytest.raises(DatasetError, match=message) as caught:
         open_dataset(folder)
     assert "calibration.toml" in str(caught.value)
+
+
+def test_what_is_given_spares_a_damaged_calibration(folder: Path) -> None:
+    (folder / "calibration.toml").write_bytes(b"\xff")
+    assert len(open_dataset(folder, intrinsics=CAMERA, units_per_m=1)) == 1
 
 
 def test_an_empty_folder_is_told_what_every_format_needs(tmp_path: Path) -> None:
@@ -103,12 +99,13 @@ def test_an_empty_folder_is_told_what_every_format_needs(tmp_path: Path) -> None
 
 def test_a_file_or_nothing_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(DatasetError, match=r"file is a file; name the folder"):
-        open_dataset(tmp_path / "file")
-    with pytest.raises(DatasetError, match=r"there is no folder .*none"):
-        open_dataset(tmp_path / "none")
-    for name in ("a\0b", "x" * 5000):
-        with pytest.raises(DatasetError, match=r"cannot look into|there is no folder"):
+    for name, message in (
+        ("file", r"file is a file; name the folder"),
+        ("none", r"there is no folder .*none"),
+        ("a\0b", r"cannot look into|there is no folder"),
+        ("x" * 5000, r"cannot look into|there is no folder"),
+    ):
+        with pytest.raises(DatasetError, match=message):
             open_dataset(tmp_path / name)
 
 

@@ -4,18 +4,16 @@ from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.sequences import CAMERA, SHAPE, write_images
 from voxdepth.datasets import open_dataset
 from voxdepth.datasets.names import in_order
 from voxdepth.errors import DatasetError
-from voxdepth.types import Intrinsics
 
-CAMERA = Intrinsics(fx_px=9, fy_px=9, cx_px=4, cy_px=3, width_px=8, height_px=6)
 BEGIN = datetime(2024, 2, 28, 23, 59, 59, 880_000, tzinfo=UTC)
 """Before the end of a second, a minute, a day and, in a leap year, no month."""
 STEP_US = 33_333
@@ -57,28 +55,20 @@ TIMES: dict[str, Callable[[int], str]] = {
 
 
 @pytest.mark.parametrize("form", TIMES)
-def test_names_with_a_time_are_in_its_order_at_its_distances(form: str) -> None:
+@pytest.mark.parametrize("counted", ["{1}", "{:06d}_{}", "frame{}-{}", "{1}_{0}"])
+def test_names_with_a_time_are_in_its_order_at_its_distances_also_with_a_count(counted: str, form: str) -> None:
     us = [k * STEP_US for k in range(12)]
-    paths = [Path("depth") / f"{TIMES[form](t)}.png" for t in us]
+    paths = [Path("depth") / f"{counted.format(k + 8, TIMES[form](t))}.png" for k, t in enumerate(us)]
     named = in_order(sorted(paths))
     assert named.are_times and [path for _, path in named.files] == paths
     since_s = [(time_ns - named.files[0][0]) / 1e9 for time_ns, _ in named.files]
     np.testing.assert_allclose(since_s, np.array(us) / 1e6, atol=1.1e-3)
 
 
-@pytest.mark.parametrize("form", TIMES)
-@pytest.mark.parametrize("counted", ["{:06d}_{}", "frame{}-{}", "{1}_{0}"])
-def test_a_count_beside_the_time_changes_nothing(counted: str, form: str) -> None:
-    texts = [TIMES[form](k * STEP_US) for k in range(12)]
-    plain, named = (in_order([Path(name) for name in names]) for names in (
-        [f"{text}.png" for text in texts], [f"{counted.format(k + 8, text)}.png" for k, text in enumerate(texts)]
-    ))  # fmt: skip
-    assert named.are_times and [time_ns for time_ns, _ in named.files] == [time_ns for time_ns, _ in plain.files]
-
-
-def test_whole_microseconds_are_not_taken_for_decimals_because_none_has_six_digits() -> None:
-    named = in_order([Path(f"1699187734_{us}.png") for us in (16_667, 50_000, 83_333)])
-    assert [time_ns % 10**9 for time_ns, _ in named.files] == [16_667_000, 50_000_000, 83_333_000]
+@pytest.mark.parametrize("parts", [(16_667, 50_000), (16_667_000, 50_000_000)])
+def test_parts_of_five_or_eight_digits_are_whole_because_no_decimals_have_as_many(parts: tuple[int, int]) -> None:
+    named = in_order([Path(f"1699187734_{part}.png") for part in parts])
+    assert [time_ns % 10**9 for time_ns, _ in named.files] == [16_667_000, 50_000_000]
 
 
 @given(st.lists(st.integers(0, 10**12), min_size=2, max_size=9, unique=True))
@@ -133,9 +123,7 @@ def test_names_that_say_the_same_are_refused(stems: list[str]) -> None:
 def write(folder: Path, depth: list[tuple[str, int]], gray: list[tuple[str, int]]) -> None:
     """Images of the values, so that it can be told which ones make a frame."""
     for name, images, kind in (("depth", depth, np.uint16), ("color", gray, np.uint8)):
-        (folder / name).mkdir()
-        for stem, value in images:
-            assert cv2.imwrite(str(folder / name / f"{stem}.png"), np.full((6, 8), value, kind))
+        write_images(folder, {f"{name}/{stem}.png": np.full(SHAPE, value, kind) for stem, value in images})
 
 
 @pytest.mark.parametrize("form", list(TIMES)[::4])

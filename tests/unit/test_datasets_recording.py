@@ -1,42 +1,28 @@
 """Recordings: what the simulator's writer wrote reads back as frames without truth, and damage is found."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
-from sim import frames
 from sim.recording import RecordingWriter
 from sim.types import Capture
+from tests.sequences import CAMERA as SHARED_CAMERA
+from tests.sequences import write_images
+from tests.unit.test_recording_format import any_capture
 from voxdepth.datasets import open_dataset
 from voxdepth.datasets.recording import RecordingDataset
 from voxdepth.errors import DatasetError
-from voxdepth.types import Intrinsics
 
-CAMERA = Intrinsics(fx_px=9, fy_px=9, cx_px=4, cy_px=3, width_px=9, height_px=7, baseline_m=0.095)
+CAMERA = replace(SHARED_CAMERA, baseline_m=0.095)
 N = 3
 TRUTH = ("gray_right", "depth_true", "occluded", "segment", "invalid_reason")
 
 
 def capture_of(index: int) -> Capture:
-    rng = np.random.default_rng(index)
-    depth_raw_m = rng.uniform(0.5, 40, CAMERA.shape).astype(np.float32)
-    depth_raw_m[rng.random(CAMERA.shape) < 0.2] = 0
-    return Capture(
-        stamp_s=0.1 + index / 3,
-        drone=0,
-        gray_left=rng.integers(0, 256, CAMERA.shape, np.uint8),
-        gray_right=rng.integers(0, 256, CAMERA.shape, np.uint8),
-        depth_true_m=rng.uniform(0.5, 40, CAMERA.shape).astype(np.float32),
-        depth_raw_m=depth_raw_m,
-        occluded=rng.random(CAMERA.shape) < 0.5,
-        invalid_reason=rng.integers(0, 7, CAMERA.shape, np.uint8),
-        segment_id=rng.integers(-1, 50, CAMERA.shape, np.int32),
-        T_world_cam=frames.pose(frames.rotation_from_yaw(0.3), np.ones(3)),
-        intrinsics=CAMERA,
-    )
+    return any_capture(index, 0.1 + index / 3, CAMERA)
 
 
 @pytest.fixture
@@ -84,7 +70,7 @@ def test_a_damaged_or_missing_image_stops_only_its_frame(folder: Path, name: str
 
 @pytest.mark.parametrize(("value", "message"), [(-1.0, "not negative"), (1500.0, "got 1500 m .*state units_per_m")])
 def test_depth_that_no_camera_measures_is_refused(folder: Path, value: float, message: str) -> None:
-    cv2.imwrite(str(folder / "depth_raw/000000.tiff"), np.full(CAMERA.shape, value, np.float32))
+    write_images(folder, {"depth_raw/000000.tiff": np.full(CAMERA.shape, value, np.float32)})
     with pytest.raises(DatasetError, match=rf"depth_raw/000000\.tiff give no frame: .*{message}"):
         open_dataset(folder)[0]
 
@@ -95,22 +81,12 @@ def test_depth_that_no_camera_measures_is_refused(folder: Path, value: float, me
         ("timestamp_s", "time", "first line of .*frames.csv"),
         ("\n0.1,", "\n", "line 2 of .*frames.csv"),
         ("\n0.1,", "\nnoon,", "line 2 of .*frames.csv"),
+        (None, "", "expected frames in .*run, got none"),
     ],
 )
-def test_a_damaged_table_is_refused(folder: Path, old: str, new: str, message: str) -> None:
+def test_a_damaged_table_is_refused(folder: Path, old: str | None, new: str, message: str) -> None:
     path = folder / "frames.csv"
-    assert old in path.read_text()
-    path.write_text(path.read_text().replace(old, new, 1))
+    assert old is None or old in path.read_text()
+    path.write_text(new if old is None else path.read_text().replace(old, new, 1))
     with pytest.raises(DatasetError, match=message):
-        open_dataset(folder)
-
-
-def test_what_is_given_spares_a_damaged_calibration(folder: Path) -> None:
-    (folder / "calibration.toml").write_bytes(b"\xff")
-    assert len(open_dataset(folder, intrinsics=CAMERA, units_per_m=1)) == N
-
-
-def test_a_recording_without_a_frame_is_refused(folder: Path) -> None:
-    (folder / "frames.csv").write_text("")
-    with pytest.raises(DatasetError, match=r"expected frames in .*run, got none"):
         open_dataset(folder)

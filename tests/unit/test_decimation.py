@@ -7,21 +7,18 @@ from pydantic import ValidationError
 from sim.decimation import decimated, decimated_depth, means
 from sim.depth_noise import DepthNoise, Disparity
 from sim.render import create_renderer
-from sim.sensor import RigConfig, StereoSensor
-from sim.types import BodyPose, Capture, InvalidReason
-from tests.helpers import block, camera_at, wall, world_of
+from sim.sensor import RigConfig
+from sim.types import Capture, InvalidReason
+from tests.helpers import block, camera_at, captured, wall, world_of
 
-POSE = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
 FACTORS = pytest.mark.parametrize("factor", [2, 3, 4, 6])
 
 
-def captured(config: RigConfig, *, near_m: float | None = None) -> Capture:
+def seen(config: RigConfig, *, near_m: float | None = None) -> Capture:
     """A wall at 3 m, with a block in front of it if asked for."""
     bodies = [wall(3.0), *([] if near_m is None else [block(near_m, 0.5)])]
     config = config.model_copy(update={"mount_forward_m": 0.0})
-    with world_of(*bodies) as world:
-        sensor = StereoSensor(world, create_renderer("raster", world), config, seed=2, right=True)
-        return sensor.capture(sensor.render([POSE], 0)[0])
+    return captured(config, *bodies, seed=2, renderer="raster", right=True)
 
 
 @FACTORS
@@ -33,12 +30,12 @@ def test_constant_images_stay_constant(factor: int) -> None:
 @FACTORS
 @pytest.mark.parametrize("depth", ["truth", "noisy", "stereo"])
 def test_a_plane_reads_its_depth(factor: int, depth: str) -> None:
-    capture = captured(RigConfig(width_px=480, height_px=240, decimate=factor, depth=depth))  # type: ignore[arg-type]
+    capture = seen(RigConfig(width_px=480, height_px=240, decimate=factor, depth=depth))  # type: ignore[arg-type]
     assert capture.depth_raw_m.shape == capture.gray_left.shape == (240 // factor, 480 // factor)
     np.testing.assert_allclose(capture.depth_true_m, 3.0, atol=1e-4)
-    seen = capture.depth_raw_m > 0
-    assert seen.mean() > 0.9
-    assert np.median(capture.depth_raw_m[seen]) == pytest.approx(3.0, abs=0.05 if depth == "stereo" else 1e-4)
+    valid = capture.depth_raw_m > 0
+    assert valid.mean() > 0.9
+    assert np.median(capture.depth_raw_m[valid]) == pytest.approx(3.0, abs=0.05 if depth == "stereo" else 1e-4)
 
 
 @FACTORS
@@ -51,13 +48,13 @@ def test_a_point_is_projected_into_the_block_of_its_pixel(factor: int) -> None:
 
 
 def test_a_factor_of_one_changes_nothing() -> None:
-    capture = captured(RigConfig(), near_m=1.0)
+    capture = seen(RigConfig(), near_m=1.0)
     assert decimated(capture, 1) is capture
     assert RigConfig(decimate=1).model_dump() == RigConfig().model_dump()
 
 
 def test_the_truth_is_that_of_an_image_of_the_smaller_size() -> None:
-    capture = captured(RigConfig(width_px=480, height_px=240, decimate=3), near_m=1.5)
+    capture = seen(RigConfig(width_px=480, height_px=240, decimate=3), near_m=1.5)
     with world_of(wall(3.0), block(1.5, 0.5)) as world:
         camera = camera_at(0, 0.0475, 0, intrinsics=capture.intrinsics)
         (image,) = create_renderer("raster", world).render([camera])
@@ -82,7 +79,7 @@ def test_depth_is_the_nearer_median_or_the_mean_of_the_valid_pixels(block_m: obj
 
 
 def test_pixels_without_depth_have_a_reason_and_the_others_none() -> None:
-    capture = captured(RigConfig(width_px=480, height_px=240, decimate=3), near_m=1.0)
+    capture = seen(RigConfig(width_px=480, height_px=240, decimate=3), near_m=1.0)
     hole = capture.depth_raw_m == 0
     assert hole.any()
     np.testing.assert_array_equal(hole, capture.invalid_reason != InvalidReason.NONE)
@@ -91,7 +88,7 @@ def test_pixels_without_depth_have_a_reason_and_the_others_none() -> None:
 def test_noise_is_that_of_the_full_size() -> None:
     noise = DepthNoise(disparity=Disparity(sigma_px=0.3))
     config = RigConfig(width_px=480, height_px=240, depth="noisy", noise=noise)
-    full, small = captured(config), captured(config.model_copy(update={"decimate": 3}))
+    full, small = seen(config), seen(config.model_copy(update={"decimate": 3}))
     np.testing.assert_array_equal(small.depth_raw_m, decimated_depth(full.depth_raw_m, 3))
 
 

@@ -1,11 +1,12 @@
 """References from later frames: a textured wall behind a board, seen by a camera that moves to the right."""
 
 from dataclasses import dataclass
+from functools import partial
 
-import cv2
 import numpy as np
 import pytest
 
+from tests.helpers import textured
 from voxdepth.tools.evaluation.later_frames import (
     LaterFrames,
     Moved,
@@ -24,11 +25,7 @@ N = 5
 HOLE = np.s_[100:120, 40:60]
 
 
-def texture(seed: int) -> np.ndarray:
-    noise = np.random.default_rng(seed).integers(0, 256, (240, 480)).astype(np.uint8)
-    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2), None, 0, 255, cv2.NORM_MINMAX)
-
-
+texture = partial(textured, (240, 480), blur_px=2)
 WALL, BOARD = texture(0), texture(1)
 
 

@@ -14,7 +14,6 @@ from scenarios.errors import ScenarioError
 from scenarios.experiments.experiment import Experiment, Findings
 from scenarios.experiments.quality import PAPER_M_RMSE, PAPER_PSNR_DB, claim, leads
 from scenarios.experiments.runner import find_experiment, run
-from voxdepth.tools.errors import ToolError
 
 TABLE = pd.DataFrame({"method": ["one", "two"], "time [ms]": [1.23456, None], "n": [3, 0]})
 
@@ -77,12 +76,6 @@ def test_a_failure_writes_nothing(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="it failed"):
         report(tmp_path, replace(STUB, answer=fail))
     assert not (tmp_path / "stub").exists()
-
-
-def test_a_file_in_the_way_is_told(tmp_path: Path) -> None:
-    (tmp_path / "stub").write_text("not a folder")
-    with pytest.raises(ToolError, match="cannot write"):
-        report(tmp_path)
 
 
 def test_quality_needs_frames_after_the_warm_up() -> None:

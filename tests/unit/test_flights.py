@@ -102,22 +102,18 @@ def test_a_track_keeps_straight_legs_and_rounds_corners_as_documented() -> None:
     np.testing.assert_allclose([track.heading_rad(s) for s in (0, 8, 16)], [0, np.pi / 4, np.pi / 2], atol=1e-12)
 
 
-def test_a_walk_follows_the_path_to_its_end() -> None:
+def test_a_walk_follows_the_path_to_its_end_and_looks_where_it_is_told() -> None:
     poses = fly(STEADY_WALK, STRAIGHT, n=None)
     at = positions(poses)
     np.testing.assert_allclose(np.diff(at[:, 0]) * HZ, 1.3)
     np.testing.assert_allclose(at[:, 1:], np.tile([0, 2.5], (len(at), 1)), atol=1e-12)
     assert 30 - 1.3 / HZ < at[-1, 0] <= 30
     np.testing.assert_allclose(axes(poses), np.tile(np.eye(3), (len(at), 1, 1)), atol=1e-12)
+    aside = axes(fly(STEADY_WALK.model_copy(update={"look_deg": 90.0, "pitch_deg": -30.0}), STRAIGHT))
+    np.testing.assert_allclose(aside[:, :, 0] - [0, np.cos(np.radians(30)), -0.5], 0, atol=1e-12)
     hasty = np.linalg.norm(np.diff(positions(fly(Walk(), STRAIGHT)), axis=0), axis=1) * HZ
     assert abs(np.median(hasty) - 1.3) < 0.1
     assert hasty.max() < 1.6
-
-
-def test_a_walk_looks_where_it_is_told() -> None:
-    forward = axes(fly(STEADY_WALK.model_copy(update={"look_deg": 90.0, "pitch_deg": -30.0}), STRAIGHT))[:, :, 0]
-    wanted = [0, np.cos(np.radians(30)), -0.5]
-    np.testing.assert_allclose(forward, np.tile(wanted, (len(forward), 1)), atol=1e-12)
 
 
 def test_a_walk_bobs_and_sways_with_the_steps() -> None:
@@ -142,13 +138,10 @@ def test_corners_turn_the_heading_slowly() -> None:
     assert 70 < rates_deg_s.max() <= 90 / 1.2 + 1e-6
     assert rates_deg_s.min() > -1e-9
     assert rates_deg_s.sum() / HZ == pytest.approx(90, abs=0.1)
+    at = positions(fly(STEADY_WALK, n=None))
+    assert np.linalg.norm(np.diff(at, 2, axis=0), axis=1).max() * HZ**2 < 2.5, "as much as a walker can"
     back = np.array([[0.0, 0, 0], [9, 0, 0], [0, 0, 0]])
     assert np.degrees(np.abs(np.diff(headings(fly(STEADY_WALK, back, n=None))))).max() * HZ <= 180 / 1.2 + 1e-6
-
-
-def test_a_walker_accelerates_no_more_than_a_walker_can() -> None:
-    at = positions(fly(STEADY_WALK, n=None))
-    assert np.linalg.norm(np.diff(at, 2, axis=0), axis=1).max() * HZ**2 < 2.5
 
 
 def test_a_drone_flies_the_path_at_its_speed_and_within_its_limits() -> None:
@@ -190,13 +183,6 @@ def test_a_drone_shows_the_nearest_physics_step() -> None:
     at_240 = positions(list(islice(Drone().poses(CORNER, 3, 240.0), 200)))
     at_25 = positions(list(islice(Drone().poses(CORNER, 3, 25.0), 20)))
     np.testing.assert_array_equal(at_25, at_240[[round(k * 9.6) for k in range(20)]])
-    with pytest.raises(SceneError, match="at most 240 Hz, got 250 Hz"):
-        Drone().poses(CORNER, 3, 250.0)
-
-
-def test_a_drone_is_no_faster_than_its_airframe() -> None:
-    with pytest.raises(ValidationError, match="less than or equal to 5"):
-        Drone(speed_m_s=6.0)
 
 
 def test_a_drone_closes_its_world(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -230,11 +216,11 @@ def test_a_hover_sways_by_its_sigma() -> None:
     assert yaw_deg.std() == pytest.approx(0.5, rel=0.3)
 
 
-def test_a_hover_without_sway_is_perfectly_still_and_on_the_path() -> None:
+def test_a_hover_without_sway_is_perfectly_still_and_on_the_path_and_looks_where_it_is_told() -> None:
     poses = fly(Hover(sway_m=0, sway_deg=0), STRAIGHT, n=200)
     np.testing.assert_array_equal(numbers(poses)[:, 1:], np.tile([0, 0, 2.5, 0, 0, 0, 1], (200, 1)))
-    with pytest.raises(SceneError, match="on the path of 16 m, got 17 m"):
-        Hover(at_m=17.0).poses(CORNER, 0, HZ)
+    to_the_left = headings(fly(Hover(look_deg=90.0, sway_deg=0), STRAIGHT, n=1))
+    np.testing.assert_allclose(to_the_left, np.pi / 2)
 
 
 @pytest.mark.parametrize("rate_deg_s", [90.0, -40.0])
@@ -247,10 +233,35 @@ def test_yaw_turns_at_its_rate(rate_deg_s: float) -> None:
     assert 0.05 < off_deg.std() < 0.6
 
 
-@pytest.mark.parametrize("wrong", [{"kind": "yaw"}, {"rate_deg_s": 20.0}])
-def test_only_a_yaw_has_a_rate(wrong: dict[str, object]) -> None:
-    with pytest.raises(ValidationError, match="expected a rate_deg_s for the kind yaw and none for hover"):
-        Hover.model_validate(wrong)
+@pytest.mark.parametrize(
+    ("flight", "rate_hz", "told"),
+    [
+        (Drone(), 250.0, "at most 240 Hz, got 250 Hz"),
+        (Hover(at_m=17.0), HZ, "on the path of 16 m, got 17 m"),
+        (Walk(start_m=17.0), HZ, r"starts 17 m along a path of 16.0 m"),
+        (Cut(every=300), HZ, r"need a walk of at least 20 s, got one of 12\.3 s"),
+    ],
+)
+def test_flights_for_which_the_path_or_the_physics_is_too_short_are_refused(
+    flight: Flight, rate_hz: float, told: str
+) -> None:
+    with pytest.raises(SceneError, match=told):
+        flight.poses(CORNER, 0, rate_hz)
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong", "told"),
+    [
+        (Hover, {"kind": "yaw"}, "expected a rate_deg_s for the kind yaw and none for hover"),
+        (Hover, {"rate_deg_s": 20.0}, "expected a rate_deg_s for the kind yaw and none for hover"),
+        (Drone, {"speed_m_s": 6.0}, "less than or equal to 5"),
+    ],
+)
+def test_only_a_yaw_has_a_rate_and_no_drone_is_faster_than_its_airframe(
+    kind: type[Flight], wrong: dict[str, object], told: str
+) -> None:
+    with pytest.raises(ValidationError, match=told):
+        kind.model_validate(wrong)
 
 
 @pytest.mark.parametrize("every", [1, 7])
@@ -263,11 +274,6 @@ def test_cuts_jump_exactly_at_their_frames(every: int) -> None:
     assert every == 1 or steps_m[~is_cut].max() < 0.1
     assert positions(poses)[:, 0].min() > -0.1
     assert positions(poses)[:, 0].max() < 30.1
-
-
-def test_cuts_need_a_path_for_two_takes() -> None:
-    with pytest.raises(SceneError, match=r"need a walk of at least 20 s, got one of 12\.3 s"):
-        Cut(every=300).poses(CORNER, 0, HZ)
 
 
 def test_stations_are_as_far_apart_as_asked_for_and_the_camera_stops_at_each() -> None:

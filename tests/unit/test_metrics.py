@@ -1,41 +1,140 @@
-"""Metrics of single images: errors, right depths, completion, the sky, planes."""
+"""Metrics: errors and shares of single images, sums over masks and frames, flicker, ghosts, and completion."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from voxdepth.errors import FrameError
 from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import (
-    DepthErrors,
-    depth_errors,
-    is_correct,
-)
+from voxdepth.metrics import DepthErrors, Flicker, Share, Sums, depth_errors, ghost_share, is_correct, survival
 from voxdepth.types import ASSUMED_BASELINE_M, Intrinsics
 
-TRUTH = np.array([[1.0, 2.0, 4.0, 10.0, np.inf, 30.0]], np.float32)
-DEPTH = np.array([[1.0, 2.3, 0.0, 9.0, 5.0, 40.0]], np.float32)
+seeds = st.integers(0, 10_000)
+TRUTH = np.array([[1.0, 2.0, 4.0, 10.0, np.inf, 0.0, 8.0, 5.0]], np.float32)
+DEPTH = np.array([[1.0, 2.5, 0.0, 8.0, 5.0, 5.0, 8.5, 40.0]], np.float32)
+MASK = np.array([[True, True, True, True, True, True, True, False]])
+NO_DEPTHS = (np.nan, np.inf, -1.0)
+FIGURES = ("mae_m", "rmse_m", "coverage", "too_far_share", "too_near_share")
+
+
+def random_pair(seed: int, shape: tuple[int, int] = (9, 11)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    truth_m = rng.uniform(0.5, 40, shape).astype(np.float32)
+    depth_m = (truth_m * rng.uniform(0.7, 1.4, shape)).astype(np.float32)
+    depth_m[rng.random(shape) < 0.2] = 0
+    truth_m[rng.random(shape) < 0.1] = np.inf
+    return depth_m, truth_m, rng.random(shape) < 0.8
+
+
+@given(seeds)
+def test_sums_of_disjoint_pixels_add_up_to_those_of_all(seed: int) -> None:
+    depth_m, truth_m, mask = random_pair(seed)
+    parts = Sums.of(depth_m, truth_m, mask) + Sums.of(depth_m, truth_m, ~mask)
+    whole = Sums.of(depth_m, truth_m, mask | True)
+    for field in dataclasses.fields(Sums):
+        assert getattr(parts, field.name) == pytest.approx(getattr(whole, field.name), rel=1e-12), field.name
+
+
+@given(seeds, st.sampled_from([0.25, 0.5, 2.0, 4.0]))
+def test_scaling_depth_and_truth_scales_errors_and_keeps_shares(seed: int, scale: float) -> None:
+    depth_m, truth_m, mask = random_pair(seed)
+    once = Sums.of(depth_m, truth_m, mask)
+    scaled = Sums.of(depth_m * np.float32(scale), truth_m * np.float32(scale), mask)
+    for name in ("mae_m", "rmse_m"):
+        assert getattr(scaled, name) == pytest.approx(scale * getattr(once, name)), name
+    assert scaled.psnr_db(10.0 * scale) == pytest.approx(once.psnr_db(10.0))
+    for name in ("coverage", "too_far_share", "too_near_share"):
+        assert getattr(scaled, name) == getattr(once, name), name
+
+
+@given(seeds)
+def test_swapping_depth_and_truth_swaps_too_far_and_too_near(seed: int) -> None:
+    depth_m, truth_m, mask = random_pair(seed)
+    mask &= (depth_m > 0) & np.isfinite(truth_m)
+    depth_m[~mask] = truth_m[~mask] = 0
+    once, swapped = Sums.of(depth_m, truth_m, mask), Sums.of(truth_m, depth_m, mask)
+    assert (once.too_far, once.too_near) == (swapped.too_near, swapped.too_far)
+
+
+def test_a_perfect_image_has_no_error_and_an_infinite_ratio() -> None:
+    depth_m, _, mask = random_pair(3)
+    depth_m += 1
+    sums = Sums.of(depth_m, depth_m, mask)
+    assert [getattr(sums, name) for name in FIGURES] == [0, 0, 1, 0, 0]
+    assert sums.psnr_db(40.0) == np.inf
+
+
+def test_without_pixels_every_figure_is_none() -> None:
+    for sums in (Sums(), Sums.of(DEPTH, TRUTH, np.zeros_like(MASK))):
+        assert [getattr(sums, name) for name in FIGURES] == [None] * len(FIGURES)
+        assert sums.psnr_db(40.0) is None
+    assert DepthErrors().mae_m is DepthErrors().hole_share is Share().value is None
+
+
+def test_where_nothing_is_filled_only_the_coverage_is_known() -> None:
+    sums = Sums.of(np.zeros_like(TRUTH), TRUTH, MASK)
+    assert [getattr(sums, name) for name in FIGURES] == [None, None, 0.0, None, None]
+    assert sums.psnr_db(40.0) is None
 
 
 def test_a_case_by_hand() -> None:
-    errors = depth_errors(DEPTH, TRUTH, max_range_m=20.0)
-    assert (errors.pixels, errors.filled, errors.too_far) == (4, 3, 1)
-    assert errors.mae_m == pytest.approx((0 + 0.3 + 1.0) / 3)
-    assert errors.too_far_share == pytest.approx(1 / 3)
-    assert errors.hole_share == pytest.approx(1 / 4)
+    """Judged: 1, 2, 4, 10, 8 m; filled: all but 4 m; errors: 0, 0.5, -2, 0.5 m."""
+    sums = Sums.of(DEPTH, TRUTH, MASK)
+    assert (sums.pixels, sums.filled, sums.too_far, sums.too_near) == (5, 4, 1, 1)
+    assert sums.coverage == pytest.approx(4 / 5)
+    assert sums.mae_m == pytest.approx(3.0 / 4)
+    assert sums.rmse_m == pytest.approx(np.sqrt(4.5 / 4))
+    assert (sums.too_far_share, sums.too_near_share) == (1 / 4, 1 / 4)
+    assert sums.psnr_db(40.0) == pytest.approx(10 * np.log10(1600 / (4.5 / 4)))
 
 
-def test_sums_of_frames_weigh_by_pixels() -> None:
-    once = depth_errors(DEPTH, TRUTH, max_range_m=20.0)
-    perfect = depth_errors(TRUTH[:, :2], TRUTH[:, :2], max_range_m=20.0)
-    assert (once + perfect).mae_m == pytest.approx(1.3 / 5)
+def test_errors_within_a_range_by_hand() -> None:
+    """Judged: 1, 2, 4, 8, 10 m; filled: all but 4 m; errors: 0, 0.5, 0.5, -2 m. The sky is infinitely far."""
+    truth_m, depth_m = TRUTH[:, [0, 1, 2, 3, 4, 6]], DEPTH[:, [0, 1, 2, 3, 4, 6]]
+    errors = depth_errors(depth_m, truth_m, max_range_m=10.0)
+    assert (errors.pixels, errors.filled, errors.too_far) == (5, 4, 1)
+    assert (errors.mae_m, errors.too_far_share) == (3.0 / 4, 1 / 4)
+    assert errors.hole_share == pytest.approx(1 / 5)
+    near = depth_errors(depth_m, truth_m, max_range_m=4.0)
+    assert (near.pixels, (errors + near).mae_m) == (3, 3.5 / 6)
 
 
-def test_nothing_to_judge_gives_none_rather_than_zero() -> None:
-    assert DepthErrors().mae_m is None
-    assert DepthErrors().hole_share is None
-    assert depth_errors(0 * DEPTH, TRUTH, max_range_m=20.0).too_far_share is None
+def test_exactly_five_percent_is_close_and_exactly_ten_neither_too_far_nor_too_near() -> None:
+    truth_m = np.full((1, 1), 10.0, np.float32)
+    close = [Sums.of(np.full_like(truth_m, depth), truth_m, truth_m > 0).close for depth in (9.49, 9.5, 10.5, 10.51)]
+    assert close == [0, 1, 1, 0]
+    one_m, other_m = np.array([[10.0, 11.0]], np.float32), np.array([[11.0, 10.0]], np.float32)
+    sums = Sums.of(one_m, other_m, one_m > 0)
+    assert (sums.too_far, sums.too_near) == (0, 0)
 
+
+def test_sums_are_taken_in_double_precision() -> None:
+    """A million errors of 2^-10 m beside one of 2^15 m: added one by one in single precision, half of them are lost."""
+    truth_m = np.full((1000, 1000), 1.0, np.float32)
+    depth_m = truth_m + np.float32(2.0**-10)
+    depth_m[0, 0] += np.float32(2.0**15) - np.float32(2.0**-10)
+    assert Sums.of(depth_m, truth_m, truth_m > 0).abs_error_m == 2.0**15 + (1e6 - 1) * 2.0**-10
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "truth_m", "mask", "told"),
+    [
+        *((np.where(DEPTH == 1, np.float32(wrong), DEPTH), TRUTH, MASK, "got 1 judged pixels") for wrong in NO_DEPTHS),
+        (DEPTH, np.repeat(TRUTH, 3, axis=0), MASK, r"depth_m \(1, 8\), truth_m \(3, 8\)"),
+        (DEPTH, TRUTH, MASK.astype(np.uint8), "expected a mask of type bool, got uint8"),
+    ],
+)
+def test_what_is_no_depth_or_no_mask_or_of_another_shape_is_refused_rather_than_averaged(
+    depth_m: np.ndarray, truth_m: np.ndarray, mask: np.ndarray, told: str
+) -> None:
+    with pytest.raises(FrameError, match=told):
+        Sums.of(depth_m, truth_m, mask)
+
+
+# Right depths, and completion
 
 FB = 100.0
 
@@ -56,9 +155,6 @@ def test_a_camera_without_a_second_one_is_taken_for_a_pair() -> None:
     lens = {"fx_px": 500.0, "fy_px": 400.0, "cx_px": 320.0, "cy_px": 180.0, "width_px": 640, "height_px": 360}
     assert Intrinsics(**lens, baseline_m=0.12).focal_baseline_px_m == pytest.approx(60)
     assert Intrinsics(**lens).focal_baseline_px_m == pytest.approx(500 * ASSUMED_BASELINE_M)
-
-
-seeds = st.integers(0, 10_000)
 
 
 def sparse(seed: int, valid: float = 0.1) -> np.ndarray:
@@ -98,6 +194,95 @@ def test_a_completion_by_hand() -> None:
 def test_an_image_without_depth_stays_without() -> None:
     empty = np.zeros((3, 4), np.float32)
     dense_m = fill_from_nearest(empty)
-    assert not dense_m.any()
-    assert dense_m is not empty
-    assert dense_m.dtype == np.float32
+    assert not dense_m.any() and dense_m is not empty and dense_m.dtype == np.float32
+
+
+# Over time
+
+
+def row(*values: float) -> np.ndarray:
+    return np.array([values], np.float32)
+
+
+def flicker_of(depths_m: list[np.ndarray], truths_m: list[np.ndarray], statics: list[np.ndarray]) -> Flicker:
+    flicker = Flicker()
+    for images in zip(depths_m, truths_m, statics, strict=True):
+        flicker.add(*images)
+    return flicker
+
+
+@given(st.floats(-0.4, 3.0), st.integers(0, 100))
+def test_a_constant_error_does_not_flicker_although_the_scene_moves(error_m: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    truths_m = [rng.integers(1, 20, (5, 6)).astype(np.float32) for _ in range(4)]
+    depths_m = [truth_m + np.float32(error_m) for truth_m in truths_m]
+    flicker = flicker_of(depths_m, truths_m, [truths_m[0] > 0] * 4)
+    assert flicker.mean_change_m == pytest.approx(0, abs=1e-5)
+
+
+def test_an_alternating_error_flickers_by_twice_its_size() -> None:
+    truth_m = row(4, 6)
+    depths_m = [truth_m + np.float32(sign * 0.25) for sign in (1, -1, 1)]
+    flicker = flicker_of(depths_m, [truth_m] * 3, [truth_m > 0] * 3)
+    assert flicker.mean_change_m == pytest.approx(0.5)
+    assert flicker.changes == 4
+
+
+def test_flicker_by_hand() -> None:
+    """Pixels: changes by 0.5; lost; empty twice; found; not static in the end; no surface in the end."""
+    before = row(5.0, 5.0, 0.0, 0.0, 5.0, 5.0)
+    after = row(5.5, 0.0, 0.0, 5.0, 9.0, 9.0)
+    static = np.array([[True, True, True, True, False, True]])
+    flicker = flicker_of([before, after], [row(5, 5, 5, 5, 5, 5), row(5, 5, 5, 5, 5, np.inf)], [static | True, static])
+    assert (flicker.changes, flicker.mean_change_m) == (1, pytest.approx(0.5))
+
+
+def test_a_pixel_counts_again_as_soon_as_it_rests() -> None:
+    """Static pairs are the third and fourth frame's; what was before the third does not matter."""
+    rests = [row(5) > 0 if k >= 2 else row(5) < 0 for k in range(4)]
+    flicker = flicker_of([row(1), row(9), row(5), row(6)], [row(5)] * 4, rests)
+    assert flicker.changes == 2
+    assert flicker.mean_change_m == pytest.approx((4 + 1) / 2)
+
+
+def test_a_depth_that_is_written_over_afterwards_was_taken_in_as_it_was() -> None:
+    depth_m, truth_m, static = row(5), row(5), row(5) > 0
+    flicker = Flicker()
+    flicker.add(depth_m, truth_m, static)
+    depth_m[:], truth_m[:] = 7, 6
+    flicker.add(depth_m, truth_m, static)
+    assert flicker.mean_change_m == pytest.approx(1.0)
+
+
+def test_flicker_refuses_a_frame_of_another_size_and_a_depth_that_is_none() -> None:
+    flicker = Flicker()
+    flicker.add(row(5, 5), row(5, 5), row(5, 5) > 0)
+    assert flicker.mean_change_m is None, "one frame has none"
+    with pytest.raises(FrameError, match="of one shape"):
+        flicker.add(row(5), row(5), row(5) > 0)
+    with pytest.raises(FrameError, match="1 judged pixels"):
+        flicker.add(row(5, np.nan), row(5, 5), row(5, 5) > 0)
+
+
+def test_ghosts_lie_below_the_geometric_mean_of_object_and_background() -> None:
+    """Object at 2 m, background at 8 m, mean 4 m. Not counted: a hole, no surface, no object, one behind, one there."""
+    depth_m = row(2.0, 3.9, 4.0, 4.1, 8.0, 0.0, 2.0, 2.0, 2.0, 2.0)
+    truth_m = row(8, 8, 8, 8, 8, 8, np.inf, 8, 8, 8)
+    departed_m = row(2, 2, 2, 2, 2, 2, 2, 0, 9, 8)
+    once = ghost_share(depth_m, truth_m, departed_m)
+    assert once == Share(hits=2, of=5)
+    assert (once + Share(of=5)).value == 2 / 10
+
+
+def test_an_object_survives_within_5_percent_and_not_in_a_hole() -> None:
+    truth_m = row(10, 10, 10, 10, 10, np.inf, 10)
+    depth_m = row(10, 10.5, 9.5, 10.6, 0, 10, 10)
+    moving = np.array([[True, True, True, True, True, True, False]])
+    assert survival(depth_m, truth_m, moving) == Share(hits=3, of=5)
+
+
+def test_shares_refuse_a_depth_that_is_none() -> None:
+    with pytest.raises(FrameError, match="1 judged pixels"):
+        ghost_share(row(np.nan), row(8), row(2))
+    with pytest.raises(FrameError, match="1 judged pixels"):
+        survival(row(-1), row(8), row(8) > 0)

@@ -9,12 +9,12 @@ from sim.engine import pybullet
 from sim.render import create_renderer
 from sim.types import BodyPose, VelocityCommand
 from sim.world import World
-from tests.helpers import camera_at, wall
+from tests.helpers import AT_ORIGIN, camera_at, wall
 
 SPHERE = MovingSphere(from_m=(4.0, 3.0, 0.5), to_m=(4.0, -1.0, 0.5), speed_m_s=2.0)
 
 
-BALL = SPHERE.mover(0, BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))).body
+BALL = SPHERE.mover(0, AT_ORIGIN).body
 
 
 def scene_with(*movers: Mover) -> Scene:

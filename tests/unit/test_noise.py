@@ -17,24 +17,17 @@ def numbers(*key: int, n: int = 1 << 20) -> np.ndarray:
     return normal_numbers(counter_key(0, Purpose.PHOTON, *key), n).astype(np.float64)
 
 
-def test_numbers_are_normal() -> None:
+def test_numbers_are_normal_and_independent_of_neighbours_and_of_other_cameras_and_frames() -> None:
     drawn = numbers(1)
     n = len(drawn)
     assert abs(drawn.mean()) < 4 / np.sqrt(n)
     assert drawn.var() == pytest.approx(1, abs=4 * np.sqrt(2 / n))
     for beyond, share in ((1, 0.3173), (2, 0.0455), (3, 0.0027)):
         assert (abs(drawn) > beyond).mean() == pytest.approx(share, abs=4 * np.sqrt(share / n))
-
-
-def test_numbers_of_neighbours_are_independent() -> None:
-    drawn = numbers(1)
     for lag in (1, 2, 3, 4, 320, 640):
         ahead, behind = drawn[lag:], drawn[:-lag]
-        assert abs((ahead * behind).mean()) < 4 / np.sqrt(len(drawn))
-        assert abs((ahead**2 * behind**2).mean() - 1) < 4 * 3 / np.sqrt(len(drawn))
-
-
-def test_cameras_and_frames_are_independent() -> None:
+        assert abs((ahead * behind).mean()) < 4 / np.sqrt(n)
+        assert abs((ahead**2 * behind**2).mean() - 1) < 4 * 3 / np.sqrt(n)
     correlation = np.corrcoef([numbers(*key, n=1 << 16) for key in [(0, 0, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0)]])
     assert abs(correlation[np.triu_indices(4, 1)]).max() < 4 / np.sqrt(1 << 16)
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -25,7 +24,7 @@ from tests.fakes import (
     nothing,
     pipeline_threads,
 )
-from tests.helpers import require_equal
+from tests.helpers import require_equal, walk
 from voxdepth import TemporalCorrector, VoxDepth
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import FrameError, PipelineError
@@ -60,20 +59,6 @@ def _guarded() -> Iterator[None]:
 
 
 # Laws: order, completeness, equality, bounds.
-
-
-def walk(count: int, camera: Intrinsics) -> list[Frame]:
-    """A textured wall that passes by, with new holes in every frame."""
-    rng = np.random.default_rng(3)
-    wide = cv2.GaussianBlur(rng.integers(0, 256, (camera.height_px, 400), dtype=np.uint8), (0, 0), 1.5)
-    wide = cv2.normalize(wide, None, 0, 255, cv2.NORM_MINMAX)
-    walked = []
-    for i in range(count):
-        depth_m = rng.uniform(5, 6, camera.shape).astype(np.float32)
-        depth_m[rng.random(camera.shape) < 0.1] = 0
-        gray = np.ascontiguousarray(wide[:, i : i + camera.width_px])
-        walked.append(Frame(stamp_s=i / 10, gray=gray, depth_m=depth_m))
-    return walked
 
 
 MAKERS: dict[str, Callable[[], Any]] = {

@@ -1,11 +1,14 @@
 """Aligning two images by features and an affine map."""
 
+from functools import partial
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.helpers import textured
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.registration import (
     SIZE_PX,
@@ -23,9 +26,7 @@ SHAPE = (360, 640)
 CENTRE = np.array([(SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2])
 
 
-def texture(seed: int) -> np.ndarray:
-    noise = np.random.default_rng(seed).integers(0, 256, SHAPE, dtype=np.uint8)
-    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 4), None, 0, 255, cv2.NORM_MINMAX)
+texture = partial(textured, SHAPE, blur_px=4)
 
 
 def about_centre(A: np.ndarray, shift: tuple[float, float] = (0, 0)) -> np.ndarray:

@@ -59,12 +59,12 @@ def stream() -> ModuleType:
 
 
 def test_a_frame_becomes_what_the_corrector_makes_of_it() -> None:
-    corrector = stream().MessageCorrector(CorrectorSpec(name="temporal"), baseline_m=0.07)
+    corrector = stream().MessageCorrector(CorrectorSpec(name="temporal"), baseline_m=0.07, units_per_m=500)
     reference = create_corrector("temporal", CAMERA)
     for index in range(3):
         gray, depth = gray_message(S + index), depth_message(S + index)
         fields = corrector.correct(gray, depth, info_message())
-        expected = reference.process(frame_of(gray, depth))
+        expected = reference.process(frame_of(gray, depth, units_per_m=500))
         made = {name: message("sensor_msgs/msg/Image", {"header": (0, ""), **fields[name]}) for name in fields}
         np.testing.assert_array_equal(depth_of(made["depth"]), expected.depth_m)
         np.testing.assert_array_equal(gray_of(made["source"]), expected.source)
@@ -107,19 +107,44 @@ def test_bad_messages_are_frame_errors_and_the_next_good_one_is_corrected(gray: 
     assert corrector.correct(gray_message(10 * S), depth_message(10 * S), info_message())
 
 
-@pytest.mark.parametrize(
-    ("depth_ms", "gray_ms", "n_alone"),
-    [
-        (range(0, 400, 33), range(0, 400, 66), 6),
-        ([0] * 4, [500], 3),
-        ([0, 33, 66, 99], [1, 34, 67, 100], 0),
-    ],
-)
-def test_images_without_a_partner_are_counted(depth_ms: list[int], gray_ms: list[int], n_alone: int) -> None:
-    pairs = stream().Pairs(0.02)
-    for stamp_ms, topic in sorted([(ms, 1) for ms in depth_ms] + [(ms, 0) for ms in gray_ms]):
-        pairs.add(topic, stamp_of(stamp_ms))
-    assert pairs.n_alone == n_alone
+def paired(*images: tuple[int, int], slop_s: float = 0.02) -> tuple[list[tuple[int, ...]], int]:
+    """The stamps of the pairs of images, which are topics and stamps [ms], and the number of images left out."""
+    pairs = stream().Pairs(slop_s)
+    found = [pairs.add(topic, stamp_of(stamp_ms)) for topic, stamp_ms in images]
+    stamps_ms = [tuple(header_of(image).stamp_ns // 1_000_000 for image in pair) for pair in found if pair is not None]
+    return stamps_ms, pairs.n_alone
+
+
+def test_images_are_paired_in_the_order_of_the_topics() -> None:
+    assert paired((0, 100), (1, 100), (1, 133), (0, 133)) == ([(100, 100), (133, 133)], 0)
+
+
+def test_stamps_may_differ_by_the_slop_and_no_more() -> None:
+    assert paired((0, 100), (1, 120), (0, 200), (1, 221))[0] == [(100, 120)]
+    assert paired((0, 100), (1, 100), (0, 133), (1, 134), slop_s=0.0)[0] == [(100, 100)]
+
+
+def test_the_nearest_image_is_taken_and_those_before_it_are_left_out() -> None:
+    images = (0, 100), (0, 110), (0, 130), (1, 112), (1, 113), (1, 131)
+    assert paired(*images) == ([(110, 112), (130, 113)], 1)
+
+
+def test_an_image_waits_until_there_are_too_many_later_ones() -> None:
+    waiting = [(0, 100 * k) for k in range(1, 7)]
+    assert paired(*waiting, (1, 200)) == ([(200, 200)], 1)
+    assert paired(*waiting, (1, 100)) == ([], 1)
+
+
+def test_a_topic_of_half_the_rate_leaves_every_second_image_of_the_other_out() -> None:
+    twice, once = [(0, ms) for ms in range(0, 400, 33)], [(1, ms) for ms in range(0, 400, 66)]
+    pairs, n_alone = paired(*sorted(twice + once, key=lambda image: image[1]))
+    assert (len(pairs), n_alone) == (7, 6)
+
+
+def test_a_bag_that_begins_again_is_paired_from_its_first_images_on() -> None:
+    ended = [(0, 9000 + 33 * k) for k in range(9)]
+    again = [(topic, 100 * k) for k in range(1, 9) for topic in (0, 1)]
+    assert paired((1, 8000), *ended, *again)[0] == [(100 * k, 100 * k) for k in range(1, 9)]
 
 
 def test_the_latest_item_wins() -> None:
@@ -194,16 +219,16 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Any:
     return import_module("voxdepth_ros.node").VoxDepthNode()
 
 
+def receive(node: Any, gray: Any, depth: Any) -> None:
+    node.callbacks["image"](gray)
+    node.callbacks["depth"](depth)
+
+
 def run(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the node correct what waits."""
     answers = iter([True, False, False])
     monkeypatch.setattr(sys.modules["rclpy"], "ok", lambda: next(answers))
     node.correct_until_shutdown()
-
-
-def receive(node: Any, gray: Any, depth: Any) -> None:
-    node.callbacks["image"](gray)
-    node.callbacks["depth"](depth)
 
 
 def test_the_node_publishes_the_latest_pair_with_the_header_of_its_depth(
@@ -264,36 +289,6 @@ def test_a_publisher_that_ros_has_ended_is_no_error(node: Any, monkeypatch: pyte
         node.correct_until_shutdown()
 
 
-class TestPairs:
-    """Images are named by their stamps [ms]."""
-
-    def added(self, *images: tuple[int, int], slop_s: float = 0.02) -> list[tuple[int, int]]:
-        pairs = stream().Pairs(slop_s)
-        stamps = [stamp_of(stamp_ms) for _, stamp_ms in images]
-        found = [pairs.add(topic, image) for (topic, _), image in zip(images, stamps, strict=True)]
-        return [tuple(header_of(image).stamp_ns // 1_000_000 for image in pair) for pair in found if pair is not None]
-
-    def test_images_are_paired_in_the_order_of_the_topics(self) -> None:
-        assert self.added((0, 100), (1, 100), (1, 133), (0, 133)) == [(100, 100), (133, 133)]
-
-    def test_stamps_may_differ_by_the_slop_and_no_more(self) -> None:
-        assert self.added((0, 100), (1, 120), (0, 200), (1, 221)) == [(100, 120)]
-        assert self.added((0, 100), (1, 100), (0, 133), (1, 134), slop_s=0.0) == [(100, 100)]
-
-    def test_the_nearest_one_is_taken_and_those_before_it_are_dropped(self) -> None:
-        assert self.added((0, 100), (0, 110), (0, 130), (1, 112), (1, 113), (1, 131)) == [(110, 112), (130, 113)]
-
-    def test_an_image_waits_until_there_are_too_many_later_ones(self) -> None:
-        waiting = [(0, 100 * k) for k in range(1, 7)]
-        assert self.added(*waiting, (1, 200)) == [(200, 200)]
-        assert self.added(*waiting, (1, 100)) == []
-
-    def test_a_bag_that_begins_again_is_paired_from_its_first_images_on(self) -> None:
-        ended = [(0, 9000 + 33 * k) for k in range(9)]
-        again = [(topic, 100 * k) for k in range(1, 9) for topic in (0, 1)]
-        assert self.added((1, 8000), *ended, *again) == [(100 * k, 100 * k) for k in range(1, 9)]
-
-
 def test_the_parameters_of_the_file_are_those_of_the_node(node: Any) -> None:
     given = yaml.safe_load((PACKAGE / "config" / "voxdepth.yaml").read_text())["/**/voxdepth"]["ros__parameters"]
     assert given == node.settings
@@ -304,12 +299,3 @@ def test_every_file_that_is_installed_exists() -> None:
     for name in ("package.xml", "launch/voxdepth.launch.py", "config/voxdepth.yaml", "resource/voxdepth_ros"):
         assert (PACKAGE / name).is_file()
         assert name.replace("voxdepth_ros", "{NAME}") in setup or name in setup
-
-
-def test_the_unit_of_floats_can_be_stated() -> None:
-    depth_mm = np.full(CAMERA.shape, 2000, np.float32)
-    floats = message("sensor_msgs/msg/Image", image(depth_mm, "32FC1", (S, "left_optical")))
-    stated = stream().MessageCorrector(CorrectorSpec(name="raw"), units_per_m=1000)
-    fields = stated.correct(gray_message(S), floats, info_message())["depth"]
-    made = message("sensor_msgs/msg/Image", {"header": (S, "left"), **fields})
-    np.testing.assert_array_equal(depth_of(made), np.full(CAMERA.shape, 2, np.float32))

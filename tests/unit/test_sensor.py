@@ -1,5 +1,7 @@
 """Laws of cameras, stereo and noise."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -10,14 +12,13 @@ from sim.errors import SensorError
 from sim.render import create_renderer
 from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher, occlusion_mask
-from sim.types import BodyPose, Capture, Images
-from tests.helpers import CAMERA, block, camera_at, wall, world_of
+from sim.types import Capture, Images
+from tests.helpers import AT_ORIGIN, CAMERA, block, camera_at, captured, wall, world_of
 from voxdepth.types import Intrinsics
 
 BASELINE_M = 0.095
 THETA = DepthNoise(scale=Scale(theta=0.3))
 WIDE = RigConfig(width_px=640, height_px=360).intrinsics
-POSE = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
 
 
 def stereo_pair(*bodies: Body, intrinsics: Intrinsics = WIDE) -> tuple[Images, Images]:
@@ -28,61 +29,16 @@ def stereo_pair(*bodies: Body, intrinsics: Intrinsics = WIDE) -> tuple[Images, I
     return left, right
 
 
-def capture_of(*bodies: Body, seed: int = 0, **config: object) -> Capture:
-    """What a drone at the origin measures."""
-    with world_of(*bodies, starts_m=[(0, 0, 0)]) as world:
-        renderer = create_renderer("raycast", world, threads=1)
-        (capture,) = StereoSensor(world, renderer, RigConfig.model_validate(config), seed=seed).captures([0], 0)
-    return capture
-
-
 @pytest.mark.parametrize("renderer", ["raycast", "tiny"])
 @pytest.mark.parametrize("distance_m", [1.0, 12.0])
-def test_a_plane_reads_its_depth(renderer: str, distance_m: float) -> None:
+def test_a_plane_reads_its_depth_and_nothing_is_infinitely_far(renderer: str, distance_m: float) -> None:
     with world_of(wall(distance_m)) as world:
-        image = create_renderer(renderer, world).render([camera_at(0, 0, 0)])[0]
-    np.testing.assert_allclose(image.depth_m, distance_m, atol=0.003)
-    assert (image.segment_id == 0).all()
-
-
-@pytest.mark.parametrize("renderer", ["raycast", "tiny"])
-def test_where_nothing_is_depth_is_infinite(renderer: str) -> None:
-    with world_of(wall(3.0)) as world:
-        image = create_renderer(renderer, world).render([camera_at(0, 0, 0, q_xyzw=(0, 0, 1, 0))])[0]
-    assert np.isinf(image.depth_m).all()
-    assert (image.segment_id == -1).all()
-
-
-@pytest.mark.parametrize("distance_m", [2.0, 7.0])
-def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) -> None:
-    left, right = stereo_pair(wall(distance_m))
-    matcher = StereoMatcher(WIDE, StereoConfig(min_texture=0), max_depth_m=40.0)
-    disparity = matcher.match(left.gray, right.gray)[0] / 16
-    expected = WIDE.fx_px * BASELINE_M / distance_m
-    valid = disparity[:, int(expected) + 8 :] >= 0
-    assert valid.mean() > 0.97
-    error = disparity[:, int(expected) + 8 :][valid] - expected
-    # A wall at one depth is the worst case of pixel locking: the matcher prefers whole disparities by up to 0.3 px.
-    assert abs(np.median(error)) < 0.3
-    assert np.mean(np.abs(error) < 1) > 0.98
-
-
-def test_the_left_band_that_the_right_camera_misses_is_as_wide_as_the_disparity() -> None:
-    left, right = stereo_pair(wall(2.0))
-    occluded = occlusion_mask(left.depth_m, right.depth_m, WIDE)
-    expected = WIDE.fx_px * BASELINE_M / 2.0
-    assert abs(occluded.sum(axis=1) - expected).max() <= 1
-    assert occluded[:, : int(expected) - 1].all()
-
-
-def test_the_shadow_beside_a_box_has_the_width_of_the_disparity_difference() -> None:
-    front_m, back_m = 2.0, 6.0
-    left, right = stereo_pair(wall(back_m), block(front_m, 1.0))
-    occluded = occlusion_mask(left.depth_m, right.depth_m, WIDE)
-    band = int(WIDE.fx_px * BASELINE_M / back_m) + 3
-    expected = WIDE.fx_px * BASELINE_M * (1 / front_m - 1 / back_m)
-    assert abs(occluded[180, band:].sum() - expected) <= 1
-    assert not occluded[5, band:].any()
+        cameras = [camera_at(0, 0, 0), camera_at(0, 0, 0, q_xyzw=(0, 0, 1, 0))]
+        ahead, behind = create_renderer(renderer, world).render(cameras)
+    np.testing.assert_allclose(ahead.depth_m, distance_m, atol=0.003)
+    assert (ahead.segment_id == 0).all()
+    assert np.isinf(behind.depth_m).all()
+    assert (behind.segment_id == -1).all()
 
 
 def test_far_surfaces_and_holes_are_told_apart() -> None:
@@ -98,7 +54,7 @@ def test_bright_frames_saturate_and_dark_ones_lose_their_texture() -> None:
     darkest, *_, brightest = sorted(range(100), key=lambda frame: exposure_gain(1.2, 0, frame, seed=0))
     with world_of(wall(3.0)) as world:
         sensor = StereoSensor(world, create_renderer("raster", world), config, seed=0)
-        dark, bright = (sensor.capture(sensor.render([POSE], frame)[0]) for frame in (darkest, brightest))
+        dark, bright = (sensor.capture(sensor.render([AT_ORIGIN], frame)[0]) for frame in (darkest, brightest))
     assert (bright.gray_left == 255).mean() > 0.9
     assert (bright.depth_raw_m == 0).mean() > 0.5
     assert dark.gray_left.mean() < 20
@@ -106,9 +62,7 @@ def test_bright_frames_saturate_and_dark_ones_lose_their_texture() -> None:
 
 
 @pytest.mark.parametrize("depth", ["truth", "noisy", "stereo"])
-def test_captures_of_the_same_seed_are_the_same_bytes(depth: str) -> None:
-    from concurrent.futures import ThreadPoolExecutor
-
+def test_captures_of_the_same_seed_are_the_same_bytes_with_more_threads_and_of_some_drones(depth: str) -> None:
     config = RigConfig(width_px=96, height_px=64, depth=depth, noise=THETA if depth == "noisy" else DepthNoise())
     starts = [(0.0, 0.0, 0.0), (-1.0, 1.5, 0.0), (-2.0, -1.5, 0.5)]
     captures = []
@@ -117,30 +71,16 @@ def test_captures_of_the_same_seed_are_the_same_bytes(depth: str) -> None:
             with world_of(wall(4.0), starts_m=starts) as world:
                 rig = StereoSensor(world, create_renderer("raycast", world), config, seed=3, pool_map=pool_map)
                 captures.append(list(rig.captures([0, 1, 2], frame=5)))
+                (alone,) = rig.captures([2], frame=5)
+        np.testing.assert_array_equal(alone.depth_raw_m, captures[-1][2].depth_raw_m)
     for one, other in zip(*captures, strict=True):
         np.testing.assert_array_equal(one.depth_raw_m, other.depth_raw_m)
         np.testing.assert_array_equal(one.gray_left, other.gray_left)
 
 
-def test_a_capture_of_some_drones_is_part_of_the_capture_of_all() -> None:
-    config = RigConfig(width_px=96, height_px=64, depth="noisy", noise=THETA)
-    with world_of(wall(4.0), starts_m=[(0, 0, 0), (-1, 1.5, 0), (-2, -1.5, 0.5)]) as world:
-        rig = StereoSensor(world, create_renderer("raycast", world), config, seed=3)
-        (alone,), (*_, together) = rig.captures([2], frame=1), rig.captures([0, 1, 2], frame=1)
-    np.testing.assert_array_equal(alone.depth_raw_m, together.depth_raw_m)
-
-
-def test_the_noisy_tier_has_holes_where_the_right_camera_is_blocked() -> None:
-    capture = capture_of(wall(6.0), block(2.0, 1.0), width_px=160, height_px=120, depth="noisy")
-    np.testing.assert_array_equal(capture.depth_raw_m == 0, capture.occluded)
-    assert 0.01 < capture.occluded.mean() < 0.2
-    seen = ~capture.occluded
-    np.testing.assert_array_equal(capture.depth_raw_m[seen], capture.depth_true_m[seen])
-
-
 def test_a_baseline_wider_than_the_image_can_match_is_refused() -> None:
     with pytest.raises(SensorError, match="shorten the baseline"):
-        capture_of(wall(4.0), width_px=160, height_px=120, baseline_m=2.0)
+        captured(RigConfig(width_px=160, height_px=120, baseline_m=2.0), wall(4.0))
 
 
 @pytest.mark.parametrize("radius_m", [0.01, 0.1])
@@ -165,12 +105,8 @@ def test_slanted_walls_hide_nothing_of_themselves(yaw_deg: float) -> None:
 
 
 def test_every_sensor_model_with_a_right_image_reports_occlusion() -> None:
-    masks = []
-    with world_of(wall(6.0), block(2.0, 1.0)) as world:
-        for depth in ("truth", "noisy", "stereo"):
-            config = RigConfig(depth=depth, mount_forward_m=0.0)
-            sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=0, right=True)
-            masks.append(sensor.capture(sensor.render([POSE], 0)[0]).occluded)
+    models = [RigConfig(depth=depth, mount_forward_m=0.0) for depth in ("truth", "noisy", "stereo")]
+    masks = [captured(model, wall(6.0), block(2.0, 1.0), right=True).occluded for model in models]
     assert masks[0].sum() > 100
     np.testing.assert_array_equal(masks[0], masks[1])
     np.testing.assert_array_equal(masks[0], masks[2])
@@ -178,8 +114,8 @@ def test_every_sensor_model_with_a_right_image_reports_occlusion() -> None:
 
 def test_the_sky_keeps_its_depth_under_noise_and_nothing_reads_farther() -> None:
     noise = DepthNoise(scale=Scale(theta=0.5), disparity=Disparity(sigma_px=0.05))
-    rig = {"width_px": 160, "height_px": 120, "depth": "noisy", "noise": noise, "max_depth_m": 40.0}
-    capture = capture_of(wall(30.0, side_m=20.0), seed=1, **rig)
+    rig = RigConfig(width_px=160, height_px=120, depth="noisy", noise=noise, max_depth_m=40.0)
+    capture = captured(rig, wall(30.0, side_m=20.0), seed=1)
     sky = np.isinf(capture.depth_true_m)
     assert sky.mean() > 0.2
     assert capture.depth_raw_m.max() <= 40.0
@@ -200,7 +136,7 @@ def share_within(image: Capture, share: float) -> float:
 
 
 def test_less_light_means_more_noise_and_less_depth() -> None:
-    images = [capture_of(wall(4.0), light_stops=stops) for stops in (0.0, -3.0, -6.0)]
+    images = [captured(RigConfig(light_stops=stops), wall(4.0)) for stops in (0.0, -3.0, -6.0)]
     noise = [float(np.std(np.diff(image.gray_left[::2].astype(float), axis=1))) for image in images]
     assert noise == sorted(noise)
     depth = [share_within(image, 0.1) for image in images]

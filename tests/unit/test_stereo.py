@@ -12,14 +12,11 @@ from scenarios.sequences import SeededSequence, load_sequence, simulation
 from sim.bodies import Surface
 from sim.camera_noise import photon_noise
 from sim.flights import Hover
-from sim.render import create_renderer
-from sim.sensor import RigConfig, StereoSensor
+from sim.sensor import RigConfig
 from sim.stereo import StereoConfig, StereoMatcher, texture
 from sim.types import Capture, InvalidReason
-from tests.helpers import block, camera_at, wall, world_of
-from voxdepth.types import FloatImage, GrayImage, Intrinsics
-
-WIDE = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86, baseline_m=0.095)
+from tests.helpers import CAMERA, block, captured, wall
+from voxdepth.types import FloatImage, GrayImage
 
 
 def test_texture_of_photon_noise_alone_is_1_13_times_its_deviation() -> None:
@@ -37,8 +34,7 @@ def test_texture_of_a_ramp_is_twice_its_slope() -> None:
 def test_every_hole_has_a_reason_and_every_reason_a_hole() -> None:
     plain = dataclasses.replace(block(2.0, 1.0), surface=Surface(albedo=0.5, texture=0.0))
     config = RigConfig(depth="stereo", mount_forward_m=0.27)
-    with world_of(wall(6.0), plain, starts_m=[(0, 0, 0)]) as world:
-        (capture,) = StereoSensor(world, create_renderer("raycast", world), config, seed=0).captures([0], 0)
+    capture = captured(config, wall(6.0), plain)
     np.testing.assert_array_equal(capture.invalid_reason != InvalidReason.NONE, capture.depth_raw_m == 0)
     textureless_id = 1
     on_block = (capture.segment_id == textureless_id) & ~capture.occluded
@@ -49,39 +45,23 @@ def test_every_hole_has_a_reason_and_every_reason_a_hole() -> None:
 
 def test_surfaces_nearer_than_the_search_are_out_of_range_not_right() -> None:
     config = RigConfig(mount_forward_m=0.0, stereo=StereoConfig(min_depth_m=2.0))
-    with world_of(wall(0.7), starts_m=[(0, 0, 0)]) as world:
-        (capture,) = StereoSensor(world, create_renderer("raycast", world), config, seed=0).captures([0], 0)
+    capture = captured(config, wall(0.7))
     lost = capture.depth_raw_m == 0
-    assert lost.mean() > 0.5
+    assert lost.mean() > 0.3
+    assert capture.depth_raw_m[~lost].min() > 1.0, "what is matched is matched wrongly"
     reasons = capture.invalid_reason[lost & ~capture.occluded]
     assert (reasons == InvalidReason.OUT_OF_RANGE).all()
 
 
-def test_threads_share_a_matcher_and_get_the_same_bytes() -> None:
-    from concurrent.futures import ThreadPoolExecutor
-
-    with world_of(wall(6.0), block(2.0, 1.0)) as world:
-        views = [camera_at(0, y, 0, intrinsics=WIDE) for y in (0.0475, -0.0475)]
-        left, right = (image.gray for image in create_renderer("raycast", world).render(views))
-    matcher = StereoMatcher(WIDE, StereoConfig(), max_depth_m=40)
-    alone = matcher.match(left, right)[0]
-    with ThreadPoolExecutor(2) as pool:
-        together = list(pool.map(lambda _: matcher.match(left, right)[0], range(6)))
-    for disparity in together:
-        np.testing.assert_array_equal(disparity, alone)
-    cv2.setNumThreads(1)
-
-
-SMALL = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
 INSIDE = np.s_[8:-8, 48:-8]
 """Pixels that both cameras see, with their whole neighbourhood."""
 
 
 def slanted(per_col: float, per_row: float) -> tuple[GrayImage, GrayImage, FloatImage]:
     """Left and right image of a slanted surface that is rough everywhere, and its disparity [px]."""
-    noise = np.random.default_rng(0).integers(0, 256, SMALL.shape).astype(np.float32)
+    noise = np.random.default_rng(0).integers(0, 256, CAMERA.shape).astype(np.float32)
     right = np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.0), np.float32)
-    row, col = np.indices(SMALL.shape, np.float32)
+    row, col = np.indices(CAMERA.shape, np.float32)
     disparity_px = np.asarray(20 + per_col * (col - 80) + per_row * (row - 60), np.float32)
     left = cv2.remap(right, col - disparity_px, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     return np.clip(left, 0, 255).astype(np.uint8), np.clip(right, 0, 255).astype(np.uint8), disparity_px
@@ -93,7 +73,7 @@ def test_a_rough_surface_has_no_hole_however_it_is_slanted(check: str, per_col: 
     """Its neighbours differ by much more than a sixteenth of a pixel, and two of them may meet in the right image."""
     left, right, disparity_px = slanted(per_col, per_row)
     config = StereoConfig.model_validate({"min_depth_m": 0.2, "check": check})
-    found, reason = StereoMatcher(SMALL, config, max_depth_m=40).match(left, right)
+    found, reason = StereoMatcher(CAMERA, config, max_depth_m=40).match(left, right)
     assert (reason[INSIDE] == InvalidReason.NONE).mean() > 0.995
     np.testing.assert_allclose(np.median(found[INSIDE] / 16 - disparity_px[INSIDE]), 0, atol=0.1)
 
@@ -104,7 +84,7 @@ def test_the_check_tolerates_pixels_not_their_sixteenths() -> None:
     shares = []
     for check_px in (1 / 16, 1.0):
         config = StereoConfig(min_depth_m=0.2, check_px=check_px)
-        _, reason = StereoMatcher(SMALL, config, max_depth_m=40).match(left, right)
+        _, reason = StereoMatcher(CAMERA, config, max_depth_m=40).match(left, right)
         shares.append(float((reason[INSIDE] == InvalidReason.AMBIGUOUS).mean()))
     assert shares[0] == pytest.approx(0.15, abs=0.03)
     assert shares[1] < 0.005
@@ -154,13 +134,6 @@ def test_depth_of_sim_mb_is_right_where_it_can_be_and_missing_where_it_should(ch
         if np.count_nonzero(here) > 1000:
             assert (error_px[here] <= 1).mean() >= 0.9, low_m
             assert np.median(error_px[here & (raw_m > 0)]) <= 0.25, low_m
-
-
-@pytest.mark.slow
-def test_each_check_of_the_matcher_is_what_makes_its_holes() -> None:
-    without = unmatchable(*captures_of_sim_mb(check_px=1e4, min_texture=0.0))
-    assert without["occluded"][0] < 0.5
-    assert without["textureless"][0] < 0.3
 
 
 @pytest.mark.slow

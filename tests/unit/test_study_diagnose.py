@@ -7,14 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.study.diagnose import (
-    Cause,
-    CollisionProbe,
-    Diagnosis,
-    Image,
-    cause_table,
-    diagnose,
-)
+from scenarios.study.diagnose import Cause, CollisionProbe, Diagnosis, Image, cause_table, diagnose
 from sim.bodies import Surface
 from sim.frames import pose
 from sim.types import Capture, Contact, VelocityCommand

@@ -59,7 +59,7 @@ def test_workers_that_raise_die_or_hang_take_nothing_but_their_run_with_them() -
 @pytest.mark.slow
 def test_workers_listen_to_this_machine_alone_and_end_with_their_run_in_the_air() -> None:
     specs = expand(study(arm("a"), arm("hangs"), seeds=1))
-    with closing(Processes(2, 600.0, fake).run(specs)) as runs:
+    with closing(Processes(1, 600.0, fake).run(specs)) as runs:
         assert next(runs) == fake(specs[0])
         sockets = [one for child in psutil.Process().children(recursive=True) for one in child.net_connections()]
         sockets += psutil.Process().net_connections()
@@ -69,9 +69,9 @@ def test_workers_listen_to_this_machine_alone_and_end_with_their_run_in_the_air(
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """Two workers, of which nobody tries a run again."""
+    """A worker, of which nobody tries a run again."""
     one_try = dask.config.set(executors.LOCAL_SETTINGS)
-    with one_try, LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as started:
+    with one_try, LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as started:
         yield started
 
 

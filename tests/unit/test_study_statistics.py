@@ -5,15 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.study.statistics import (
-    Interval,
-    Pairs,
-    bootstrap_ratio,
-    holm,
-    mcnemar,
-    newcombe,
-    wilson,
-)
+from scenarios.study.statistics import Interval, Pairs, bootstrap_ratio, holm, mcnemar, newcombe, wilson
 
 
 def close(interval: Interval, low: float, high: float, within: float = 5e-5) -> bool:

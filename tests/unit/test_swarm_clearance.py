@@ -9,28 +9,16 @@ from scenarios.config import Scenario, load_run
 from scenarios.files import shipped_names
 from sim.bodies import Scene
 from sim.drone import VELOCITY_GAIN_PER_S, AirframeConfig
-from sim.render import create_renderer
-from sim.sensor import RigConfig, StereoSensor
+from sim.sensor import RigConfig
 from sim.types import VelocityCommand
 from sim.world import PHYSICS_HZ, World
 from swarm.approach import DECEL_M_S2, DRONE_GAP_M, braking_m_s2, clamp_to_limits, neighbour_limits, stopping_speed_m_s
-from swarm.metrics import MissionMetrics, separation_m
-from swarm.team import FormationConfig, Route, Team
-from tests.helpers import wall, world_of
-from tests.swarm_scenes import AIRFRAME, FORWARD, HOVERS, RADIUS_M, near, stopping_distance_m
+from swarm.metrics import separation_m
+from tests.helpers import captured, wall, world_of
+from tests.swarm_scenes import AIRFRAME, FORWARD, RADIUS_M, near, stopping_distance_m
 
 WRONG = 0.1
 """Relative error of depth beyond which a drone should not have to rely on it."""
-
-
-@pytest.mark.parametrize("gap_m", [0.3, 0.6, 1.0, 4.0])
-def test_world_and_report_mean_the_same_by_clearance(gap_m: float) -> None:
-    team = Team.of(Route(start_m=(0.0, 0.0, 0.0), goal_m=(30.0, 0.0, 0.0)), range(1), FormationConfig())
-    with world_of(wall(gap_m + RADIUS_M), starts_m=team.starts_m) as world:
-        assert world.clearance_m(0) == pytest.approx(gap_m, abs=1e-3)
-        metrics = MissionMetrics(world, [team], goal_radius_m=1.5)
-        assert metrics.sample(world.states, [HOVERS])["clearance_m"] == world.clearance_m(0)
-        assert metrics.summary((), 0)["min_clearance_m"] == world.clearance_m(0)
 
 
 @given(st.floats(0.0, 20.0))
@@ -73,9 +61,7 @@ def median_error(scenario: Scenario, distance_m: float) -> float:
     rig_config = scenario.rig.model_copy(update={"depth": "stereo", "noise": RigConfig().noise})
     errors = []
     for place_m in distance_m * np.array([0.95, 1.0, 1.05]):
-        with world_of(wall(place_m + rig_config.mount_forward_m), starts_m=[[0, 0, 0.0]]) as world:
-            rig = StereoSensor(world, create_renderer("raycast", world, threads=1), rig_config, seed=0)
-            (image,) = rig.captures([0], 0)
+        image = captured(rig_config, wall(place_m + rig_config.mount_forward_m))
         error = np.abs(image.depth_raw_m - image.depth_true_m) / image.depth_true_m
         errors.append(np.where(image.depth_raw_m > 0, error, np.inf))
     return float(np.median(errors))
@@ -97,7 +83,7 @@ def test_a_drone_can_stop_within_the_range_at_which_its_camera_is_right(name: st
     scenario = load_run(name, 0, {}).scenario
     fastest_m_s = max(scenario.mission.cruise_speed_m_s, scenario.mission.follower_speed_m_s)
     needed_m = sight_needed_m(scenario, fastest_m_s)
-    errors = {d: median_error(scenario, d) for d in np.linspace(1.0, needed_m, 7).round(2).tolist()}
+    errors = {d: median_error(scenario, d) for d in np.linspace(1.0, needed_m, 3).round(2).tolist()}
     assert max(errors.values()) < WRONG, errors
 
 

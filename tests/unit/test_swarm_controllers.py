@@ -7,13 +7,24 @@ import pytest
 
 from swarm.agents import Track, create_agent
 from swarm.config import MissionConfig
-from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
+from swarm.controllers import DEFAULT_CONTROLLER, Agent, load_controller
 from swarm.mapping_pilot import MappingPilot
 from swarm.pilot import Heading, Pilot, PilotConfig, Situation
 from swarm.team import Route
-from swarm.types import Motion, Neighbours, Percept
+from swarm.types import Motion, Neighbours
 from tests.helpers import CAMERA
-from tests.swarm_scenes import AIRFRAME, FORWARD, NOBODY, flat, near, neighbours_of, percept_of, state
+from tests.swarm_scenes import (
+    AIRFRAME,
+    FORWARD,
+    Vector,
+    flat,
+    near,
+    neighbours_of,
+    percept_of,
+    role_of,
+    situation_of,
+    state,
+)
 from voxdepth import plugins
 from voxdepth.errors import PluginError
 
@@ -33,11 +44,6 @@ def agent(drone: int, config: MissionConfig) -> Agent:
     return create_agent(role_of(drone, config), config)
 
 
-def role_of(drone: int, config: MissionConfig) -> Role:
-    (team,) = config.teams()
-    return Role(drone=drone, team=team, airframe=AIRFRAME, camera=CAMERA)
-
-
 def wish(situation: Situation, **rules: Any) -> np.ndarray:
     """What drone 1 wants whose slot is free."""
     config = mission(**rules)
@@ -45,24 +51,9 @@ def wish(situation: Situation, **rules: Any) -> np.ndarray:
     return follower.wanted(situation, situation.leader.position_m + role_of(1, config).offset_m)
 
 
-def situation(
-    *,
-    at: Any = (0.0, 0.0, 0.0),
-    velocity: Any = STILL,
-    leader: tuple[Any, Any] = ((2.6, -1.3, 0.0), STILL),
-    neighbours: Neighbours = NOBODY,
-    mates: Neighbours = NOBODY,
-    percept: Percept | None = OPEN,
-) -> Situation:
+def situation(*, at: Any = STILL, leader_m: Vector = (2.6, -1.3, 0.0), **known: Any) -> Situation:
     """Drone 1 in its slot, if the leader is where it is by default."""
-    return Situation(
-        time_s=0.0,
-        own=state(*at, velocity),
-        percept=percept,
-        leader=Motion(np.array(leader[0]), np.array(leader[1])),
-        mates=mates,
-        neighbours=neighbours,
-    )
+    return situation_of(state(*at), leader_m, **{"percept": OPEN} | known)
 
 
 class TestLoading:
@@ -90,11 +81,11 @@ class TestLoading:
 
 
 SITUATIONS = {
-    "migration_per_s": situation(leader=((12.6, -1.3, 0.0), STILL)),
+    "migration_per_s": situation(leader_m=(12.6, -1.3, 0.0)),
     "cohesion_per_s": situation(neighbours=near(((0, 4, 0), STILL))),
     "separation_per_s": situation(neighbours=near(((0, 1, 0), STILL))),
     "alignment": situation(neighbours=near(((0, 4, 0), (0, 0, 1)))),
-    "confinement_per_s": situation(at=(0.0, 40.0, 0.0), leader=((2.6, 38.7, 0.0), STILL)),
+    "confinement_per_s": situation(at=(0.0, 40.0, 0.0), leader_m=(2.6, 38.7, 0.0)),
 }
 
 
@@ -110,7 +101,7 @@ class TestSwitches:
 
     @pytest.mark.parametrize("drone", [0, 1])
     def test_without_avoidance_a_drone_flies_blind(self, drone: int) -> None:
-        ahead = situation(percept=WALL, leader=((9.0, -1.3, 0.0), STILL), mates=near(((-2.6, 1.3, 0), STILL)))
+        ahead = situation(percept=WALL, leader_m=(9.0, -1.3, 0.0), mates=near(((-2.6, 1.3, 0), STILL)))
         seeing, blind = (agent(drone, mission(avoidance=on)).decide(ahead) for on in (True, False))
         assert seeing.view is not None and seeing.state != "unguarded"
         assert blind.view is None and blind.state == "unguarded"
@@ -165,7 +156,7 @@ class TestAgents:
             np.testing.assert_allclose(places_m[-1], [20 - 2 * number, 0, 0], atol=0.6)
 
     def test_nobody_wants_more_than_its_top_speed(self) -> None:
-        far = situation(leader=((99.0, 0, 0), STILL), mates=near(((-2.6, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL)))
+        far = situation(leader_m=(99.0, 0, 0), mates=near(((-2.6, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL)))
         for drone, most_m_s in ((0, 2.5), (1, 3.2)):
             decision = agent(drone, BLIND).decide(far)
             assert np.linalg.norm(decision.command.velocity_m_s) == pytest.approx(most_m_s)
@@ -176,7 +167,7 @@ class TestAgents:
         np.testing.assert_allclose(wanted, [0, -2.0 * 0.8, 0], atol=1e-9)
 
     def test_without_an_image_a_drone_hovers_and_waits(self) -> None:
-        decision = agent(1, mission()).decide(situation(percept=None, leader=((99.0, 0, 0), STILL)))
+        decision = agent(1, mission()).decide(situation(percept=None, leader_m=(99.0, 0, 0)))
         assert not decision.command.velocity_m_s.any()
         assert decision.state == "waiting"
 

@@ -8,21 +8,10 @@ import pytest
 from swarm import evidence as module
 from swarm.evidence import Evidence, InverseSensorModel
 from tests.helpers import CAMERA
-from voxdepth.types import CorrectedDepth, FloatImage, Intrinsics, Source
+from tests.swarm_scenes import flat, measured
+from voxdepth.types import FloatImage, Intrinsics
 
 LARGE = Intrinsics.from_hfov(width_px=650, height_px=481, hfov_deg=86, baseline_m=0.095)
-
-
-def image(depth_m: FloatImage, confidence: FloatImage | float = 1.0) -> CorrectedDepth:
-    """Measured depth with a confidence."""
-    confidence = np.where(depth_m > 0, np.float32(1) * confidence, np.float32(0)).astype(np.float32)
-    source = np.where(depth_m > 0, Source.SENSOR, Source.INVALID).astype(np.uint8)
-    return CorrectedDepth(depth_m=depth_m, source=source, confidence=confidence)
-
-
-def flat(depth_m: float) -> FloatImage:
-    """The same depth everywhere."""
-    return np.full(CAMERA.shape, depth_m, np.float32)
 
 
 def exact(camera: Intrinsics = CAMERA) -> InverseSensorModel:
@@ -32,21 +21,14 @@ def exact(camera: Intrinsics = CAMERA) -> InverseSensorModel:
 
 def evidence(depth_m: FloatImage, confidence: FloatImage | float = 1.0) -> Evidence:
     """What an image proves."""
-    return exact().read(image(depth_m, confidence))
-
-
-def test_a_wall_is_a_surface_up_to_which_all_is_free() -> None:
-    sensor = exact()
-    free_m, surface_m = sensor.read(image(flat(3.0)))
-    np.testing.assert_allclose(free_m * sensor.rays_cam[..., 2], 3.0, rtol=1e-6)
-    np.testing.assert_array_equal(free_m, surface_m)
+    return exact().read(measured(depth_m, confidence))
 
 
 def test_the_error_of_the_disparity_shortens_free_space() -> None:
     """f B / (f B / z + s), with an error in pixels of images that are three times as wide as the depth."""
     scale = 3.0
     sensor = InverseSensorModel(replace(CAMERA, disparity_scale=scale), disparity_error_px=0.6)
-    free_m, surface_m = sensor.read(image(flat(5.0)))
+    free_m, surface_m = sensor.read(measured(flat(5.0)))
     fB = CAMERA.focal_baseline_px_m
     np.testing.assert_allclose(free_m * sensor.rays_cam[..., 2], fB / (fB / 5 + 0.6 / scale), rtol=1e-5)
     assert sensor.range_of_error(0.5) == pytest.approx(np.sqrt(0.5 * fB / (0.6 / scale)))
@@ -68,7 +50,7 @@ def test_a_cell_is_free_up_to_where_its_holes_could_hide_something_wide(n_holes:
     depth_m = flat(20.0)
     for k in range(n_holes):
         depth_m[:, sensor.col_edges[:-1] + k] = 0
-    free_m, _ = sensor.read(image(depth_m))
+    free_m, _ = sensor.read(measured(depth_m))
     width_px = np.diff(sensor.col_edges)
     assert width_px.min() >= 4
     expected_m = np.broadcast_to(0.1 / (n_holes / width_px * np.radians(5)), free_m.shape)
@@ -84,7 +66,7 @@ def test_a_cell_with_exactly_the_least_share_of_trusted_pixels_is_free(
     sensor = exact()
     depth_m = flat(3.0)
     depth_m[np.indices(CAMERA.shape).sum(0) % 2 == 0] = 0
-    free_m, _ = sensor.read(image(depth_m))
+    free_m, _ = sensor.read(measured(depth_m))
     n_pixels = np.outer(np.diff(sensor.row_edges), np.diff(sensor.col_edges))
     halves = n_pixels % 2 == 0
     assert halves.mean() > 0.2
@@ -102,15 +84,6 @@ def test_the_least_confidence_is_enough() -> None:
         np.testing.assert_array_equal(np.isfinite(surface_m), is_shown)
 
 
-def test_a_doubtful_surface_ends_trusted_free_space() -> None:
-    depth_m, confidence = flat(8.0), np.ones(CAMERA.shape, np.float32)
-    near = np.random.default_rng(1).random(CAMERA.shape) < 0.25
-    depth_m[near], confidence[near] = 1.0, 0.2
-    free_m, surface_m = evidence(depth_m, confidence)
-    assert (free_m[free_m > 0] < 2.0).mean() > 0.95
-    np.testing.assert_array_equal(free_m[free_m > 0], surface_m[free_m > 0])
-
-
 @pytest.mark.parametrize(("camera", "step"), [(CAMERA, 1), (LARGE, 4)], ids=["all pixels", "sampled pixels"])
 def test_a_cell_is_free_and_shows_a_surface_at_quantiles_of_its_depths(
     camera: Intrinsics, step: int, monkeypatch: pytest.MonkeyPatch
@@ -122,7 +95,7 @@ def test_a_cell_is_free_and_shows_a_surface_at_quantiles_of_its_depths(
     depth_m[rng.random(camera.shape) < 0.3] = 0
     confidence = rng.choice(np.array([0.05, 0.3, 0.8], np.float32), camera.shape)
     sensor = exact(camera)
-    found = sensor.read(image(depth_m, confidence))
+    found = sensor.read(measured(depth_m, confidence))
     rows, cols = sensor.row_edges, sensor.col_edges
     for i in range(len(rows) - 1):
         for j in range(len(cols) - 1):
@@ -139,7 +112,7 @@ def test_a_cell_is_free_and_shows_a_surface_at_quantiles_of_its_depths(
 def test_every_cell_of_a_large_image_is_read_however_small_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "CELL_DEG", 0.51)
     monkeypatch.setattr(module, "MAX_HIDDEN_M", 100.0)
-    found = InverseSensorModel(LARGE).read(image(np.full(LARGE.shape, 5.0, np.float32)))
+    found = InverseSensorModel(LARGE).read(measured(np.full(LARGE.shape, 5.0, np.float32)))
     assert (found.free_m > 4).all() and np.isfinite(found.surface_m).all()
 
 
@@ -148,8 +121,8 @@ def test_where_holes_are_free_space_they_count_as_far_depths_and_every_depth_is_
     depth_m = flat(6.0)
     depth_m[:, : CAMERA.width_px // 2] = 0
     reader = InverseSensorModel(CAMERA, holes="free", disparity_error_px=0)
-    read = reader.read(image(depth_m, confidence))
+    read = reader.read(measured(depth_m, confidence))
     far_m = flat(6.0)
     far_m[depth_m == 0] = module.HOLE_RANGE_M
-    np.testing.assert_array_equal(read, exact().read(image(far_m)))
+    np.testing.assert_array_equal(read, exact().read(measured(far_m)))
     assert read.free_m.min() > 5

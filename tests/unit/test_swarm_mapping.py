@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.drone import AirframeConfig
-from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
-from sim.types import DroneState
+from sim.frames import R_BODY_CAM, pose
 from swarm import mapping_pilot
 from swarm.approach import RESPONSE_S, neighbour_limits
 from swarm.cost_map import CostMap
@@ -19,18 +18,17 @@ from swarm.errors import MissionError
 from swarm.mapping_pilot import MappingPilot
 from swarm.pilot import Decision, PilotConfig, Situation
 from swarm.types import Motion, Percept
-from swarm.voxel_map import BLACKLISTED, FREE
+from swarm.voxel_map import BLACKLISTED, FREE, HEIGHT_M
 from tests.helpers import CAMERA
-from tests.swarm_scenes import AIRFRAME, NOBODY, RADIUS_M, neighbours_of, turn
-from tests.unit.test_swarm_evidence import flat, image
+from tests.swarm_scenes import AIRFRAME, NOBODY, RADIUS_M, flat, measured, neighbours_of, situation_of, state, turn
 from voxdepth.types import CorrectedDepth, FloatArray
 
 RATE_HZ = 20
 START_M = mapping_pilot.START_RADIUS_M
 MOUNT_CAM_M = np.array([0.0, 0.0, 0.27])
 """Position of the camera, in its frame."""
-HOLES = image(flat(0.0))
-DOUBT = image(flat(6.0), confidence=0.1)
+HOLES = measured(flat(0.0))
+DOUBT = measured(flat(6.0), confidence=0.1)
 LYING = replace(HOLES, confidence=np.ones(CAMERA.shape, np.float32))
 """Depth of zero with all confidence."""
 View = Callable[[FloatArray, float], CorrectedDepth]
@@ -87,17 +85,8 @@ class Flight:
         )
 
     def _situation(self) -> Situation:
-        own = DroneState(
-            position_m=self.position_m,
-            velocity_m_s=self.velocity_m_s,
-            q_world_body_xyzw=quaternion_from_yaw(self.yaw_rad),
-            rates_rad_s=np.zeros(3),
-        )
-        leader = Motion(np.zeros(3), np.zeros(3))
-        return Situation(
-            time_s=len(self.path_m) / RATE_HZ, own=own, percept=self._percept, leader=leader, mates=NOBODY,
-            neighbours=self.neighbours,
-        )  # fmt: skip
+        own, time_s = state(*self.position_m, self.velocity_m_s, self.yaw_rad), len(self.path_m) / RATE_HZ
+        return situation_of(own, time_s=time_s, percept=self._percept, neighbours=self.neighbours)
 
 
 def always(seen: CorrectedDepth) -> View:
@@ -113,7 +102,7 @@ def wall_at(x_m: float) -> View:
         forward = np.cos(yaw_rad) + np.sin(yaw_rad) * x  # Along the world's x axis, per depth.
         camera_x_m = position_m[0] + 0.27 * np.cos(yaw_rad)
         depth_m = np.where(forward > 0.05, (x_m - camera_x_m) / np.maximum(forward, 0.05), 0)
-        return image(np.broadcast_to(np.clip(depth_m, 0, 40), CAMERA.shape).astype(np.float32))
+        return measured(np.broadcast_to(np.clip(depth_m, 0, 40), CAMERA.shape).astype(np.float32))
 
     return view
 
@@ -121,7 +110,7 @@ def wall_at(x_m: float) -> View:
 @pytest.mark.parametrize(
     ("seen", "wanted"),
     [
-        *((HOLES, wanted) for wanted in ((3, 0, 0), (-0.4, 0, 0), (2, -2, 0), (0, 0, 1))),
+        *((HOLES, wanted) for wanted in ((3, 0, 0), (-0.4, 0, 0), (2, -2, 0), (0, 0, 1), (0, 0, -0.5))),
         (DOUBT, (3, 0, 0)),
         (LYING, (3, 0, 0)),
     ],
@@ -129,6 +118,7 @@ def wall_at(x_m: float) -> View:
 def test_nobody_flies_into_the_unknown(seen: CorrectedDepth, wanted: tuple[float, float, float]) -> None:
     flight = Flight(always(seen)).flies(wanted, 6.0)
     assert flight.farthest_m < START_M - RADIUS_M
+    assert abs(flight.position_m[2]) < HEIGHT_M / 2 - RADIUS_M, "a start is free as high as the map"
 
 
 def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_it_knew_too_little_of(
@@ -136,7 +126,7 @@ def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_
 ) -> None:
     """The camera before it does not show the sides of the place where it stands, which must be free, too."""
     monkeypatch.setattr(mapping_pilot, "START_RADIUS_M", 0.8)
-    flight = Flight(always(image(flat(10.0))))
+    flight = Flight(always(measured(flat(10.0))))
     flight.flies((2, 0, 0), 2.0)
     assert flight.farthest_m < 0.3
     flight.flies((2, 0, 0), 8.0)
@@ -168,7 +158,7 @@ def test_a_drone_flies_to_a_wall_that_it_sees_and_stops_before_it() -> None:
     assert max(np.linalg.norm(d.command.velocity_m_s) for d in flight.decisions) > 1.5
 
 
-FAR = image(flat(40.0))
+FAR = measured(flat(40.0))
 
 
 @pytest.mark.parametrize("n_false", [2, 8])
@@ -180,7 +170,7 @@ def test_a_few_false_images_and_then_holes_do_not_carry_a_drone_away(n_false: in
 
 
 def test_states_tell_what_holds_a_drone_back() -> None:
-    assert Flight(always(image(flat(30.0)))).flies((1, 0, 0), 2.0).decisions[-1].state == "free"
+    assert Flight(always(measured(flat(30.0)))).flies((1, 0, 0), 2.0).decisions[-1].state == "free"
     assert Flight(always(HOLES)).flies((3, 0, 0), 4.0).decisions[-1].state in ("exploring", "blocked")
     assert Flight(always(HOLES)).flies((0, 0, 0), 1.0).decisions[-1].state == "free"
 
@@ -190,7 +180,7 @@ def test_a_drone_climbs_and_descends_where_it_sees_but_stays_near_the_height_of_
     climb_m_s: float, height_m: float
 ) -> None:
     target_m = np.array([40.0, 0.0, height_m])
-    flight = Flight(always(image(flat(9.0)))).flies((2, 0, climb_m_s), 6.0, target_m)
+    flight = Flight(always(measured(flat(9.0)))).flies((2, 0, climb_m_s), 6.0, target_m)
     climbed_m = flight.position_m[2] * np.sign(climb_m_s)
     assert climbed_m > 0.4
     assert climbed_m < 0.8 or height_m != 0
@@ -209,7 +199,7 @@ def bar_of_holes(x_m: float, low_m: float, high_m: float) -> View:
         height_m = position_m[2] + up[:, None] * ahead_m / forward
         is_bar = (ahead_m > 0) & (height_m > low_m) & (height_m < high_m)
         behind_m = np.broadcast_to(np.clip((ahead_m + 6.0) / forward, 0, 40), CAMERA.shape)
-        return image(np.where(is_bar | (forward < 0.05), 0, behind_m).astype(np.float32))
+        return measured(np.where(is_bar | (forward < 0.05), 0, behind_m).astype(np.float32))
 
     return view
 
@@ -245,7 +235,7 @@ def test_no_command_approaches_another_drone_faster_than_allowed(seed: int) -> N
 
 
 def test_a_drone_flies_around_others_that_stand_in_its_way() -> None:
-    flight = Flight(always(image(flat(9.0))))
+    flight = Flight(always(measured(flat(9.0))))
     row_m = np.array([[4.0, y, 0.0] for y in (-1.5, 0.0, 1.5)])
     flight.neighbours = neighbours_of({i: Motion(at_m, np.zeros(3)) for i, at_m in enumerate(row_m, start=1)})
     flight.flies((2.0, 0, 0), 8.0, np.array([20.0, 0.0, 0.0]))
@@ -257,7 +247,7 @@ def test_a_drone_flies_around_others_that_stand_in_its_way() -> None:
 def test_slow_drones_at_its_height_are_obstacles_of_paths_and_no_part_of_the_map(
     speed_m_s: float, height_m: float, takes: bool
 ) -> None:
-    flight, at_m = Flight(always(image(flat(9.0)))), np.array([4.0, 0.0, height_m])
+    flight, at_m = Flight(always(measured(flat(9.0)))), np.array([4.0, 0.0, height_m])
     flight.neighbours = neighbours_of({1: Motion(at_m, np.array([speed_m_s, 0, 0]))})
     flight.flies((0, 0, 0), 1.0)
     costs = flight.decisions[-1].view
@@ -267,7 +257,7 @@ def test_slow_drones_at_its_height_are_obstacles_of_paths_and_no_part_of_the_map
 
 
 def test_a_drone_with_nowhere_to_fly_looks_where_it_is_told() -> None:
-    flight = Flight(always(image(flat(9.0))))
+    flight = Flight(always(measured(flat(9.0))))
     flight.look_at_m = np.array([0.0, 5.0, 0.0])
     assert flight.flies((0.0, 0.1, 0), 2.0).yaw_rad == pytest.approx(np.pi / 2, abs=0.1)
     assert abs(flight.flies((2.0, 0, 0), 2.0).yaw_rad) < 0.2

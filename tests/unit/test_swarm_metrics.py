@@ -16,13 +16,11 @@ from swarm.metrics import CorrectorWork, MissionMetrics, UnsafeCommitments, sepa
 from swarm.pilot import Decision
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
-from tests.swarm_scenes import HOVERS, RADIUS_M, capture, corrected, flat, state
-
-ROUTE = Route(start_m=(0.0, 0.0, 0.0), goal_m=(30.0, 0.0, 0.0))
+from tests.swarm_scenes import HOVERS, RADIUS_M, Vector, capture, corrected, flat, state
 
 
-def swarm(n: int = 3) -> Team:
-    return Team.of(ROUTE, range(n), FormationConfig())
+def swarm(n: int, *, first: int = 0, start_m: Vector = (0.0, 0.0, 0.0), goal_m: Vector = (30.0, 0.0, 0.0)) -> Team:
+    return Team.of(Route(start_m=start_m, goal_m=goal_m), range(first, first + n), FormationConfig())
 
 
 @contextmanager
@@ -49,9 +47,8 @@ class TestDistances:
         assert summary["formation_error_mean_m"] is None
 
     def test_path_deviation_is_that_of_the_leader_and_the_largest_of_all_swarms(self) -> None:
-        one = swarm(2)
-        other = Team.of(Route(start_m=(0.0, 20.0, 0.0), goal_m=(30.0, 20.0, 0.0)), range(2, 4), FormationConfig())
-        with metrics_of(one, other) as (world, metrics):
+        other = swarm(2, first=2, start_m=(0.0, 20.0, 0.0), goal_m=(30.0, 20.0, 0.0))
+        with metrics_of(swarm(2), other) as (world, metrics):
             for aside in ((1.0, -0.5), (0.2, 3.0), (0.0, 0.0)):
                 states = world.states
                 for leader, y in zip((0, 2), aside, strict=True):
@@ -71,13 +68,14 @@ class TestDistances:
     def test_the_smallest_clearance_is_kept_and_the_nearest_drone_counts(self) -> None:
         with metrics_of(swarm(1), wall_m=2.0) as (world, metrics):
             clearances = []
-            for velocity in (1.0, -1.0):
-                world.apply([VelocityCommand(velocity_m_s=np.array([velocity, 0, 0]), yaw_rad=0.0)])
+            for _ in range(2):
+                clearances.append(sampled(metrics, world.states)["clearance_m"])
+                assert clearances[-1] == world.clearance_m(0)
+                world.apply([VelocityCommand(velocity_m_s=np.array([-1.0, 0, 0]), yaw_rad=0.0)])
                 for _ in range(120):
                     world.step()
-                clearances.append(sampled(metrics, world.states)["clearance_m"])
             summary, (drone,) = metrics.summary((), 0), metrics.by_drone(())
-        assert clearances[0] != clearances[1]
+        assert clearances[0] < clearances[1]
         assert summary["min_clearance_m"] == drone["min_clearance_m"] == min(clearances)
 
     def test_path_length_adds_up(self) -> None:
@@ -154,31 +152,22 @@ class TestUnsafeCommitments:
     """A drone of radius 0.25 m stands before a wall."""
 
     @staticmethod
-    def count(*speeds_m_s: float, wall_m: float = 3.0, velocity_m_s: float = 0.0) -> int:
-        with world_of(wall(wall_m), starts_m=[[0, 0, 0.0]]) as world:
+    def count(*speeds_m_s: float, velocity_m_s: float = 0.0) -> int:
+        with world_of(wall(3.0), starts_m=[[0, 0, 0.0]]) as world:
             commitments = UnsafeCommitments(world)
             for speed_m_s in speeds_m_s:
                 command = VelocityCommand(velocity_m_s=np.array([speed_m_s, 0, 0]), yaw_rad=0.0)
                 commitments.add([state(0, 0, 0, (velocity_m_s, 0, 0))], [Decision(command=command, state="free")])
             return commitments.counts[0]
 
-    def test_a_command_from_which_the_drone_stops_in_time_is_safe(self) -> None:
-        reaches_m = 3.0 - 0.25
-        stops_m_s = np.sqrt(2 * DECEL_M_S2 * reaches_m)
-        assert self.count(0.97 * stops_m_s) == 0
-        assert self.count(1.03 * stops_m_s) == 1
-        assert self.count(-9.0) == 0
-
-    def test_the_way_that_it_flies_before_it_obeys_counts(self) -> None:
-        assert self.count(0.0, velocity_m_s=0.95 * 2.75 / RESPONSE_S) == 0
-        assert self.count(0.0, velocity_m_s=1.05 * 2.75 / RESPONSE_S) == 1
-
-    def test_one_episode_counts_once(self) -> None:
+    def test_it_is_unsafe_if_it_cannot_obey_and_stop_in_time_and_an_episode_counts_once(self) -> None:
+        stops_m_s, obeys_m_s = np.sqrt(2 * DECEL_M_S2 * 2.75), 2.75 / RESPONSE_S
+        assert [self.count(speed) for speed in (0.97 * stops_m_s, 1.03 * stops_m_s, -9.0)] == [0, 1, 0]
+        assert [self.count(0.0, velocity_m_s=share * obeys_m_s) for share in (0.95, 1.05)] == [0, 1]
         assert self.count(9.0, 9.0, 0.0, 9.0, 8.0) == 2
 
     def test_they_are_metrics_of_the_run_and_of_each_drone(self) -> None:
-        team = Team.of(ROUTE, range(3), FormationConfig())
-        with metrics_of(team) as (world, metrics):
+        with metrics_of(swarm(3)) as (world, metrics):
             ahead = VelocityCommand(velocity_m_s=np.array([30.0, 0, 0]), yaw_rad=0.0)
             metrics.sample(world.states, [Decision(command=ahead, state="free")] * 3)
             rows = metrics.by_drone(())
@@ -195,9 +184,8 @@ class TestDroppingOut:
             assert metrics.summary((), 0)["drones_lost"] == 0
 
     def test_progress_is_the_largest_along_the_route_and_the_least_of_all_swarms(self) -> None:
-        one = swarm(1)
-        other = Team.of(Route(start_m=(0.0, 20.0, 0.0), goal_m=(0.0, 26.0, 0.0)), range(1, 2), FormationConfig())
-        with metrics_of(one, other) as (_, metrics):
+        other = swarm(1, first=1, start_m=(0.0, 20.0, 0.0), goal_m=(0.0, 26.0, 0.0))
+        with metrics_of(swarm(1), other) as (_, metrics):
             for x, y in ((4, 22), (10, 24), (3, 25)):
                 metrics.follow_leaders(np.array([[x, 7.0, 0], [5, y, 0]]))
             summary = metrics.summary((), 0)

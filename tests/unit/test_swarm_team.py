@@ -6,11 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm.config import MissionConfig
-from swarm.controllers import Role
 from swarm.metrics import separation_m
 from swarm.team import FormationConfig, Route, Team
-from tests.helpers import CAMERA
-from tests.swarm_scenes import AIRFRAME, RADIUS_M, state, turn
+from tests.swarm_scenes import RADIUS_M, state, turn
 
 ANGLES = st.floats(-np.pi, np.pi)
 
@@ -25,8 +23,6 @@ def test_slots_are_apart_and_behind() -> None:
     assert (offsets[:, 0] < 0).all()
     assert separation_m([state(*o) for o in [*offsets, (0, 0, 0)]], RADIUS_M) > 1.5
     np.testing.assert_allclose(FormationConfig(height_step_m=0.5).offsets_m(4)[:, 2], [0.5, 0.5, 1.0, 1.0])
-    quarter = team_to((0.0, 10.0, 5.0), members=range(8)).offsets_m
-    np.testing.assert_allclose(quarter[:, 1], offsets[:, 0], atol=1e-12)
 
 
 @given(ANGLES)
@@ -65,14 +61,6 @@ def test_a_follower_strays_from_both_its_leader_and_its_slot() -> None:
     assert team.stray_m(team.starts_m + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 5]])) == pytest.approx(5)
 
 
-def test_a_leader_alone_has_no_followers() -> None:
-    positions = np.array([[0.0, 0, 0], [3, 4, 0], [0, 0, 2], [0, 0, 0]])
-    alone = team_to((9.0, 0.0, 0.0), members=range(1))
-    assert alone.stray_m(positions) == 0
-    assert alone.offsets_m.shape == (0, 3)
-    assert alone.slot_errors_m(positions).shape == (0,)
-
-
 @given(ANGLES, st.floats(-20, 20), st.floats(-20, 20))
 def test_aside_is_the_distance_from_the_line_however_far_along(angle: float, along: float, aside: float) -> None:
     rotation = turn(angle)
@@ -88,14 +76,6 @@ def test_a_way_straight_up_and_no_way_at_all_have_a_heading() -> None:
         team = team_to(goal_m)
         assert team.heading_rad == 0
         assert np.isfinite(team.cross_track_error_m(team.starts_m))
-
-
-def test_roles_know_their_slots() -> None:
-    team = team_to((30.0, 0.0, 5.0), members=range(4, 8))
-    roles = [Role(drone=i, team=team, airframe=AIRFRAME, camera=CAMERA) for i in team.members]
-    assert [role.leads for role in roles] == [True, False, False, False]
-    for role, start_m in zip(roles, team.starts_m, strict=True):
-        np.testing.assert_allclose(team.start_m + role.offset_m, start_m)
 
 
 def test_two_routes_make_two_swarms() -> None:

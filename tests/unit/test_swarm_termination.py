@@ -82,34 +82,21 @@ def test_the_outcome_at_one_moment(
         [(0, 10, BEHIND, None), (1, 5, NEARER, None), (5.9, 9.5, NEARER, None), (6.1, 9.5, NEARER, DEADLOCK)],
         [(second, 0.1 * second, {}, None) for second in range(40)],
         [(0, 20.0, {"off_m": [0, 0, 3.0]}, None), (60.0, 20.0, {}, SUCCESS)],
+        [(1.0, (20.0, 5.0), {}, None), (2.0, (12.0, 10.0), {}, None), (3.0, (12.0, 20.0), {}, SUCCESS)],
+        [(1.0, (20.0, 5.0), {}, None), (60.0, (20.0, 16.0), {}, TIMEOUT)],
+        [(second, (3.0, 0.4 * second), {}, None) for second in range(15)],
+        [(1.0, (5.0, 20.0), {}, None), (2.0, (6.0, 20.0), {"off_m": [0, 40.0, 0]}, LOST)],
     ],
-    ids=["none", "jitter", "back and forth", "followers", "gone before", "slow", "at the last moment"],
-)
-def test_only_progress_prevents_a_deadlock(moments: Any) -> None:
-    flight = Flight(deadlock_s=5.0)
+    ids=[
+        "none", "jitter", "back and forth", "followers", "gone before", "slow", "at the last moment",
+        "two arrive one after the other", "one of two arrives", "one of two makes progress",
+        "one that has arrived loses a follower",
+    ],
+)  # fmt: skip
+def test_progress_alone_prevents_a_deadlock_and_every_swarm_must_arrive(moments: Any) -> None:
+    flight = Flight(np.size(moments[0][1]), deadlock_s=5.0)
     for time_s, along_m, options, outcome in moments:
-        assert flight.at(float(time_s), along_m, **options) is outcome
-
-
-@pytest.mark.parametrize(
-    "moments",
-    [
-        [(1.0, (20.0, 5.0), None), (2.0, (12.0, 10.0), None), (3.0, (12.0, 20.0), SUCCESS)],
-        [(1.0, (20.0, 5.0), None), (60.0, (20.0, 16.0), TIMEOUT)],
-        [(float(second), (3.0, 0.4 * second), None) for second in range(15)],
-    ],
-    ids=["arrive one after the other", "one alone arrives", "one alone makes progress"],
-)
-def test_two_swarms(moments: Any) -> None:
-    flight = Flight(2)
-    for time_s, along_m, outcome in moments:
-        assert flight.at(time_s, *along_m) is outcome
-
-
-def test_a_swarm_that_has_arrived_can_still_lose_a_follower() -> None:
-    flight = Flight(2)
-    assert flight.at(1.0, 5.0, 20.0) is None
-    assert flight.at(2.0, 6.0, 20.0, off_m=[0, 40.0, 0]) is Outcome.LOST
+        assert flight.at(float(time_s), *np.ravel(along_m), **options) is outcome
 
 
 def test_a_drone_alone_succeeds_without_formation() -> None:

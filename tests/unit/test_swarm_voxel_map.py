@@ -22,8 +22,7 @@ from swarm.voxel_map import (
     find_in_view,
 )
 from tests.helpers import CAMERA
-from tests.swarm_scenes import turn
-from tests.unit.test_swarm_evidence import flat, image
+from tests.swarm_scenes import flat, measured, turn
 from voxdepth.types import FloatArray, FloatImage, Intrinsics
 
 NOBODY = np.empty((0, 3))
@@ -55,7 +54,7 @@ class Drone:
         for _ in range(times):
             self.time_s += 0.1
             T = pose(turn(yaw_rad) @ R_BODY_CAM, at_m)
-            self.map.update(self.sensor.read(image(depth_m)), T, drones_m, self.time_s)
+            self.map.update(self.sensor.read(measured(depth_m)), T, drones_m, self.time_s)
         return self
 
     def costs(self, low_m: float = -0.2, high_m: float = 0.2, after_s: float = 0.0) -> CostMap:
@@ -249,16 +248,13 @@ def empty_costs(side: int = 40) -> CostMap:
     return costs_of(state)
 
 
-def test_the_free_length_ends_where_the_width_no_longer_fits() -> None:
+def test_the_free_length_ends_where_the_width_no_longer_fits_or_as_asked_for() -> None:
     costs = empty_costs()
     at_m = np.array([2.0, 5.0])
     ahead = costs.free_length_m(at_m, np.array([1.0, 0.0]), 20.0)
     assert 10 - 0.25 - WIDTH_M - 2 - 0.3 <= ahead <= 10 - 0.25 - WIDTH_M - 2
     assert costs.free_length_m(at_m, np.array([1.0, 0.0]), 3.0) == 3.0
     assert costs.clearance_m(np.array([5.0, 5.0])) == pytest.approx(4.75, abs=0.3)
-
-
-def test_the_free_length_in_the_open_is_what_was_asked_for() -> None:
     costs = costs_of(np.zeros((200, 200), np.uint8))
     for longest_m in np.linspace(0.5, 3, 200):
         assert costs.free_length_m(np.full(2, 25.0), np.array([1.0, 0.0]), longest_m) == longest_m

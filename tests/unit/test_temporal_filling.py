@@ -1,5 +1,6 @@
 """Holes that are filled by votes: the situations of an axis, the memory, the previous fill, and bad input."""
 
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -9,19 +10,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.helpers import textured
 from tests.temporal_scenes import depth_of
 from voxdepth import TemporalConfig, TemporalCorrector
 from voxdepth.temporal import filling
 from voxdepth.temporal.filling import HoleFiller, Known
 from voxdepth.temporal.rays import AXES, COLS, ROWS, Rays, march, trace_rays
 from voxdepth.temporal.working_resolution import WorkingResolution
-from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics, MaskImage
+from voxdepth.types import FloatImage, Frame, Intrinsics, MaskImage
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=70, baseline_m=0.1)
 FULL = WorkingResolution.of(CAMERA, 1)
 ROW, COL = np.indices(CAMERA.shape)
 FAR_PX, NEAR_PX, EDGE = 5.0, 15.0, 80
 DECIMATIONS = pytest.mark.parametrize("decimation", [1, 2])
+texture = partial(textured, CAMERA.shape, darkest=40, brightest=200)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -268,9 +271,3 @@ class TestTooNear:
 
     def test_specks_do_not_make_it_more_trusted(self) -> None:
         assert self.trusted(0.03) <= self.trusted(0) + 0.1
-
-
-def texture(seed: int = 0) -> GrayImage:
-    """A gray image with many corners."""
-    noise = np.random.default_rng(seed).integers(0, 256, CAMERA.shape, dtype=np.uint8)
-    return np.asarray(cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 1.5), None, 40, 200, cv2.NORM_MINMAX), np.uint8)  # type: ignore[call-overload]

@@ -357,11 +357,6 @@ def test_ages_and_looks_are_warped_with_their_surfaces(shift_px: int) -> None:
         np.testing.assert_array_equal(image[seen], np.roll(of, -shift_px, axis=1)[seen])
 
 
-def test_disparity_is_focal_length_times_baseline_over_depth() -> None:
-    depth_m = np.full(CAMERA.shape, 4, np.float32)
-    np.testing.assert_allclose(WorkingResolution.of(CAMERA, 1).disparity(depth_m), CAMERA.fx_px * 0.1 / 4, rtol=1e-6)
-
-
 def test_what_is_nearer_than_any_sensor_sees_is_invalid() -> None:
     nearest_m = CAMERA.fx_px * 0.1 / MAX_DISPARITY_PX
     depth_m = np.array([[0.2, 0.5, 0.9, 1.1]], np.float32) * np.float32(nearest_m)

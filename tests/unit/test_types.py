@@ -37,8 +37,6 @@ def test_bad_frames_are_refused(gray: Any, depth: Any, message: str) -> None:
     ("create", "message"),
     [
         (lambda: Frame(stamp_s="0", gray=GRAY, depth_m=DEPTH), "stamp_s must be a number, got '0' of type str"),
-        (lambda: Frame(stamp_s=None, gray=GRAY, depth_m=DEPTH), "stamp_s must be a number, got None"),
-        (lambda: Frame(stamp_s=0, gray=GRAY, depth_m=DEPTH, T_world_cam=[[1]]), "T_world_cam must be an array"),
         (lambda: Intrinsics.from_hfov(width_px="64", height_px=48, hfov_deg=80), "width_px must be a whole number"),
         (lambda: Intrinsics.from_hfov(width_px=64, height_px=48.5, hfov_deg=80), "height_px must be a whole number"),
         (lambda: Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=True), "hfov_deg must be a number"),
@@ -91,35 +89,35 @@ def test_intrinsics_from_hfov_see_that_angle() -> None:
 
 
 @pytest.mark.parametrize(
-    "bad",
+    ("bad", "message"),
     [
-        {"fx_px": np.nan},
-        {"fy_px": np.inf},
-        {"fx_px": -1.0},
-        {"fx_px": 1e-6},
-        {"fy_px": 1e9},
-        {"cx_px": np.nan},
-        {"cx_px": 999.0},
-        {"cy_px": -150.0},
-        {"width_px": 0},
-        {"height_px": 10**6},
-        {"baseline_m": np.nan},
-        {"baseline_m": 1e300},
-        {"baseline_m": 1e-300},
-        {"disparity_scale": 1e300},
-        {"disparity_scale": 0.0},
+        ({"fx_px": np.nan}, "all numbers finite"),
+        ({"cx_px": np.nan}, "all numbers finite"),
+        ({"fy_px": np.inf}, "all numbers finite"),
+        ({"fx_px": -1.0}, "must be positive"),
+        ({"fx_px": 1e-6}, "are they in pixels"),
+        ({"fy_px": 1e9}, "are they in pixels"),
+        ({"cx_px": 999.0}, "far outside of an image"),
+        ({"cy_px": -150.0}, "far outside of an image"),
+        ({"width_px": 0}, "1 to 65536 pixels a side"),
+        ({"height_px": 10**6}, "1 to 65536 pixels a side"),
+        ({"baseline_m": np.nan}, "is it in metres"),
+        ({"baseline_m": 0.0}, "is it in metres"),
+        ({"baseline_m": 50.0}, "is it in metres"),
+        ({"disparity_scale": 1e300}, "disparity_scale must be"),
+        ({"disparity_scale": 0.0}, "disparity_scale must be"),
     ],
 )
-def test_intrinsics_that_do_not_fit_the_image_are_refused(bad: dict[str, float]) -> None:
+def test_intrinsics_that_do_not_fit_the_image_are_refused(bad: dict[str, float], message: str) -> None:
     good = {"fx_px": 80.0, "fy_px": 80.0, "cx_px": 63.5, "cy_px": 47.5, "width_px": 128, "height_px": 96}
-    with pytest.raises(FrameError):
+    with pytest.raises(FrameError, match=message):
         Intrinsics(**(good | bad))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("bad", [{"hfov_deg": 180.0}, {"hfov_deg": -1.0}, {"width_px": 0}, {"baseline_m": 0.0}])
-def test_bad_intrinsics_are_refused(bad: dict[str, float]) -> None:
-    with pytest.raises(FrameError):
-        Intrinsics.from_hfov(**({"width_px": 64, "height_px": 48, "hfov_deg": 80.0} | bad))  # type: ignore[arg-type]
+@pytest.mark.parametrize("hfov_deg", [180.0, -1.0])
+def test_a_field_of_view_that_no_pinhole_camera_has_is_refused(hfov_deg: float) -> None:
+    with pytest.raises(FrameError, match="field of view must lie in"):
+        Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=hfov_deg)
 
 
 class CameraInfo:
@@ -129,14 +127,6 @@ class CameraInfo:
         self.width, self.height = 640, 360
         self.p = [343.0, 0, 319.5, 0, 0, 344.0, 179.5, 0, 0, 0, 1, 0]
         self.__dict__.update(fields)
-
-
-def test_a_ros_message_gives_the_camera_and_that_of_the_right_one_the_baseline() -> None:
-    camera = Intrinsics.from_camera_info(CameraInfo())
-    assert camera == Intrinsics(fx_px=343, fy_px=344, cx_px=319.5, cy_px=179.5, width_px=640, height_px=360)
-    right = CameraInfo(p=[343.0, 0, 319.5, -343.0 * 0.095, 0, 344.0, 179.5, 0, 0, 0, 1, 0])
-    assert Intrinsics.from_camera_info(right).baseline_m == pytest.approx(0.095)
-    assert Intrinsics.from_camera_info(right, baseline_m=0.05).baseline_m == 0.05
 
 
 @pytest.mark.parametrize("translation_m", [(-0.059, 2e-4, -3e-4), (-0.059, 2e-4, 0.0), (0.0147, 0.0, 1e-4)])
@@ -169,34 +159,22 @@ def test_other_messages_are_refused(bad: object) -> None:
 
 
 def test_millimetres_and_other_units_become_metres() -> None:
-    depth_mm = np.array([[0, 1500, 65535]], np.uint16)
-    gray = np.zeros((1, 3), np.uint8)
+    gray, depth_mm = np.zeros((1, 3), np.uint8), np.array([[0, 1500, 65535]], np.uint16)
     frame = Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm)
     np.testing.assert_allclose(frame.depth_m, [[0, 1.5, 0]], rtol=1e-6)
-    fine = Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm, units_per_m=5000)
+    fine = Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm.astype(">u2"), units_per_m=5000)
     np.testing.assert_allclose(fine.depth_m, [[0, 0.3, 0]], rtol=1e-6)
     with pytest.raises(FrameError, match=r"Frame\.from_metres"):
         Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm.astype(np.float32))
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-def test_depth_of_every_byte_order_and_of_half_precision_is_taken(order: str) -> None:
-    gray, metres = np.zeros((1, 2), np.uint8), np.array([[0.5, 1.5]])
-    depth_mm = (1000 * metres).astype(f"{order}u2")
-    frames = [Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm)]
-    frames += [Frame.from_metres(stamp_s=0.0, gray=gray, depth_m=metres.astype(order + k)) for k in ("f2", "f4", "f8")]
-    for frame in frames:
-        np.testing.assert_array_equal(frame.depth_m, metres.astype(np.float32))
-
-
-def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> None:
-    depth_m = np.array([[np.nan, 1.5, np.inf, -np.inf]])
-    frame = Frame.from_metres(stamp_s=0.0, gray=np.zeros((1, 4), np.uint8), depth_m=depth_m)
+@pytest.mark.parametrize("kind", ["<f2", ">f2", "<f4", ">f4", "<f8", ">f8"])
+def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite(kind: str) -> None:
+    gray, depth_m = np.zeros((1, 4), np.uint8), np.array([[np.nan, 1.5, np.inf, -np.inf]], kind)
+    frame = Frame.from_metres(stamp_s=0.0, gray=gray, depth_m=depth_m)
     np.testing.assert_array_equal(frame.depth_m, np.array([[0, 1.5, 0, 0]], np.float32))
-    large = Frame.from_metres(stamp_s=0.0, gray=np.zeros((1, 2), np.uint8), depth_m=np.array([[1e39, 1e300]]))
-    assert not large.depth_m.any(), "what 32 bits do not hold is infinite"
     with pytest.raises(FrameError, match="negative"):
-        Frame.from_metres(stamp_s=0.0, gray=np.zeros((1, 4), np.uint8), depth_m=-np.ones((1, 4)))
+        Frame.from_metres(stamp_s=0.0, gray=gray, depth_m=-np.ones((1, 4), kind))
     with pytest.raises(FrameError, match="from_millimetres"):
         Frame.from_metres(stamp_s=0.0, gray=GRAY, depth_m=np.ones((4, 6), np.uint16))
 
@@ -212,12 +190,6 @@ def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> Non
 def test_times_and_poses_must_be_finite(bad: dict[str, object]) -> None:
     with pytest.raises(FrameError, match=r"(stamp_s|T_world_cam) must be"):
         Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("baseline_m", [50.0, 95.0])
-def test_a_baseline_in_millimetres_is_refused(baseline_m: float) -> None:
-    with pytest.raises(FrameError, match="is it in metres"):
-        Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=baseline_m)
 
 
 @pytest.mark.parametrize("share_near", [0.0, 0.04, 0.4])

@@ -25,7 +25,6 @@ DEPTHS = {
     "negative": np.full(CAMERA.shape, -2.0, np.float32),
 }
 DEVICES = pytest.mark.parametrize("device", ["cpu", "warp-cpu"])
-Grid = VoxelGrid | WarpVoxelGrid
 
 
 def depth_image(seed: int) -> FloatImage:

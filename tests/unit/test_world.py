@@ -31,15 +31,6 @@ CONFIG = AirframeConfig()
 DT_S = 1 / 240
 
 
-@pytest.mark.parametrize("n", [0, 1, 8])
-def test_level_hover_needs_the_weight_alone(n: int) -> None:
-    level = np.tile([0.0, 0, 0, 1], (n, 1))
-    still = np.zeros((n, 3))
-    actuated = VelocityController(n, CONFIG).actuate(still, level, still, still, np.zeros(n), DT_S)
-    weight_n = 0, 0, CONFIG.mass_kg * GRAVITY_M_S2
-    assert actuated == [(weight_n, (0, 0, 0))] * n
-
-
 @given(st.integers(0, 2**31), st.floats(-9, 9), st.sampled_from([0.1, 3.0, 100.0]))
 def test_the_law_turns_with_the_world_about_the_vertical_and_obeys_its_limits(
     seed: int, turn_rad: float, speed_m_s: float
@@ -129,7 +120,7 @@ def test_clearance_is_the_gap_to_the_collision_sphere() -> None:
         assert world.clearance_at_m((3.5, 0.0, 2.0)) < 0
 
 
-def test_bad_starts_are_refused() -> None:
+def test_starts_that_touch_something_and_missing_commands_are_refused() -> None:
     with (
         pytest.raises(SceneError, match="drone 1 starts at"),
         world_of(GROUND, wall(3.0), starts_m=[(0, 0, 2), (3, 0, 2)]),
@@ -137,9 +128,6 @@ def test_bad_starts_are_refused() -> None:
         pass
     with pytest.raises(SceneError, match="spread the formation"), world_of(starts_m=[(0, 0, 2), (0, 0.3, 2)]):
         pass
-
-
-def test_commands_must_match_the_drones() -> None:
     with world_of(starts_m=[(0, 0, 2)]) as world, pytest.raises(SceneError, match="one command for each"):
         world.apply([])
 
