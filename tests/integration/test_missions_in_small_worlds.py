@@ -228,3 +228,10 @@ def test_a_leader_takes_its_swarm_with_it_and_the_other_swarm_arrives() -> None:
     ends_m = [path.position_m[-1, 0] for path in result.trajectories]
     assert max(ends_m[:3]) < 2 < 6 < ends_m[3]
     assert len({len(path.time_s) for path in result.trajectories[:3]}) == 1
+
+
+def test_a_drone_counts_the_dropped_mates_of_its_own_swarm_alone() -> None:
+    routes = route(0, 0, 9, 0), route(0, 20, 9, 20)
+    with mission_among(config=config(*routes, drones=2, after_contact="drop")) as mission:
+        mission._drop([3])
+        assert [mission.situation(drone).mates_dropped for drone in range(4)] == [0, 0, 1, 1]

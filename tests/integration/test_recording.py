@@ -227,3 +227,15 @@ def test_depth_survives_the_recording_within_two_percent() -> None:
     stored = cv2.imdecode(np.frombuffer(depth_png(depth), np.uint8), cv2.IMREAD_UNCHANGED) / 100
     np.testing.assert_allclose(stored, depth, rtol=0.02)
     assert stored[0, 0] == 0
+
+
+def test_depth_beyond_16_bits_is_the_largest() -> None:
+    png = depth_png(np.array([[700.0, 5000.0]], np.float32))
+    assert (cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED) == 65535).all()
+
+
+def test_the_recorded_camera_counts_pixels_from_their_corner(recording: Path) -> None:
+    camera = load_run("city", 0, images_of(96, 54)).scenario.rig.intrinsics
+    (chunk,) = (one for one in chunks(recording, "/world/drone/0/cam") if one.is_static)
+    (K,) = chunk.to_record_batch().column("Pinhole:image_from_camera").to_pylist()
+    np.testing.assert_allclose(np.reshape(K, (3, 3))[2, :2], [camera.cx_px + 0.5, camera.cy_px + 0.5])

@@ -51,8 +51,9 @@ def test_an_aligned_shadow_has_the_width_of_the_longer_baseline(offset_m: float 
     assert (np.abs(taken.depth_raw_m - taken.depth_true_m)[seen] < 0.01).mean() > 0.99
 
 
-def test_truth_pose_and_gray_are_those_of_the_colour_camera() -> None:
-    pair, color = capture(), capture(color_offset_m=0.03)
+@pytest.mark.parametrize("depth", ["noisy", "truth"])
+def test_truth_pose_and_gray_are_those_of_the_colour_camera(depth: str) -> None:
+    pair, color = capture(depth=depth), capture(depth=depth, color_offset_m=0.03)
     np.testing.assert_allclose(color.T_world_cam[:3, 3] - pair.T_world_cam[:3, 3], [0, 0.03, 0], atol=1e-12)
     moved = capture(y_m=0.03)
     np.testing.assert_array_equal(color.depth_true_m, moved.depth_true_m)
@@ -257,3 +258,10 @@ def test_motion_blurs_the_images_by_the_motion_and_leaves_the_truth_of_the_middl
     blurred = np.abs(moving.gray_left[60].astype(int) - still.gray_left[60]) > 3
     edge = np.flatnonzero(still.segment_id[60] == 1)[0]
     assert blurred[edge - 100 : edge].sum() == pytest.approx(0.03 * FX_PX / FRONT_M, abs=1.5), "half of the motion"
+
+
+def test_the_sky_has_no_specks() -> None:
+    sky = image()
+    sky.depth_m[:100], sky.depth_true_m[:100] = 0, np.inf
+    Specks(share=1.0, size_px=(1, 1), ratio=(0.5, 0.5)).apply(sky)
+    assert (sky.depth_m[:100] == 0).all()

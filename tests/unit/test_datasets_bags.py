@@ -525,3 +525,11 @@ def test_a_pipe_in_place_of_a_file_of_a_bag_does_not_hang(layout: str, tmp_path:
     os.mkfifo(storage)
     with pytest.raises(DatasetError, match=r"expected files in the bag .* got something else"):
         open_dataset(folder)
+
+
+def test_two_pairs_of_different_baselines_beside_the_image_give_none(tmp_path: Path) -> None:
+    entries = depth_topic("/robot/cam/depth/image") + gray_topic("/robot/cam/left/image")
+    entries = entries + info_topic("/robot/cam/depth/camera_info") + info_topic("/robot/cam/left/camera_info")
+    for baseline_m in (0.06, 0.12):
+        entries += info_topic(f"/robot/cam/right_{100 * baseline_m:.0f}/camera_info", baseline_m=baseline_m)
+    assert open_dataset(write(tmp_path, "pairs.mcap", entries)).intrinsics.baseline_m is None

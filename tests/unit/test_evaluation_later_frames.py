@@ -8,6 +8,7 @@ import pytest
 
 from tests.helpers import textured
 from voxdepth.tools.evaluation.later_frames import (
+    LATER_FRAMES,
     LaterFrames,
     Moved,
     agreed,
@@ -114,3 +115,15 @@ def test_a_reference_that_the_measurements_beside_holes_contradict_is_left_out()
     far_from_holes_m = reference_m.copy()
     far_from_holes_m[30:] = 8
     assert consistent(far_from_holes_m, depth_m).any(), "only what is beside holes decides"
+
+
+def test_as_many_later_frames_are_read_as_the_digest_covers() -> None:
+    read: list[int] = []
+
+    class Watched(Clip):
+        def __getitem__(self, index: int) -> Frame:
+            read.append(index)
+            return super().__getitem__(index)
+
+    LaterFrames(Watched(frames=LATER_FRAMES + 3)).of(0, Clip()[0].depth_m)
+    assert max(read) == LATER_FRAMES

@@ -213,3 +213,9 @@ def test_without_movers_there_are_no_such_figures() -> None:
     for frames in (evaluation_frames(2), [unseen]):
         metrics = {metric for metric, *_ in scores_of(TRUTH, frames, lambda depth_m: depth_m)}
         assert not metrics & {"survival", "survival_raw", "ghosts", "ghosts_raw"}
+
+
+def test_an_object_that_is_back_has_not_departed() -> None:
+    departures, depth_m = Departures(), np.full((1, 1), 2, np.float32)
+    there = [True, *[False] * (GHOST_FRAMES - 1), True]
+    assert not any(departures.add(np.full((1, 1), is_there), depth_m).any() for is_there in there)

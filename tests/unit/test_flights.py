@@ -293,3 +293,8 @@ def test_stations_are_as_far_apart_as_asked_for_and_the_camera_stops_at_each() -
         assert jump_deg[kind].max() <= 16.01 * factor
     assert np.abs(at - at[0]).max() < 0.5
     assert np.degrees(np.ptp(headings(poses))) < 120
+
+
+def test_stations_turn_back_to_the_pitch_of_the_first_one() -> None:
+    forward_up = axes(fly(Stations(pitch_deg=-40), n=900))[:, 2, 0]
+    assert abs(np.degrees(np.arcsin(forward_up)).mean() + 40) < 5

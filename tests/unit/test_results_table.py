@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from voxdepth.tools.table import Column, Table, write_frame
+from voxdepth.tools.table import MISSING, Column, Table, csv_of, write_frame
 
 
 def table() -> Table:
@@ -97,3 +97,7 @@ def test_sentences_are_wrapped_and_each_stays_in_its_row() -> None:
     assert sum("name" in line for line in lines) == 1
     (row,) = (line for line in lines if "quality" in line)
     assert row.count("of the methods") == 2
+
+
+def test_a_missing_text_is_no_formula() -> None:
+    assert csv_of(pd.DataFrame({"a": [MISSING, "-1", "=1"]})) == b"a\n-\n'-1\n'=1\n"

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import closing
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import dask.config
@@ -143,3 +144,10 @@ def test_a_worker_of_another_version_that_joins_late_ends_the_study() -> None:
         joined.set_exception(error)
     with pytest.raises(ScenarioError, match=r"has numpy .*, where the study was started it is 0\.1: install the same"):
         Cluster("tcp://somewhere:8786", 60.0)._completion(joined, spec, 0.0)
+
+
+def test_a_run_waits_for_a_worker_where_the_only_one_is_being_replaced() -> None:
+    flying: dict[Any, Any] = {}
+    client = SimpleNamespace(nthreads=dict, submit=lambda *call, pure: "future")
+    Cluster("tcp://here:1", 1.0)._submit(client, iter(["run"]), flying)
+    assert [spec for spec, _ in flying.values()] == ["run"]

@@ -5,11 +5,15 @@ from functools import partial
 from pathlib import Path
 
 import cv2
+import numpy as np
+from matplotlib.figure import Figure
 
-from scenarios.study.analysis import matched_arms, run_frame
+from scenarios.study.analysis import Comparison, matched_arms, run_frame
 from scenarios.study.executors import Serial
+from scenarios.study.figures import _draw_forest
 from scenarios.study.report import Findings, drone_table, export, run_table, write_report
 from scenarios.study.run import progress_line, run_study
+from scenarios.study.statistics import Pairs
 from scenarios.study.store import Failure, StudyData
 from scenarios.study.tables import mean_difference_table
 from tests.pages import require_self_contained
@@ -113,3 +117,11 @@ def test_the_progress_of_a_study_is_told_at_its_beginning_and_end(tmp_path: Path
     first, last = (line.partition(" ")[2] for line in lines)
     assert first == "0 of 4 runs"
     assert last.startswith("4 of 4 runs, ") and last.endswith("2 errors")
+
+
+def test_a_bar_of_the_effects_reaches_from_the_low_end_of_its_interval_to_the_high_one() -> None:
+    pairs, axes = Pairs(5, 9, 1, 5), Figure().subplots()
+    _draw_forest([Comparison("a", "b", True, {"here": pairs, "there": pairs}, pairs, 0.1, None)], axes)
+    (ends,) = axes.containers[0].lines[2][0].get_segments()
+    low, high = pairs.difference.interval
+    np.testing.assert_allclose(ends[:, 0], [100 * low, 100 * high])

@@ -316,3 +316,11 @@ def test_the_path_keeps_the_side_that_it_chose() -> None:
     assert below.points_m[:, 1].min() < 3.5
     kept = costs_of(state).plan(start_m + np.array([0, 0.6]), target_m, below)
     assert kept.points_m[:, 1].min() < 3.5
+
+
+def test_what_a_drone_takes_is_no_longer_blacklisted_when_its_free_space_is_forgotten() -> None:
+    drone, there_m = Drone(), np.array([[3.0, 0.0, 0.0]])
+    for _ in range(2):
+        drone.map.blacklist(there_m, 1.0, 0.4, drone.time_s)
+    drone.map.mark_free(there_m, 1.0, 0.4, drone.time_s)
+    assert drone.state(3.0, after_s=MapConfig().memory_s + 1) == UNKNOWN

@@ -185,6 +185,7 @@ def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite(kind: st
         *({"stamp_s": stamp_s} for stamp_s in (np.nan, np.inf, 10**400, 1j, "now", None, np.datetime64("now"))),
         *({"T_world_cam": T} for T in (np.eye(3), np.full((4, 4), np.nan), np.eye(4).tolist(), "pose", np.eye(4) * 1j)),
         *({"T_world_cam": T} for T in (np.eye(4, dtype=object), np.ma.masked_equal(np.eye(4), 0), 1e39 * np.eye(4))),
+        {"T_world_cam": np.diag([1.0, -1.0, 1.0, 1.0])},
     ],
 )
 def test_times_and_poses_must_be_finite(bad: dict[str, object]) -> None:
