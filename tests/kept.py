@@ -7,7 +7,7 @@ meant, this remakes them; the difference of the file shows what it did:
 """
 
 import json
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import cache, partial
@@ -16,11 +16,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import rerun as rr
 
 from scenarios.config import load_run
 from scenarios.evaluation import SimulatedSource
 from scenarios.files import shipped_names
 from scenarios.flight import fly
+from scenarios.runner import fly_and_write
 from scenarios.sequences import load_sequence, record, simulation
 from scenarios.study.diagnose import CollisionProbe
 from scenarios.study.report import Findings
@@ -73,6 +76,8 @@ CRASH = {"mission.controller": "examples.straight_controller:create", "mission.c
 """The leader hits the first pillar."""
 JUDGED = (None, "shadows", "wide-shadows", "patches")
 """What pixels methods are judged by; None for all, by the truth."""
+ODD = replace(CAMERA, width_px=161, height_px=121)
+"""A camera whose last row and column have no working pixel at half resolution."""
 FLIGHTS: Mapping[str, tuple[str, dict[str, Any]]] = {
     **{name: (name, {}) for name in shipped_names("scenarios")},
     "drift": ("pillars", {"mission.pose_prior.kind": "drift", "mission.link.loss": 0.3}),
@@ -80,6 +85,7 @@ FLIGHTS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "arrival": ("pillars", {"corrector": "raw", "rig.depth": "truth", "mission.duration_s": 20.0}),
     "crash": ("pillars", CRASH | {"mission.after_contact": "drop"}),
 }
+RECORDED = {"mission.duration_s": 1.5, "mission.drones": 2}
 FLOWN = {"rig.width_px": 96, "rig.height_px": 64, "rig.decimate": 1, "mission.duration_s": 5.0, "mission.drones": 4}
 
 
@@ -142,16 +148,19 @@ def corrector_figures(text: str) -> Figures:
     return _corrected(text, _clip()[0].intrinsics, [frame_of(capture) for capture in _clip()])
 
 
-def stream_figures(text: str, *, has_poses: bool) -> Figures:
+def stream_figures(text: str, camera: Intrinsics = CAMERA, *, has_poses: bool = False) -> Figures:
     """What a corrector makes of a camera that is covered, sees another room, and comes back."""
     there = walk(10, step_m=0.04, yaw_deg=2.0)
     rooms = [ROOM] * 10 + [OTHER_ROOM] * 5 + [ROOM] * 10
     poses = [*there, *there[:5], *reversed(there)]
-    frames = [noisy_frame(frame_at(room, T, k), 3) for k, (room, T) in enumerate(zip(rooms, poses, strict=True))]
-    frames[5:7] = dark(5), dark(6)
+    frames = [
+        noisy_frame(frame_at(room, T, k, camera), 3, camera=camera)
+        for k, (room, T) in enumerate(zip(rooms, poses, strict=True))
+    ]
+    frames[5:7] = dark(5, camera), dark(6, camera)
     if has_poses:
         frames = [replace(frame, T_world_cam=T) for frame, T in zip(frames, poses, strict=True)]
-    return _corrected(text, CAMERA, frames)
+    return _corrected(text, camera, frames)
 
 
 def _corrected(text: str, intrinsics: Intrinsics, frames: Sequence[Frame]) -> Figures:
@@ -185,6 +194,29 @@ def flight_figures(name: str, **changes: Any) -> Figures:
     at_end = np.array([trajectory.position_m[-1] for trajectory in result.trajectories])
     seen = {"commands": np.concatenate(watch.commands), "depths": np.array(watch.depths), "at_end_m": at_end}
     return figures_of([result.outcome, result.contacts, result.metrics, result.drones, watch.states, seen])
+
+
+def recording_figures(name: str) -> Figures:
+    """The mean of each component of each entity in the Rerun recording of a flight, and the number of its values."""
+    columns: defaultdict[str, list[pa.Array]] = defaultdict(list)
+    with TemporaryDirectory() as folder:
+        written = fly_and_write(load_run(name, 1, FLOWN | RECORDED), Path(folder), record=True).folder
+        assert written is not None
+        for chunk in rr.chunk.RrdReader(written / "run.rrd").stream().to_chunks():
+            batch = chunk.to_record_batch()
+            for column in batch.schema.names:
+                if ":" in column and "/1" not in chunk.entity_path:  # No times, and nothing of the second drone.
+                    columns[f"{chunk.entity_path} {column}"].append(batch.column(column))
+    return {key: figure for column, parts in columns.items() for key, figure in _of_column(column, parts).items()}
+
+
+def _of_column(name: str, parts: list[pa.Array]) -> Figures:
+    values = pa.concat_arrays(parts)
+    while pa.types.is_list(values.type) or pa.types.is_fixed_size_list(values.type):
+        values = values.flatten()
+    is_number = pa.types.is_integer(values.type) or pa.types.is_floating(values.type)
+    mean = {f"{name} mean": float(np.nanmean(values.to_numpy(zero_copy_only=False)))} if is_number and values else {}
+    return {f"{name} n": float(len(values))} | mean
 
 
 def diagnosis_figures() -> Figures:
@@ -248,8 +280,10 @@ CASES: Mapping[str, Callable[[], Figures]] = {
         for text in (*CORRECTORS[-5:-2], "voxdepth[window_frames=3,fusion_lag_frames=1]")
         for has_poses in (False, True)
     },
+    "stream of odd images": partial(stream_figures, "temporal[decimation=2]", ODD),
     **{f"flight {name}": partial(flight_figures, of, **own) for name, (of, own) in FLIGHTS.items()},
     **{f"judged by {name or 'truth'}": partial(reference_figures, name) for name in JUDGED},
+    **{f"recording of {name}": partial(recording_figures, name) for name in ("paper", "moving")},
     "diagnosis of a crash": diagnosis_figures,
     "study of three arms": partial(study_figures, _of_three),
     "study of levels": partial(study_figures, _of_levels),
