@@ -207,3 +207,11 @@ def test_the_digest_covers_the_frames_that_are_asked_for(whole: Path) -> None:
         rows = (folder / "frames.csv").read_bytes().splitlines(keepends=True)
         (folder / "frames.csv").write_bytes(b"".join(rows[:-1]))
         assert Recording.open(folder).digest(2) == Recording.open(whole).digest(2), "nor the rows of later frames"
+
+
+def test_the_digest_covers_the_poses(whole: Path) -> None:
+    with copy_of(whole) as folder:
+        table = (folder / FRAMES).read_text().splitlines()
+        table[1] = ",".join([*table[1].split(",")[:-1], "7.0"])
+        (folder / FRAMES).write_text("\n".join(table) + "\n")
+        assert Recording.open(folder).digest(1) != Recording.open(whole).digest(1)
