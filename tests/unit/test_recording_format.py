@@ -211,7 +211,7 @@ def test_the_digest_covers_the_frames_that_are_asked_for(whole: Path) -> None:
 
 def test_the_digest_covers_the_poses(whole: Path) -> None:
     with copy_of(whole) as folder:
-        table = (folder / FRAMES).read_text().splitlines()
+        table = (folder / "frames.csv").read_text().splitlines()
         table[1] = ",".join([*table[1].split(",")[:-1], "7.0"])
-        (folder / FRAMES).write_text("\n".join(table) + "\n")
+        (folder / "frames.csv").write_text("\n".join(table) + "\n")
         assert Recording.open(folder).digest(1) != Recording.open(whole).digest(1)
