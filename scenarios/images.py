@@ -45,9 +45,7 @@ def hex_color(color: tuple[int, int, int]) -> str:
 
 def color_invalid_reasons(reasons: GrayImage) -> npt.NDArray[np.uint8]:
     """Colour-code the reasons of invalid pixels, shape (H, W, 3), RGB; valid pixels are black."""
-    table = np.zeros((len(InvalidReason), 3), np.uint8)
-    for reason, color in INVALID_REASON_COLORS.items():
-        table[reason] = color
+    table = np.array([INVALID_REASON_COLORS.get(reason, (0, 0, 0)) for reason in InvalidReason], np.uint8)
     return table[reasons]
 
 

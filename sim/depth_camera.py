@@ -10,7 +10,7 @@
 Only NumPy, OpenCV, Numba and pydantic are needed for that.
 """
 
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -21,10 +21,9 @@ from .sensor import DepthSensor, RigConfig
 from .stereo import StereoConfig
 from .types import BodyPose, Capture, Images, RenderedPair
 
-__all__ = ["CAMERAS", "CAMERA_NAMES", "CameraName", "DepthCamera"]
+__all__ = ["CAMERAS", "CameraName", "DepthCamera"]
 
 CameraName = Literal["d435", "d455", "zed2", "oak-d"]
-CAMERA_NAMES: tuple[CameraName, ...] = get_args(CameraName)
 
 CAMERAS: dict[CameraName, RigConfig] = {
     "d435": RigConfig(

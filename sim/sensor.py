@@ -21,7 +21,7 @@ from .decimation import decimated
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .fitted import FittedStereo
 from .seeds import Purpose, stream
-from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask
+from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask, pixels
 from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
 
 if TYPE_CHECKING:
@@ -313,10 +313,9 @@ def lit_by_pattern(
     The pattern is fixed in the left image, and each pixel of the right image shows the dot of the same surface. The
     light is `1 + strength p / (1 + (z / 3 m)^2)` times as bright, with p between 0 and 1.
     """
-    height, width = left.gray.shape
-    dots = (stream(seed, Purpose.PROJECTOR).random((height, width)) < DOT_SHARE).astype(np.float32)
+    dots = (stream(seed, Purpose.PROJECTOR).random(left.gray.shape) < DOT_SHARE).astype(np.float32)
     dots = np.minimum(2 * cv2.GaussianBlur(dots, (0, 0), DOT_SIGMA_PX), 1).astype(np.float32)
-    col, row = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    col, row = pixels(left.gray.shape)
     seen_at = (col + focal_baseline_px_m(intrinsics) / right.depth_m).astype(np.float32)
     moved = cv2.remap(dots, seen_at, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     lit = []

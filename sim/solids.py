@@ -1,7 +1,7 @@
 """Creates the bodies of a scene in PyBullet."""
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,8 @@ def create_body(body: Body, client: int) -> int:
     return int(pybullet.createMultiBody(0, collision, visual, position, q_world_body_xyzw, physicsClientId=client))
 
 
-def apply_texture(bodies: Sequence[int], seed: int, client: int) -> None:
-    """Give bodies a seeded noise texture for PyBullet's renderers, which ignore its strength and pattern."""
+def apply_texture(bodies: Mapping[int, Body], seed: int, client: int) -> None:
+    """Give the textured ones of some bodies a noise texture for PyBullet's renderers, which ignore its strength."""
     noise = stream(seed, Purpose.SURFACE).integers(90, 256, (256, 256), dtype=np.uint8)
     _, png = cv2.imencode(".png", cv2.cvtColor(cv2.GaussianBlur(noise, (0, 0), 1.0), cv2.COLOR_GRAY2BGR))
     try:
@@ -37,7 +37,7 @@ def apply_texture(bodies: Sequence[int], seed: int, client: int) -> None:
             texture = pybullet.loadTexture(str(path), physicsClientId=client)
     except OSError as error:
         raise SimError(f"cannot write a texture for PyBullet: {error}; TMPDIR may name a folder with space") from error
-    for body in bodies:
+    for body in (body for body, own in bodies.items() if own.surface.texture > 0):
         pybullet.changeVisualShape(body, -1, textureUniqueId=texture, physicsClientId=client)
 
 

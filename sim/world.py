@@ -87,7 +87,7 @@ class World:
             moving = [mover.body for mover in scene.movers] + drones
             self.described = self.bodies | dict(zip([*self.movers, *self.drone_ids], moving, strict=True))
             """All bodies by id: the fixed ones of the scene, its movers, and the drones."""
-            apply_texture(self.textured_ids, scene.seed, self.client)
+            apply_texture(self.described, scene.seed, self.client)
             self._controller = VelocityController(self.n_drones, self.airframe)
             self._wind = Wind(scene.weather.wind, self.airframe, self.dt_s, seed=scene.seed)
             self._desired_velocity = np.zeros((self.n_drones, 3))
@@ -265,11 +265,6 @@ class World:
     def surfaces(self) -> dict[int, Surface]:
         """Surfaces of all bodies by id."""
         return {body_id: body.surface for body_id, body in self.described.items()}
-
-    @property
-    def textured_ids(self) -> list[int]:
-        """Ids of all bodies that have a texture."""
-        return [body_id for body_id, surface in self.surfaces.items() if surface.texture > 0]
 
     def _add_drone(self, drone: Body, start_m: FloatArray, yaw_rad: float) -> int:
         radius_m, client = self.airframe.radius_m, self.client

@@ -5,9 +5,6 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-ROWS_AT_ONCE = 200
-"""Rows of an entity that are kept before they are written."""
-
 
 class ColumnWriter:
     """Writes rows of entities in columns, at the times at which they were added."""
@@ -29,18 +26,13 @@ class ColumnWriter:
         _, times, rows = self._rows.setdefault(entity, (archetype, [], []))
         times.append(self._now)
         rows.append(fields)
-        if len(rows) == ROWS_AT_ONCE:
-            self._write(entity)
 
     def flush(self) -> None:
         """Write all rows that were added."""
-        for entity in list(self._rows):
-            self._write(entity)
-
-    def _write(self, entity: str) -> None:
-        archetype, times, rows = self._rows.pop(entity)
-        steps, times_s = zip(*times, strict=True)
-        indexes = [rr.TimeColumn("step", sequence=steps), rr.TimeColumn("sim_time", duration=times_s)]
-        columns = archetype.columns(**{name: np.concatenate([row[name] for row in rows]) for name in rows[0]})
-        n_instances = [len(next(iter(row.values()))) for row in rows]
-        self._stream.send_columns(entity, indexes=indexes, columns=columns.partition(n_instances))
+        for entity, (archetype, times, rows) in self._rows.items():
+            steps, times_s = zip(*times, strict=True)
+            indexes = [rr.TimeColumn("step", sequence=steps), rr.TimeColumn("sim_time", duration=times_s)]
+            columns = archetype.columns(**{name: np.concatenate([row[name] for row in rows]) for name in rows[0]})
+            n_instances = [len(next(iter(row.values()))) for row in rows]
+            self._stream.send_columns(entity, indexes=indexes, columns=columns.partition(n_instances))
+        self._rows.clear()

@@ -76,8 +76,8 @@ class EglRenderer:
             raise RenderError(f"PyBullet does not load its plugin {plugin} a second time: use raycast")
         copies = {self._copy(body): real for real, body in world.described.items()}
         self._moving = {copy: real for copy, real in copies.items() if real not in world.bodies}
-        textured = [copy for copy, real in copies.items() if real in world.textured_ids]
-        apply_texture(textured, world.scene.seed, self._client)
+        described = {copy: world.described[real] for copy, real in copies.items()}
+        apply_texture(described, world.scene.seed, self._client)
         self._real = np.full(max(copies, default=-1) + 2, -1, np.int32)
         self._real[[copy + 1 for copy in copies]] = list(copies.values())
 

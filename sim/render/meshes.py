@@ -7,7 +7,7 @@ import numpy as np
 from voxdepth.types import FloatArray
 
 from .. import frames
-from ..bodies import Body, Box, Cylinder, Heightfield, Mesh, Shape, Sphere
+from ..bodies import Box, Cylinder, Heightfield, Mesh, Shape, Sphere
 from ..engine import pybullet
 from ..solids import origin_height_m
 from ..types import IdImage
@@ -24,8 +24,9 @@ class SceneMeshes:
         self.body_ids = [*world.bodies, *world.drone_ids, *world.movers]
         self.fixed, self.moving = range(len(world.bodies)), range(len(world.bodies), len(self.body_ids))
         """Indices into `body_ids`, and into all that is listed by body here."""
-        self.meshes = [mesh_of_body(world.described[body]) for body in self.body_ids]
-        """Each in the frame of its body."""
+        shapes = [world.described[body].shape for body in self.body_ids]
+        self.meshes = [moved(mesh_of_shape(one), np.eye(3), np.array([0, 0, -origin_height_m(one)])) for one in shapes]
+        """Each in PyBullet's frame of its body."""
         self.body_of_triangle: IdImage = np.repeat(
             np.arange(len(self.meshes), dtype=np.int32), [len(mesh.triangles) for mesh in self.meshes]
         )
@@ -46,11 +47,6 @@ class SceneMeshes:
     def in_world(self, bodies: range) -> list[Mesh]:
         """Meshes of some bodies in the world frame, at the poses that were read."""
         return [moved(self.meshes[i], self.R_world_body[i], self.position_m[i]) for i in bodies]
-
-
-def mesh_of_body(body: Body) -> Mesh:
-    """The visible shape of a body in PyBullet's frame of it."""
-    return moved(mesh_of_shape(body.shape), np.eye(3), np.array([0, 0, -origin_height_m(body.shape)]))
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:

@@ -17,20 +17,7 @@ from ..seeds import Purpose, stream
 from ..types import Camera, IdImage
 from ..world import World
 from .meshes import SceneMeshes, normals
-from .textures import (
-    FLOATS,
-    MATERIALS,
-    ONE,
-    PATTERNS,
-    SPANS,
-    TABLE,
-    THREE,
-    TWO,
-    ZERO,
-    Materials,
-    Spans,
-    clamp,
-)  # fmt: skip
+from .textures import FLOATS, MATERIALS, ONE, PATTERNS, SPANS, TABLE, THREE, TWO, ZERO, Materials, Spans, clamp
 
 
 class Projection(NamedTuple):

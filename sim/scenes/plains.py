@@ -8,7 +8,6 @@ from pydantic import Field
 from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Heightfield, Scene, SceneSpec, Surface
-from ..errors import SceneError
 from ..seeds import Purpose, stream
 from .layout import Layout, places_beside, winding_path
 from .vegetation import Garden, TreeRanges
@@ -83,11 +82,10 @@ def ground_height_m(ground: Body, x_m: FloatArray | float, y_m: FloatArray | flo
     """Exact height of a heightfield, whose grid cells are two triangles that share the diagonal from +x to +y.
 
     The ground has no yaw, and both coordinates have the same shape. Outside of the grid, the nearest height on its
-    border counts. A body that is no heightfield raises a `SceneError`.
+    border counts.
     """
     field = ground.shape
-    if not isinstance(field, Heightfield):
-        raise SceneError(f"expected the ground to be a heightfield, got a {type(field).__name__} named {ground.name}")
+    assert isinstance(field, Heightfield)
     rows, columns = field.height_m.shape
     column = (np.asarray(x_m) - ground.position_m[0]) / field.spacing_m + (columns - 1) / 2
     row = (np.asarray(y_m) - ground.position_m[1]) / field.spacing_m + (rows - 1) / 2
