@@ -124,9 +124,12 @@ class Wind:
         self._kept = float(np.exp(-dt_s / config.gust_s))
         self._rng = stream(seed, Purpose.WIND)
         self._gust = self._rng.standard_normal(3)
+        self._mean_n: list[float] = (self._drag_kg_per_s * self._mean_m_s).tolist()
 
     def step_n(self) -> list[float]:
         """The force in the next step [N], along x, y and z."""
+        if not self._gust_m_s:
+            return self._mean_n
         self._gust = self._kept * self._gust + np.sqrt(1 - self._kept**2) * self._rng.standard_normal(3)
         force_n: list[float] = (self._drag_kg_per_s * (self._mean_m_s + self._gust_m_s * self._gust)).tolist()
         return force_n

@@ -61,13 +61,14 @@ def chosen(data: StudyData, keys: Sequence[str]) -> list[RunSpec]:
         arms = [arm.name for arm in data.study.arms]
         collided = [spec for spec in data.flown if data.records[spec.key].outcome is Outcome.COLLISION]
         return sorted(collided, key=lambda spec: arms.index(spec.arm))
-    found = [[spec for key, spec in data.runs.items() if key.startswith(name.lower())] for name in keys]
-    for name, specs in zip(keys, found, strict=True):
-        if not specs:
-            raise ScenarioError(f"no run's key begins with {name!r}: take one from what voxdepth study report writes")
-        if len(specs) > 1:
-            raise ScenarioError(f"{len(specs)} runs' keys begin with {name!r}: give more digits")
-    return [specs[0] for specs in found]
+    found = []
+    for name in keys:
+        named = [spec for key, spec in data.runs.items() if key.startswith(name.lower())]
+        if len(named) != 1:
+            remedy = "give one of those that voxdepth study report writes, or more of its digits"
+            raise ScenarioError(f"{len(named)} runs' keys begin with {name!r}, expected one: {remedy}")
+        found += named
+    return found
 
 
 def fly_again(run: Run, out: Path | None) -> tuple[Finished, Diagnosis | None]:

@@ -182,7 +182,7 @@ def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was
     assert "| blind |" not in other.stdout, "another flight than that of the study has no place in its table"
     shutil.rmtree(out / "runs")
     assert "no run of the study ended in a collision" in invoke("study", "replay", out).stdout
-    for prefix, message in (("nothing", "no run's key begins with 'nothing'"), ("", "runs' keys begin with ''")):
+    for prefix, message in (("nothing", "0 runs' keys begin with 'nothing'"), ("", "runs' keys begin with ''")):
         assert message in str(invoke("study", "replay", out, prefix).exception)
 
 
