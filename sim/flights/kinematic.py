@@ -13,7 +13,7 @@ from .. import frames
 from ..errors import SceneError
 from ..seeds import Purpose, stream
 from ..types import BodyPose
-from .trajectory import Flight, SmoothNoise, Track, Trajectory, frame_times_s, sample
+from .trajectory import Flight, SmoothNoise, Track, Trajectory, frame_times_s
 
 ROUNDING_M = 1.0
 TURNING_S = 1.2
@@ -66,7 +66,7 @@ class Walk(Flight):
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Poses from the start to the last way point; see `Flight.poses`."""
         track = self.track(path_m)
-        return sample(self.trajectory(track, seed), rate_hz, self.duration_s(track))
+        return map(self.trajectory(track, seed), frame_times_s(rate_hz, self.duration_s(track)))
 
     def track(self, path_m: FloatArray) -> Track:
         """The curve of the walk."""
@@ -187,7 +187,7 @@ class Hover(Flight):
             q_world_body_xyzw = frames.quaternion_from_angles(mean_rad + yaw_rad, pitch_rad, roll_rad)
             return BodyPose(stamp_s=time_s, position_m=place_m + sway_m(time_s), q_world_body_xyzw=q_world_body_xyzw)
 
-        return sample(pose_at, rate_hz)
+        return map(pose_at, frame_times_s(rate_hz))
 
 
 class Stations(Flight):
@@ -214,7 +214,7 @@ class Stations(Flight):
         self, place_m: FloatArray, heading_rad: float, rng: np.random.Generator, rate_hz: float
     ) -> Iterator[BodyPose]:
         off_m, off_deg = np.zeros(3), np.array([0.0, self.pitch_deg])
-        for k, time_s in enumerate(frame_times_s(rate_hz, np.inf)):
+        for k, time_s in enumerate(frame_times_s(rate_hz)):
             if k > 0 and k % HOLD_FRAMES == 0:
                 factor = LARGE if k // HOLD_FRAMES % LARGE_EVERY == 0 else 1.0
                 off_m = off_m + _jump(rng, off_m, 3, REACH_M) * factor * rng.uniform(*JUMP_M)

@@ -1,4 +1,4 @@
-"""The base of all flights: sampling at frame times, smooth noise, and smooth curves through way points."""
+"""The base of all flights: frame times, smooth noise, and smooth curves through way points."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -30,12 +30,7 @@ class Flight(Model, ABC):
         """
 
 
-def sample(trajectory: Trajectory, rate_hz: float, duration_s: float = np.inf) -> Iterator[BodyPose]:
-    """The poses of a trajectory at the frame times up to and including `duration_s`."""
-    return map(trajectory, frame_times_s(rate_hz, duration_s))
-
-
-def frame_times_s(rate_hz: float, duration_s: float) -> Iterator[float]:
+def frame_times_s(rate_hz: float, duration_s: float = np.inf) -> Iterator[float]:
     """The frame times up to and including `duration_s` [s]."""
     return takewhile(lambda time_s: time_s <= duration_s, (k / rate_hz for k in count()))
 
