@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from voxdepth import CorrectedDepth, create_corrector
-from voxdepth.colors import colored, source_colored
+from voxdepth.colors import SOURCE_COLORS, colored
 from voxdepth.datasets import Dataset, open_dataset
 
 Image = npt.NDArray[np.uint8]
@@ -58,7 +58,7 @@ def main() -> None:
         result = corrected(dataset, name, options.frame)
         panels.append(panel(name, colored(result.depth_m, farthest_m), options.width))
     if result.source is not None:
-        picture = source_colored(result.source)
+        picture = np.array(list(SOURCE_COLORS.values()), np.uint8)[result.source][..., ::-1]
         panels.append(panel("sensor gray, memory blue, inpainted orange", picture, options.width))
     columns = 2 if len(panels) <= 4 else 3
     panels += [np.full_like(panels[0], 245)] * (-len(panels) % columns)

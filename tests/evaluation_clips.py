@@ -91,6 +91,7 @@ class Gives(Raw):
     """Gives whatever a function makes of the frame's depth."""
 
     def __init__(self, change: Change) -> None:
+        super().__init__()
         self._change = change
 
     def process(self, frame: Frame) -> CorrectedDepth:

@@ -15,16 +15,11 @@ import cv2
 import numpy as np
 
 from .pipeline import StagedCorrector
-from .types import CorrectedDepth, DepthCorrector, FloatImage, Frame
+from .types import CorrectedDepth, DepthCorrector, Frame
 
 FILE = Path(__file__).with_name("confidence.toml")
 Fills = Mapping[str, float]
 """Probability of being right of what a corrector fills, by its source: `memory` or `inpainted`; 0 without one."""
-
-
-def by_source(fills: Fills) -> FloatImage:
-    """The probability of every `Source`, shape (4,)."""
-    return np.array([0, 1, fills.get("memory", 0), fills.get("inpainted", 0)], np.float32)
 
 
 class Calibrated:
@@ -39,7 +34,7 @@ class Calibrated:
         self.bare = bare
         self.uses_gray = bare.uses_gray
         self._table = np.zeros(256, np.float32)
-        self._table[:4] = by_source(fills)
+        self._table[:4] = 0, 1, fills.get("memory", 0), fills.get("inpainted", 0)  # In the order of `Source`.
         if isinstance(bare, StagedCorrector):
             self.align, self.combine = bare.align, lambda aligned: self._calibrated(bare.combine(aligned))
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .types import FloatImage, GrayImage, Source
+from .types import FloatImage, Source
 
 FAR_M = 25.0
 """Depth at the blue end of the colours where nothing is known of the scene."""
@@ -25,12 +25,6 @@ SOURCE_COLORS = {
     Source.INPAINTED: (240, 160, 40),
 }
 """Colour of a pixel by its source, RGB: black, gray, blue, orange."""
-
-
-def source_colored(source: GrayImage) -> npt.NDArray[np.uint8]:
-    """Return the sources of pixels in colours, shape (H, W, 3), BGR like `colored`."""
-    colors: npt.NDArray[np.uint8] = np.array([SOURCE_COLORS[kind][::-1] for kind in Source], np.uint8)[source]
-    return colors
 
 
 def far_end_m(depths_m: Iterable[FloatImage]) -> float:

@@ -14,13 +14,7 @@ from .errors import did_you_mean, similar
 LONGEST_SHOWN = 200
 """Number of characters of a wrong value that an error shows."""
 EXPECTED = {
-    "int_type": "a whole number",
-    "int_from_float": "a whole number",
-    "float_type": "a number",
-    "bool_type": "true or false",
-    "string_type": "a text",
     "path_type": "a path",
-    "list_type": "a list",
     "tuple_type": "a list",
     "dict_type": "a table of keys",
     "mapping_type": "a table of keys",
@@ -32,7 +26,7 @@ EXPECTED = {
     "string_pattern_mismatch": "a text of the form {pattern}",
     "union_tag_invalid": "one of {expected_tags}",
 }
-"""What a value had to be, by the type of a problem and with its context; other problems bring their own words."""
+"""What a value had to be, by the type of a problem and with its context, where Pydantic's words are not for TOML."""
 
 ELSEWHERE = 0.8
 """How similar a key of another table must be to one that is unknown, by `difflib`."""
@@ -124,21 +118,15 @@ def _got(value: object) -> str:
 
 
 def _likely_keys(problem: Any, model: type[BaseModel], field: str) -> str:
-    """Ask for keys of the same name in other tables, else for similar ones in the same table, else anywhere."""
+    """Ask for similar keys in the same table, else anywhere."""
     table, _, wrong = _dotted(problem, model, field).rpartition(".")
     beside = {name: f"{table}.{name}".strip(".") for one in _place(problem, model)[1] for name in one.model_fields}
     content = _models(_below(model, field)) or [model]
     wrong_key = f"{table}.{wrong}".strip(".")  # A table of another kind may have it.
     everywhere = [key for one in content for key in _keys_of(one) if key != wrong_key]
     by_name = {key.rpartition(".")[2]: key for key in reversed(everywhere)}
-    same = dict.fromkeys(key for key in everywhere if key.rpartition(".")[2] == wrong)
-    return did_you_mean(
-        *(
-            list(same)[:2]
-            or [beside[name] for name in similar(wrong, beside)]
-            or [by_name[name] for name in similar(wrong, by_name, ELSEWHERE)]
-        )
-    )
+    likely = [beside[name] for name in similar(wrong, beside)]
+    return did_you_mean(*(likely or [by_name[name] for name in similar(wrong, by_name, ELSEWHERE)]))
 
 
 def _keys_of(model: type[BaseModel]) -> Iterator[str]:

@@ -9,13 +9,10 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from threading import Condition, RLock, Thread, current_thread
-from types import TracebackType
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from .errors import FrameError, PipelineError
 from .types import CorrectedDepth, DepthCorrector, Frame
-
-__all__ = ["CorrectionPipeline", "StagedCorrector"]
 
 LATENCIES_KEPT = 100_000
 """Frames whose latency is kept: about an hour at 30 frames per second."""
@@ -107,9 +104,7 @@ class CorrectionPipeline:
     def __enter__(self) -> "CorrectionPipeline":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _deliver(self) -> Iterator[tuple[Frame, CorrectedDepth]]:

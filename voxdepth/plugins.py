@@ -7,20 +7,26 @@ import os
 import pkgutil
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.util import find_spec
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .errors import PluginError
-from .pipeline import StagedCorrector
-from .soundness import fault_of
-from .types import CorrectedDepth, Frame, Intrinsics
+from .types import CorrectedDepth, Frame, Intrinsics, Source
 
 FAULTS = (Exception, SystemExit)
 """What the code of users may raise by mistake."""
+KINDS = {
+    "depth_m": (np.float32, "float32"),
+    "confidence": (np.floating, "floats"),
+    "source": (np.uint8, "uint8"),
+}
+"""Types of the images of a `CorrectedDepth`, and what they are called."""
 _LOGGER = logging.getLogger(__name__)
 
 
@@ -121,7 +127,7 @@ class Plugin:
 
 
 class PluginCorrector:
-    """A corrector of a user, whose results are checked. If it has two stages, they stay two, and may overlap.
+    """A corrector of a user, whose results are checked.
 
     Args:
         code: Its code, as `module:factory`.
@@ -134,12 +140,14 @@ class PluginCorrector:
         self._shape = intrinsics.shape
         self.bare = self._plugin.made
         self.uses_gray = bool(getattr(self.bare, "uses_gray", True))
-        if isinstance(self.bare, StagedCorrector):
-            self.align, self.combine = self._align, self._combine
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame."""
-        return self._sound(frame, self.bare.process, frame)
+        when = f"for a frame at {frame.stamp_s} s"
+        corrected: CorrectedDepth = self._plugin.run(when, self.bare.process, frame)
+        if fault := fault_of(corrected, self._shape):
+            raise self._plugin.faulty(f"{when}, {fault}")
+        return corrected
 
     def reset(self) -> None:
         """Forget the stream."""
@@ -149,22 +157,31 @@ class PluginCorrector:
         """End the threads of the corrector, if it has some."""
         self._plugin.run("when it is closed", getattr(self.bare, "close", lambda: None))
 
-    def _align(self, frame: Frame) -> Any:
-        return frame, self._plugin.run(_at(frame), self.bare.align, frame)
 
-    def _combine(self, aligned: Any) -> CorrectedDepth:
-        frame, own = aligned
-        return self._sound(frame, self.bare.combine, own)
-
-    def _sound(self, frame: Frame, call: Callable[..., Any], argument: Any) -> CorrectedDepth:
-        corrected: CorrectedDepth = self._plugin.run(_at(frame), call, argument)
-        if fault := fault_of(corrected, self._shape):
-            raise self._plugin.faulty(f"{_at(frame)}, {fault}")
-        return corrected
+def fault_of(corrected: object, shape: tuple[int, ...]) -> str | None:
+    """Return what was expected of the correction of a frame of a shape, and what came; None if all is well."""
+    if isinstance(corrected, CorrectedDepth):
+        return next(_faults(corrected, shape), None)
+    return f"expected a CorrectedDepth, got {type(corrected).__name__}; CorrectedDepth.of makes one"
 
 
-def _at(frame: Frame) -> str:
-    return f"for a frame at {frame.stamp_s} s"
+def _faults(corrected: CorrectedDepth, shape: tuple[int, ...]) -> Iterator[str]:
+    """Yield what is wrong; later checks rely on earlier ones."""
+    for name, (kind, words) in KINDS.items():
+        image: Any = getattr(corrected, name)
+        if not isinstance(image, np.ndarray):
+            yield f"expected {name} as {words} of shape {shape}, got {type(image).__name__}"
+        elif image.shape != shape or not np.issubdtype(image.dtype, kind):
+            yield f"expected {name} as {words} of shape {shape}, got {image.dtype} of shape {image.shape}"
+    depth_m, confidence, source = corrected.depth_m, corrected.confidence, corrected.source
+    if not np.isfinite(depth_m).all():
+        yield f"expected finite depths (0 = invalid), got {np.count_nonzero(~np.isfinite(depth_m))} others"
+    if (depth_m < 0).any():
+        yield f"expected depths of at least 0 m (0 = invalid), got {depth_m.min()} m"
+    if not ((confidence >= 0) & (confidence <= 1)).all():
+        yield f"expected confidence in 0..1, got {confidence.min()} to {confidence.max()}"
+    if source.max(initial=0) > max(Source):
+        yield f"expected sources in 0..{int(max(Source))}, got {source.max()}"
 
 
 CORRECTOR = "a factory(intrinsics) that returns a DepthCorrector"

@@ -9,7 +9,7 @@ by its code, as `module:factory`.
 import json
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -21,23 +21,6 @@ from .types import DepthCorrector, Intrinsics
 if TYPE_CHECKING:
     from .paper.config import VoxDepthConfig
     from .temporal.config import TemporalConfig
-
-__all__ = [
-    "CORRECTOR_NAMES",
-    "DEFAULT",
-    "ENTRY_POINTS",
-    "PAPER",
-    "code_of",
-    "config_of",
-    "corrector_names",
-    "create_bare",
-    "create_corrector",
-    "installed_names",
-    "latency_s",
-    "require_known",
-    "resolve_config",
-    "title",
-]
 
 ENTRY_POINTS = "voxdepth.correctors"
 """Group of the entry points by which other distributions add correctors."""
@@ -52,14 +35,10 @@ class Entry:
     """A corrector of this library. It is imported when it is created, so that the registry alone is light."""
 
     path: str
-    """The class as `module:name`."""
+    """The class as `module:name`; it takes the intrinsics, and the configuration if it has one."""
     latency_s: float
-    options: Mapping[str, Any] = field(default_factory=dict)
-    """Keyword arguments of the class."""
     config: str | None = None
     """What makes its default configuration, as `module:name`; None for a corrector without one."""
-    takes_camera: bool = True
-    """Whether the class takes the intrinsics."""
     needs: str | None = None
     """A module that an extra of this library installs; None for a corrector that needs none."""
 
@@ -70,19 +49,15 @@ def _imported(path: str) -> Any:
     return getattr(import_module(f".{module}", __package__), name)
 
 
-def _single_frame(path: str, latency_s: float, **options: Any) -> Entry:
-    return Entry(f"baselines.{path}", latency_s, options, takes_camera=False)
-
-
 _REGISTRY = {
-    "raw": _single_frame("single_frame:Raw", 0.0),
-    "median": _single_frame("single_frame:Median", 0.0002),
-    "realsense-left": _single_frame("realsense:RealSenseLeft", 0.0007),
+    "raw": Entry("baselines.single_frame:Raw", 0.0),
+    "median": Entry("baselines.single_frame:Median", 0.0002),
+    "realsense-left": Entry("baselines.realsense:RealSenseLeft", 0.0007),
     "realsense": Entry("baselines.realsense:RealSenseChain", 0.0035),
     "lmeds": Entry("baselines.lmeds:LMedS", 0.0161),
-    "ip-basic": _single_frame("ip_basic:IpBasic", 0.0013),
-    "telea": _single_frame("single_frame:OpenCvInpaint", 0.0075, method="telea"),
-    "navier-stokes": _single_frame("single_frame:OpenCvInpaint", 0.0035, method="navier_stokes"),
+    "ip-basic": Entry("baselines.ip_basic:IpBasic", 0.0013),
+    "telea": Entry("baselines.single_frame:Telea", 0.0075),
+    "navier-stokes": Entry("baselines.single_frame:NavierStokes", 0.0035),
     "global-smoother": Entry("baselines.global_smoother:GlobalSmoother", 0.0064),
     "learned": Entry("baselines.learned:Learned", 0.0113, needs="onnxruntime"),
     PAPER: Entry("paper.method:VoxDepth", 0.0034, config="paper.config:VoxDepthConfig"),
@@ -166,12 +141,9 @@ def create_corrector(
     Raises:
         ConfigError: See `create_bare`.
     """
-    corrector = create_bare(name, intrinsics, config)
-    if name not in _REGISTRY:
-        return corrector
     from .calibration import calibrated
 
-    return calibrated(corrector, name)
+    return calibrated(create_bare(name, intrinsics, config), name)
 
 
 def create_bare(
@@ -192,8 +164,7 @@ def create_bare(
         return PluginCorrector(code_of(name) or name, _load(name), intrinsics)
     entry = _REGISTRY[name]
     resolved = resolve_config(name, config) if isinstance(config, Mapping) else config or default
-    given = (intrinsics if entry.takes_camera else None, resolved)
-    corrector: DepthCorrector = _imported(entry.path)(*(one for one in given if one is not None), **entry.options)
+    corrector: DepthCorrector = _imported(entry.path)(intrinsics, *(() if resolved is None else (resolved,)))
     return corrector
 
 

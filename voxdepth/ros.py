@@ -20,24 +20,6 @@ from .errors import FrameError
 from .types import FloatImage, Frame, GrayImage, Intrinsics
 from .units import Unit
 
-__all__ = [
-    "DEPTH_ENCODINGS",
-    "GRAY_ENCODINGS",
-    "TIMES_S",
-    "Header",
-    "are_apart",
-    "camera_info_fields",
-    "confidence_fields",
-    "confidence_levels",
-    "depth_fields",
-    "depth_of",
-    "encoding_of",
-    "frame_of",
-    "gray_of",
-    "header_of",
-    "source_fields",
-]
-
 TIMES_S = range(2**31)
 """Seconds that a time in ROS 2 can have."""
 DEPTH_ENCODINGS = {"16UC1": "u2", "mono16": "u2", "16FC1": "f2", "32FC1": "f4", "64FC1": "f8"}

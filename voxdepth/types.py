@@ -8,8 +8,8 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from math import isfinite
 from numbers import Integral, Real
+from sys import float_info
 from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
@@ -17,19 +17,6 @@ import numpy.typing as npt
 
 from .errors import FrameError
 from .units import FAR_M, Unit, median_m
-
-__all__ = [
-    "CorrectedDepth",
-    "DepthCorrector",
-    "Diagnostics",
-    "FloatArray",
-    "FloatImage",
-    "Frame",
-    "GrayImage",
-    "Intrinsics",
-    "MaskImage",
-    "Source",
-]
 
 FloatArray = npt.NDArray[np.float64]
 FloatImage = npt.NDArray[np.float32]
@@ -89,18 +76,16 @@ class Intrinsics:
         _require_numbers(Real, fx_px=self.fx_px, fy_px=self.fy_px, cx_px=self.cx_px, cy_px=self.cy_px)
         _require_numbers(Real, baseline_m=self.baseline_m or 0, disparity_scale=self.disparity_scale)
         size = f"{self.width_px}x{self.height_px}"
-        lens = (self.fx_px, self.fy_px, self.cx_px, self.cy_px)
         if min(self.width_px, self.height_px) < 1 or max(self.width_px, self.height_px) > LARGEST_SIDE_PX:
             raise FrameError(f"an image has 1 to {LARGEST_SIDE_PX} pixels a side, got {size}")
-        if not np.isfinite(lens).all() or min(self.fx_px, self.fy_px) <= 0:
-            raise FrameError(f"focal lengths must be positive, and all numbers finite, got fx, fy, cx, cy = {lens}")
         longest_px = LARGEST_LENS * max(self.width_px, self.height_px)
         if not longest_px >= max(self.fx_px, self.fy_px) >= min(self.fx_px, self.fy_px) >= 1 / LARGEST_LENS:
             raise FrameError(
                 f"focal lengths must be {1 / LARGEST_LENS} to {longest_px} px for an image of {size} pixels, "
                 f"got {self.fx_px} and {self.fy_px}: are they in pixels?"
             )
-        if abs(self.cx_px - self.width_px / 2) > self.width_px or abs(self.cy_px - self.height_px / 2) > self.height_px:
+        far_x_px, far_y_px = abs(self.cx_px - self.width_px / 2), abs(self.cy_px - self.height_px / 2)
+        if not (far_x_px <= self.width_px and far_y_px <= self.height_px):
             raise FrameError(
                 f"the principal point ({self.cx_px}, {self.cy_px}) is far outside of an image of {size} pixels: is the "
                 "calibration that of another image size?"
@@ -242,19 +227,16 @@ class Frame:
         return cls(stamp_s=stamp_s, gray=gray, depth_m=Unit(1.0).metres(depth_m), T_world_cam=T_world_cam)
 
     def __post_init__(self) -> None:
+        _store_python_numbers(self)
         _require_numbers(Real, stamp_s=self.stamp_s)
-        if not _is_finite(self.stamp_s):
+        if not abs(self.stamp_s) <= float_info.max:
             raise FrameError(f"stamp_s must be a finite number, got {self.stamp_s}")
         self._require_images()
         T = self.T_world_cam
         if T is not None and not _is_rigid(T):
-            got = (
-                T.tolist() if _is_plain(T) and T.shape == (4, 4) else f"{_kind(T)} of shape {getattr(T, 'shape', '?')}"
-            )
-            raise FrameError(f"T_world_cam must be an array, a finite rigid pose of shape (4, 4), got {got}")
+            raise FrameError(f"T_world_cam must be an array, a finite rigid pose of shape (4, 4), got {T!r}")
         for name in ("gray", "depth_m"):  # Compiled loops and OpenCV take rows one after the other.
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
-        _store_python_numbers(self)
 
     def _require_images(self) -> None:
         if not (_is_plain(self.gray) and _is_plain(self.depth_m)):
@@ -315,21 +297,14 @@ def _kind(given: object) -> str:
     return given.dtype.name if isinstance(given, np.ndarray) else type(given).__name__
 
 
-def _is_finite(number: float) -> bool:
-    try:
-        return isfinite(number)
-    except OverflowError:  # A whole number may be larger than any of floating point.
-        return False
-
-
 def _is_rigid(T: object) -> bool:
     if not isinstance(T, np.ndarray) or not _is_plain(T) or T.shape != (4, 4) or T.dtype.kind not in "fiu":
         return False
-    if not np.isfinite(T).all() or (T[3] != (0, 0, 0, 1)).any() or np.abs(T[:3, :3]).max() > 2:
+    rotation, position_m = T[:3, :3], T[:3, 3]
+    if not np.isfinite(T).all() or (T[3] != (0, 0, 0, 1)).any():
         return False
-    if np.abs(T[:3, 3]).max() > LARGEST_POSITION_M:
+    if np.abs(rotation).max() > 2 or np.abs(position_m).max() > LARGEST_POSITION_M:
         return False
-    rotation = T[:3, :3]
     return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0)
 
 

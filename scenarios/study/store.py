@@ -18,8 +18,7 @@ import pydantic
 from sim.types import Contact
 from swarm.types import Outcome
 from voxdepth.model import Model, problems
-from voxdepth.tools.files import write
-from voxdepth.tools.locks import locked
+from voxdepth.tools.files import locked, write
 from voxdepth.tools.provenance import machine
 
 from ..config import Run

@@ -43,17 +43,8 @@ def test_a_run_prints_the_machine_and_tables_and_is_silent_besides(monkeypatch: 
     assert lines == [], "Warp alone says where it finds no GPU"
 
 
-@pytest.mark.parametrize(
-    ("size", "message"),
-    [
-        ("8x600", "--size must have 32 to 4096 pixels on each side, got 8x600"),
-        ("large", "--size must look like 160x120, got 'large'"),
-    ],
-)
-def test_a_bad_size_is_refused_before_anything_is_measured(
-    size: str, message: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bad_size_is_refused_before_anything_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(benchmark, "measure", lambda *_: pytest.fail("it went on"))
-    done = invoke("bench", "--size", size)
+    done = invoke("bench", "--size", "large")
     assert isinstance(done.exception, ToolError)
-    assert message in str(done.exception)
+    assert "--size must look like 160x120, got 'large'" in str(done.exception)

@@ -82,7 +82,7 @@ def test_a_bag_has_the_correction_of_every_frame_with_its_own_header(bag: Path, 
 def test_a_folder_is_not_taken_for_a_file(bag: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
     out.mkdir()
-    assert "out.mcap names a file, but is a folder" in str(invoke("correct", bag, "--out", out).exception)
+    assert "out.mcap exists already" in str(invoke("correct", bag, "--out", out).exception)
 
 
 def test_times_that_ros_does_not_have_are_refused_before_anything_is_written(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from voxdepth.baselines.ip_basic import IpBasic
 from voxdepth.baselines.learned import Learned
 from voxdepth.baselines.lmeds import LMedS
 from voxdepth.baselines.realsense import RealSenseChain, RealSenseLeft
-from voxdepth.baselines.single_frame import Median, OpenCvInpaint
+from voxdepth.baselines.single_frame import Median, NavierStokes, Telea
 from voxdepth.errors import FrameError
 from voxdepth.networks import has_runtime
 from voxdepth.types import CorrectedDepth, DepthCorrector, Intrinsics, Source
@@ -20,17 +20,17 @@ from voxdepth.types import CorrectedDepth, DepthCorrector, Intrinsics, Source
 Make = Callable[[Intrinsics], DepthCorrector]
 
 FILLERS: dict[str, Make] = {
-    "ip-basic": lambda camera: IpBasic(),
-    "telea": lambda camera: OpenCvInpaint(),
-    "navier-stokes": lambda camera: OpenCvInpaint(method="navier_stokes"),
+    "ip-basic": IpBasic,
+    "telea": Telea,
+    "navier-stokes": NavierStokes,
     "global-smoother": GlobalSmoother,
-    "realsense-left": lambda camera: RealSenseLeft(),
+    "realsense-left": RealSenseLeft,
 }
 """Those that never change a valid pixel."""
 CONSTANT: dict[str, Make] = FILLERS | {"lmeds": LMedS}
 """Those that leave a smooth frame as it is."""
 ANY_SIZE: dict[str, Make] = CONSTANT | {
-    "median": lambda camera: Median(),
+    "median": Median,
     "realsense": lambda camera: RealSenseChain(replace(camera, baseline_m=0.1)),
 }
 """Those that work on images of any size."""

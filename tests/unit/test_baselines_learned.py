@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.baseline_frames import camera, frame, scene, texture
-from voxdepth.baselines.learned import Dis, interpreted, landing_of, next_measured, taken
+from voxdepth.baselines.learned import interpreted, landing_in, landing_of, next_measured, optical_flow, taken
 from voxdepth.errors import ConfigError
 from voxdepth.networks import has_runtime
 from voxdepth.registry import create_bare
@@ -87,7 +87,7 @@ def test_a_camera_of_too_few_pixels_is_refused() -> None:
 
 
 def test_small_images_flow_too() -> None:
-    assert Dis().between(*[np.full((7, 300), 9, np.uint8)] * 2).shape == (7, 300, 2)
+    assert landing_in(*[np.full((14, 600), 9, np.uint8)] * 2, optical_flow()).shape == (14, 600, 2)
 
 
 def test_pixels_are_taken_from_where_they_flow_and_none_from_outside() -> None:

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from voxdepth.colors import FAR_M, SOURCE_COLORS, UNKNOWN_GRAY, colored, error_colored, far_end_m, source_colored
-from voxdepth.types import Source
+from voxdepth.colors import FAR_M, UNKNOWN_GRAY, colored, error_colored, far_end_m
 
 BLUE, RED = 0, 2
 
@@ -37,14 +36,6 @@ def test_neither_holes_nor_the_sky_count_for_the_blue_end() -> None:
     depth_m[:4], depth_m[4:8] = 0.0, np.inf
     assert far_end_m([depth_m]) == 1.0
     assert far_end_m([np.zeros((2, 2), np.float32)]) == far_end_m([]) == FAR_M
-
-
-def test_each_source_has_a_colour_of_its_own_which_is_that_of_recordings_with_blue_first() -> None:
-    source = np.array([list(Source)], np.uint8)
-    image = source_colored(source)
-    assert len({tuple(color) for color in image[0]}) == len(Source)
-    for kind in Source:
-        np.testing.assert_array_equal(image[0, kind, ::-1], SOURCE_COLORS[kind])
 
 
 def test_errors_are_red_too_near_blue_too_far_and_hidden_where_unknown() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.epochs import EpochEnd, Epochs, Phase, Template
 from voxdepth.paper.registration import Features, Registration, RegistrationStatus
 from voxdepth.paper.voxels import OccupiedVoxels, VoxelConfig
@@ -23,7 +24,7 @@ def frame(number: int) -> Frame:
 def template(number: int, features: Features) -> Template:
     """A template whose depth is a number."""
     depth_m, voxels = np.full((2, 2), number, np.float32), OccupiedVoxels.of(np.zeros(1, np.uint32), VoxelConfig())
-    return Template(depth_m=depth_m, voxels=voxels, stamp_s=0.0, features=features, timings_s={})
+    return Template(depth_m=depth_m, voxels=voxels, stamp_s=0.0, features=features)
 
 
 class Fuser:
@@ -47,7 +48,8 @@ def epochs_of(
     """Epochs of a camera that sees another scene from the frames `cuts` on."""
     scenes = iter(range(1_000_000))
     follows = lambda earlier, later: next(scenes) not in cuts  # noqa: E731
-    return Epochs(fuser, follows, window_frames=window_frames, max_epoch_frames=max_epoch_frames, lag=lag)
+    lengths = {"window_frames": window_frames, "max_epoch_frames": max_epoch_frames}
+    return Epochs(fuser, follows, VoxDepthConfig(**lengths, fusion_lag_frames=lag))
 
 
 def run(epochs: Epochs, numbers: range, lost: tuple[int, ...] = ()) -> list[tuple[int | None, EpochEnd]]:
@@ -156,7 +158,7 @@ def test_frames_of_a_window_are_copies() -> None:
         seen.extend(float(f.depth_m[0, 0]) for f in window)
         return template(0, features)
 
-    epochs = Epochs(fuse, lambda a, b: True, window_frames=3, max_epoch_frames=5, lag=0)
+    epochs = Epochs(fuse, lambda a, b: True, VoxDepthConfig(window_frames=3, fusion_lag_frames=0))
     for number in range(3):
         depth_m[...] = number + 1  # one buffer, as camera drivers have it
         epochs.begin(Frame(stamp_s=float(number), gray=gray, depth_m=depth_m), NO_FEATURES)

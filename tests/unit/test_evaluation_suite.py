@@ -28,8 +28,7 @@ from voxdepth.tools.evaluation.methods import Method, find_methods
 from voxdepth.tools.evaluation.recordings import HELD_OUT, RecordedSource
 from voxdepth.tools.evaluation.results import STORED, Result, load, path_of, store
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
-from voxdepth.tools.files import to_toml
-from voxdepth.tools.locks import locked
+from voxdepth.tools.files import locked, to_toml
 
 GOOD = method("good")
 BAD = method("bad", lambda depth_m: depth_m[:-1])

@@ -17,9 +17,8 @@ from swarm.config import MissionConfig
 from swarm.controllers import Role, load_controller
 from tests.studies import arm, fake, study, unseen
 from tests.swarm_scenes import AIRFRAME
-from voxdepth import CorrectionPipeline, Frame, Intrinsics, create_corrector
-from voxdepth.errors import PipelineError, PluginError
-from voxdepth.pipeline import StagedCorrector
+from voxdepth import Frame, Intrinsics, create_corrector
+from voxdepth.errors import PluginError
 from voxdepth.plugins import digest_of
 from voxdepth.registry import latency_s
 
@@ -132,17 +131,6 @@ def test_a_factory_that_makes_no_corrector_is_told_with_its_file(factory: str, t
     with pytest.raises(PluginError, match=f"{name}.py") as error:
         create_corrector(f"{name}:Mine", CAMERA)
     assert told in str(error.value)
-
-
-def test_a_corrector_in_stages_keeps_them_and_is_checked(module: Write) -> None:
-    stages = "    def align(self, frame): return frame\n    def combine(self, aligned):\n"
-    text = CORRECTOR.replace("        return {result}\n", "        return good\n") + stages
-    name = f"{module(text + '        return self.process(aligned) if aligned.stamp_s < 1 else None')}:Mine"
-    corrector = create_corrector(name, CAMERA)
-    assert isinstance(corrector, StagedCorrector)
-    with CorrectionPipeline(corrector, [frame(0.0), frame(1.0)]) as pipeline, pytest.raises(PipelineError) as error:
-        list(pipeline)
-    assert "for a frame at 1.0 s, expected a CorrectedDepth, got NoneType" in str(error.value.__cause__)
 
 
 @pytest.mark.parametrize(

@@ -69,7 +69,7 @@ def record_mine(path: str) -> Any:
                 "got 'citty' (did you mean city?)",
             ],
         ),
-        (record_mine, SEQUENCE, ["unknown key 'flight.secnds'", "rig.width_px: expected a whole number, got 'wide'"]),
+        (record_mine, SEQUENCE, ["unknown key 'flight.secnds'", "rig.width_px: expected a valid integer, got 'wide'"]),
         (
             load_study,
             STUDY,

@@ -20,7 +20,7 @@ from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
 RESOLUTION = WorkingResolution.of(CAMERA, 1)
-TRACKING_CAMERA = TrackingCamera.of(CAMERA, 320, RESOLUTION)
+TRACKING_CAMERA = TrackingCamera(CAMERA.reduced(320), CAMERA, RESOLUTION)
 PAN = [pose(yaw=4.0 * i) for i in range(16)]
 """From the first view to one of which the first, 70 degrees wide, shows 10 degrees."""
 
@@ -152,7 +152,7 @@ class TestDepth:
 @pytest.mark.parametrize(("width_px", "height_px"), [(640, 360), (848, 480), (752, 480), (1242, 375), (1281, 719)])
 def test_the_tracking_image_shows_what_its_pixels_are_sampled_from(width_px: int, height_px: int) -> None:
     full = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=0.1)
-    camera = TrackingCamera.of(full, 320, WorkingResolution.of(full, 2))
+    camera = TrackingCamera(full.reduced(320), full, WorkingResolution.of(full, 2))
     for ramp in np.meshgrid(np.arange(width_px, dtype=np.float32), np.arange(height_px, dtype=np.float32)):
         reduced = cv2.resize(ramp, camera.size, interpolation=cv2.INTER_AREA)
         row, col = np.mgrid[1 : camera.size[1] - 1, 1 : camera.size[0] - 1].reshape(2, -1)
@@ -163,7 +163,7 @@ def test_the_tracking_image_shows_what_its_pixels_are_sampled_from(width_px: int
 @pytest.mark.parametrize(("width_px", "height_px", "decimation"), [(160, 120, 1), (640, 360, 2), (1281, 719, 2)])
 def test_points_are_projected_where_they_were_seen(width_px: int, height_px: int, decimation: int) -> None:
     full = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=0.1)
-    camera = TrackingCamera.of(full, 320, WorkingResolution.of(full, decimation))
+    camera = TrackingCamera(full.reduced(320), full, WorkingResolution.of(full, decimation))
     disparity_px = np.full(camera.resolution.shape, 4, np.float32)
     disparity_px[:, : disparity_px.shape[1] // 2] = 0  # of the left half nothing is known
     width, height = camera.size

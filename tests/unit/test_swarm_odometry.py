@@ -86,6 +86,7 @@ class Listener(Raw):
     """Keeps the frames that it is given."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.frames: list[Frame] = []
 
     def process(self, frame: Frame) -> CorrectedDepth:

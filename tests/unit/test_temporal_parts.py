@@ -8,14 +8,13 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, ROOM, depth_of, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
-from voxdepth.image_pool import ImagePool
 from voxdepth.temporal.confidence import UNANIMOUS_FILL, estimate_confidence
 from voxdepth.temporal.forward_warp import ForwardWarp
 from voxdepth.temporal.fusion import PixelClass
 from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import NOISE_PX, smooth_guided
-from voxdepth.temporal.upsampling import Estimate, Shown, Upsampler
+from voxdepth.temporal.upsampling import Estimate, ImagePool, Shown, Upsampler
 from voxdepth.temporal.working_resolution import (
     MAX_DISPARITY_PX,
     MAX_FULL_RESOLUTION_PX,

@@ -91,10 +91,10 @@ def test_intrinsics_from_hfov_see_that_angle() -> None:
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        ({"fx_px": np.nan}, "all numbers finite"),
-        ({"cx_px": np.nan}, "all numbers finite"),
-        ({"fy_px": np.inf}, "all numbers finite"),
-        ({"fx_px": -1.0}, "must be positive"),
+        ({"fx_px": np.nan}, "are they in pixels"),
+        ({"cx_px": np.nan}, "far outside of an image"),
+        ({"fy_px": np.inf}, "are they in pixels"),
+        ({"fx_px": -1.0}, "are they in pixels"),
         ({"fx_px": 1e-6}, "are they in pixels"),
         ({"fy_px": 1e9}, "are they in pixels"),
         ({"cx_px": 999.0}, "far outside of an image"),

@@ -30,15 +30,12 @@ class GlobalSmoother(Baseline):
     """Fills every hole under guidance of the gray image; valid pixels stay, and so does a frame without any.
 
     It works in inverse depth. Disparity would give the same result, since the filling is linear.
-
-    Args:
-        intrinsics: Intrinsics of the camera.
     """
 
     uses_gray = True
 
     def __init__(self, intrinsics: Intrinsics) -> None:
-        self._intrinsics = intrinsics
+        super().__init__(intrinsics)
         self._weight_of_step = np.maximum(np.exp(-np.arange(256) / SIGMA_GRAY).astype(np.float32), MIN_WEIGHT)
         compile_all()
 

@@ -73,7 +73,7 @@ class Learned(StreamCorrector):
         self._network = network or load("corrector")
         self._resolution = WorkingResolution.of(intrinsics, default_decimation(intrinsics))
         self._upsampler = Upsampler(intrinsics.shape, self._resolution)
-        self._flow = Dis()
+        self._flow = optical_flow()
         compile_all()
         super().__init__(intrinsics)
 
@@ -110,39 +110,30 @@ class Learned(StreamCorrector):
         return moved, np.asarray(cv2.absdiff(gray, taken(last_gray, landing)), np.uint8)
 
 
-class Dis:
-    """Inverse search of patches, then variational refinement: Kroeger et al. 2016, DOI 10.1007/978-3-319-46493-0_29.
-
-    The result depends a little on OpenCV's number of threads.
-    """
-
-    def __init__(self) -> None:
-        self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
-
-    def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
-        """Where each pixel of the start is in the end, relative to itself: columns and rows [px].
-
-        The result is finite, of shape (H, W, 2) and float32. The images of shape (H, W) are not changed.
-        """
-        height, width = start.shape
-        flow_px: Any = self._dis.calc(_padded(start), _padded(end), None)  # type: ignore[call-overload]
-        return np.ascontiguousarray(flow_px[:height, :width])
-
-
 def _padded(gray: GrayImage) -> GrayImage:
     """Pad to the minimum size of DIS by repeating the last row and column."""
     below, right = (max(SMALLEST_PX - side, 0) for side in gray.shape)
     return np.pad(gray, ((0, below), (0, right)), mode="edge") if below or right else gray
 
 
-def landing_in(last_gray: GrayImage, gray: GrayImage, flow: Dis) -> Landing:
+def optical_flow() -> cv2.DISOpticalFlow:
+    """Inverse search of patches, then variational refinement: Kroeger et al. 2016, DOI 10.1007/978-3-319-46493-0_29.
+
+    The result depends a little on OpenCV's number of threads.
+    """
+    return cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+
+
+def landing_in(last_gray: GrayImage, gray: GrayImage, flow: cv2.DISOpticalFlow) -> Landing:
     """Column and row in the last image of each pixel, shape (h, w, 2), by optical flow between the halved images."""
     height, width = gray.shape
     half = max(1, width // 2), max(1, height // 2)
     start, end = (
         np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8) for image in (gray, last_gray)
     )
-    flow_px = np.asarray(cv2.resize(flow.between(start, end), (width, height)), np.float32)
+    half_flow_px: Any = flow.calc(_padded(start), _padded(end), None)  # type: ignore[call-overload]
+    half_flow_px = np.ascontiguousarray(half_flow_px[: half[1], : half[0]])
+    flow_px = np.asarray(cv2.resize(half_flow_px, (width, height)), np.float32)
     return landing_of(flow_px * np.array([width / half[0], height / half[1]], np.float32))
 
 

@@ -30,14 +30,11 @@ TILE = 8192
 
 
 class LMedS(Baseline):
-    """Replaces outliers near depth edges, and fills holes, by the location of the samples around them.
-
-    Args:
-        intrinsics: Intrinsics of the camera.
-    """
+    """Replaces outliers near depth edges, and fills holes, by the location of the samples around them."""
 
     def __init__(self, intrinsics: Intrinsics) -> None:
-        self._intrinsics, self._shape = intrinsics, intrinsics.shape
+        super().__init__(intrinsics)
+        self._shape = intrinsics.shape
         self._padded_m: deque[FloatImage] = deque(maxlen=FRAMES)
 
     def reset(self) -> None:

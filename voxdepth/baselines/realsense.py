@@ -63,44 +63,14 @@ def smooth_columns(image: FloatImage) -> None:
                 before[col] = value
 
 
-class TemporalFilter:
-    """Running mean of each pixel of a stream of images; it restarts at edges and fills short holes.
-
-    It does not compensate for the motion of the camera.
-    """
-
-    def __init__(self) -> None:
-        self._mean: FloatImage | None = None
-        self._history: GrayImage = np.empty((0, 0), np.uint8)
-
-    def reset(self) -> None:
-        """Forget the stream."""
-        self._mean = None
-
-    def smooth(self, disparity: FloatImage) -> FloatImage:
-        """The mean of a new image and the past where both agree, the new value where they do not.
-
-        All are disparities [1/32 px] of shape (H, W), 0 = invalid. A hole takes the last mean if that persists.
-        """
-        if self._mean is None:
-            self._mean = np.zeros_like(disparity)
-            self._history = np.zeros(disparity.shape, np.uint8)
-        valid = disparity > 0
-        agrees = valid & (self._mean > 0) & (np.abs(disparity - self._mean) < EDGE)
-        mean = TEMPORAL_ALPHA * disparity + (np.float32(1) - TEMPORAL_ALPHA) * self._mean
-        self._mean = np.where(valid, np.where(agrees, mean, disparity), self._mean)
-        persists = np.bitwise_count(self._history & LAST_FRAMES) >= LEAST_VALID
-        self._history = np.where(valid & ~agrees, 1, self._history << 1 | valid).astype(np.uint8)
-        return np.where(valid | persists, self._mean, np.float32(0))
-
-
 class RealSenseLeft(Baseline):
     """Fills holes as librealsense's `hole_filling_filter` in mode 0 does, which the paper describes.
 
     A measured depth stays.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, intrinsics: Intrinsics | None = None) -> None:
+        super().__init__(intrinsics)
         compile_all()
 
     def _corrected(self, frame: Frame) -> FloatImage:
@@ -148,7 +118,8 @@ class RealSenseChain(Baseline):
     """
 
     def __init__(self, intrinsics: Intrinsics) -> None:
-        self._intrinsics = intrinsics
+        super().__init__(intrinsics)
+        self._shape = intrinsics.shape
         if intrinsics.baseline_m is None:
             raise ConfigError(
                 "the RealSense filters work on disparity and need the stereo baseline; name it as baseline_m of the "
@@ -157,22 +128,37 @@ class RealSenseChain(Baseline):
         baseline_m = np.float32(intrinsics.baseline_m * 1000) * np.float32(0.001)  # cameras report it in millimetres
         # Depth [units] times disparity [1/32 px], in the SDK's single precision.
         self._factor = baseline_m * np.float32(intrinsics.fx_px) * np.float32(STEPS_PER_PX) / np.float32(1e-3)
-        self._temporal = TemporalFilter()
+        self.reset()
         compile_all()
 
     def reset(self) -> None:
         """Forget the stream."""
-        self._temporal.reset()
+        self._mean: FloatImage = np.zeros(self._shape, np.float32)
+        self._history: GrayImage = np.zeros(self._shape, np.uint8)
 
     def _corrected(self, frame: Frame) -> FloatImage:
         depth_units: FloatImage = np.minimum(frame.depth_m, LARGEST_UNITS / UNITS_PER_M)
         depth_units *= UNITS_PER_M
         disparity = self._divided(np.rint(depth_units, out=depth_units))
         disparity = smooth_in_space(disparity)
-        disparity = self._temporal.smooth(disparity)
+        disparity = self._smooth_in_time(disparity)
         depth_m: FloatImage = np.floor(self._divided(disparity) + np.float32(0.5)) / UNITS_PER_M
         fill_farthest(depth_m)
         return depth_m
+
+    def _smooth_in_time(self, disparity: FloatImage) -> FloatImage:
+        """The mean of a new image and the past where both agree, the new value where they do not.
+
+        All are disparities [1/32 px] of shape (H, W), 0 = invalid. A hole takes the last mean if that persists. The
+        motion of the camera is not compensated for.
+        """
+        valid = disparity > 0
+        agrees = valid & (self._mean > 0) & (np.abs(disparity - self._mean) < EDGE)
+        mean = TEMPORAL_ALPHA * disparity + (np.float32(1) - TEMPORAL_ALPHA) * self._mean
+        self._mean = np.where(valid, np.where(agrees, mean, disparity), self._mean)
+        persists = np.bitwise_count(self._history & LAST_FRAMES) >= LEAST_VALID
+        self._history = np.where(valid & ~agrees, 1, self._history << 1 | valid).astype(np.uint8)
+        return np.where(valid | persists, self._mean, np.float32(0))
 
     def _divided(self, image: FloatImage) -> FloatImage:
         """Depth [units] of disparity [1/32 px], and the other way round; 0 stays 0."""

@@ -4,21 +4,14 @@ The latter are the raw depth, a median, and OpenCV's inpainting.
 """
 
 from abc import ABC, abstractmethod
-from typing import Literal
 
 import cv2
 import numpy as np
 
-from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics
 
 MEDIAN_PX = 5
 """Width of the window of the median."""
-InpaintingName = Literal["telea", "navier_stokes"]
-
-INPAINTING: dict[InpaintingName, int] = {"telea": cv2.INPAINT_TELEA, "navier_stokes": cv2.INPAINT_NS}
-"""Telea 2004 (DOI 10.1080/10867651.2004.10487596) and Bertalmio et al. 2001 (DOI 10.1109/CVPR.2001.990497)."""
-
 RADIUS_PX = 3.0
 """Neighbourhood of a pixel that is inpainted; a larger one is smoother and slower."""
 NEAREST_M = 0.1
@@ -30,11 +23,16 @@ FARTHEST_M = np.finfo(np.float32).max / np.float32(FULL_SCALE + 1)
 
 
 class Baseline(ABC):
-    """A corrector whose source and confidence follow from the depth alone."""
+    """A corrector whose source and confidence follow from the depth alone.
+
+    Args:
+        intrinsics: Intrinsics of the camera; None where frames may have any size, if the method allows that.
+    """
 
     uses_gray = False
-    _intrinsics: Intrinsics | None = None
-    """Camera of the frames; None if they may have any size."""
+
+    def __init__(self, intrinsics: Intrinsics | None = None) -> None:
+        self._intrinsics = intrinsics
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct a frame, see `CorrectedDepth.of`.
@@ -71,23 +69,16 @@ class Median(Baseline):
         return cv2.medianBlur(frame.depth_m, MEDIAN_PX)  # type: ignore[return-value]
 
 
-class OpenCvInpaint(Baseline):
-    """Fills every hole from its boundary; valid pixels stay, and so does an image without any.
+class Telea(Baseline):
+    """Fills every hole from its boundary inwards with weighted means: Telea 2004, DOI 10.1080/10867651.2004.10487596.
+
+    Valid pixels stay, and so does an image without any.
 
     It works on the inverse of depth, in which stereo errors are alike at any range. The nearest depth of a frame is the
     largest of 16 bits: one step is 0.2 mm at 2 m and 11 mm at 15 m if that nearest depth is 0.3 m.
-
-    Args:
-        method: `telea` marches inwards with weighted means, `navier_stokes` continues lines of equal depth.
-
-    Raises:
-        ConfigError: There is no such method.
     """
 
-    def __init__(self, *, method: InpaintingName = "telea") -> None:
-        if method not in INPAINTING:
-            raise ConfigError(f"expected one of the inpainting methods {', '.join(INPAINTING)}, got {method!r}")
-        self._method = INPAINTING[method]
+    _method = cv2.INPAINT_TELEA
 
     def _corrected(self, frame: Frame) -> FloatImage:
         depth_m = frame.depth_m
@@ -102,3 +93,9 @@ class OpenCvInpaint(Baseline):
         mask = np.pad((~valid).astype(np.uint8), twice, mode="edge")
         whole = cv2.inpaint(np.pad(holed, twice, mode="edge"), mask, RADIUS_PX, self._method)[:rows, :columns]
         return np.where(valid, depth_m, scale_m / np.maximum(whole, 1).astype(np.float32))
+
+
+class NavierStokes(Telea):
+    """Continues lines of equal depth instead: Bertalmio et al. 2001, DOI 10.1109/CVPR.2001.990497."""
+
+    _method = cv2.INPAINT_NS

@@ -16,8 +16,6 @@ from ..types import Frame, Intrinsics
 if TYPE_CHECKING:
     from ..ros import Header
 
-__all__ = ["Dataset", "open_dataset"]
-
 WITHIN_S = 0.02
 """Largest difference of the times of two images of one frame, unless it is stated."""
 
@@ -85,9 +83,9 @@ def open_dataset(
     if not 0 <= within_s < inf:
         raise ConfigError(f"within_s must be a number of seconds of at least 0, got {within_s}")
     path = Path(path)
-    require_dataset(path, SUFFIXES)
     folders = (TumDataset, RealSenseDataset, RecordingDataset)
     try:
+        require_dataset(path, SUFFIXES)
         lacking = {reader.format: reader.lacking(path) for reader in (*folders, BagDataset)}
         fitting = [reader for reader in folders if not lacking[reader.format]]
         options: dict[str, Any] = {"within_s": within_s, "units_per_m": units_per_m}

@@ -1,6 +1,6 @@
 """The networks of the library: ONNX files with their cards, and ONNX Runtime, which the extra `learned` installs.
 
-A card is a TOML file beside the network. It states the digest, the format, and how the network was made.
+A card is a TOML file beside the network. It states the digest, and how the network was made.
 """
 
 import hashlib
@@ -17,8 +17,6 @@ import numpy.typing as npt
 from ..errors import ConfigError
 
 FOLDER = Path(__file__).parent
-FORMAT = 1
-"""Version of the inputs and outputs of the networks, which this library and a network must share."""
 EXTRA = "learned"
 Images = npt.NDArray[np.float32]
 
@@ -58,17 +56,11 @@ def load(name: str, folder: Path = FOLDER) -> Network:
     """A network of the library, which all of its users share.
 
     Raises:
-        ConfigError: ONNX Runtime is not installed; or the card or the network is missing, damaged or of another
-            version.
+        ConfigError: ONNX Runtime is not installed; or the card or the network is missing or damaged.
     """
     if not has_runtime():
         raise ConfigError(f"the network {name!r} needs ONNX Runtime: pip install 'voxdepth[{EXTRA}]'")
     file, card = folder / f"{name}.onnx", read_card(folder / f"{name}.toml")
-    if card["format"] != FORMAT:
-        raise ConfigError(
-            f"{file} is a network of format {card['format']}, and this version of voxdepth reads format {FORMAT}: "
-            "install the network and the library from the same version, or train it again"
-        )
     try:
         content = file.read_bytes()
     except OSError as error:
@@ -83,13 +75,13 @@ def load(name: str, folder: Path = FOLDER) -> Network:
 
 
 def read_card(file: Path) -> dict[str, Any]:
-    """What is known of a network, of which the library needs `format` and `sha256`; else it is a `ConfigError`."""
+    """What is known of a network, of which the library needs `sha256`; else it is a `ConfigError`."""
     try:
         card = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read the card {file}: {str(error).splitlines()[0]}; {_RESTORE}") from error
-    if not isinstance(card.get("sha256"), str) or "format" not in card:
-        raise ConfigError(f"the card {file} is damaged: expected the keys format and sha256; {_RESTORE}")
+    if not isinstance(card.get("sha256"), str):
+        raise ConfigError(f"the card {file} is damaged: expected the key sha256; {_RESTORE}")
     return card
 
 

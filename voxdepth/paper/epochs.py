@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from ..types import FloatImage, Frame
+from .config import VoxDepthConfig
 from .registration import Features, Registration, RegistrationStatus
 from .steps import warped
 from .voxels import OccupiedVoxels
@@ -81,8 +82,6 @@ class Template:
     stamp_s: float
     """Time of that frame."""
     features: Features
-    timings_s: Mapping[str, float]
-    """Wall-clock time of fusing [s], by step."""
 
 
 Fuse = Callable[[Sequence[Frame], Features], Template]
@@ -98,12 +97,8 @@ class Epochs:
     frames between the last of a window and the first that uses its template; see `fusion_lag_frames`.
     """
 
-    def __init__(self, fuse: Fuse, follows: Follows, *, window_frames: int, max_epoch_frames: int, lag: int) -> None:
-        self._fuse = fuse
-        self._follows = follows
-        self._window_frames = window_frames
-        self._max_epoch_frames = max_epoch_frames
-        self._lag = lag
+    def __init__(self, fuse: Fuse, follows: Follows, config: VoxDepthConfig) -> None:
+        self._fuse, self._follows, self._config = fuse, follows, config
         self._executor = ThreadPoolExecutor(1, "voxdepth-fusion")
         self.reset()
 
@@ -147,7 +142,7 @@ class Epochs:
             reason = EpochEnd.FEW_MATCHES
         elif not registration.ok:
             reason = EpochEnd.DEGENERATE
-        elif self._epoch_frames >= self._max_epoch_frames:
+        elif self._epoch_frames >= self._config.max_epoch_frames:
             reason = EpochEnd.MAX_FRAMES
         else:
             return EpochEnd.NONE
@@ -174,9 +169,9 @@ class Epochs:
             self._window = []
         self._last_features = features
         self._window.append(replace(frame, gray=frame.gray.copy(), depth_m=frame.depth_m.copy()))
-        if len(self._window) == self._window_frames:
+        if len(self._window) == self._config.window_frames:
             self._pending = self._started(self._window, features)
-            self._due = self._frames + self._lag
+            self._due = self._frames + self._config.fusion_lag_frames
             self._window = None
 
     def _started(self, window: Sequence[Frame], features: Features) -> "Future[Template]":

@@ -15,7 +15,7 @@ from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import VoxDepthConfig
 from .epochs import Epochs, Template, VoxDepthDiagnostics
-from .odometry import Odometry, PhotometricOdometry, motion_between
+from .odometry import PhotometricOdometry, motion_between
 from .registration import ChainedRegistration, Features, OrbRegistration, Registration, RegistrationStatus
 from .steps import combine, create_grid, dilated, warped
 from .voxels import VoxelGrid
@@ -67,9 +67,7 @@ class VoxDepth(StreamCorrector):
                 dilation_px=config.dilation_px,
             ),
             self._registration.follows,
-            window_frames=config.window_frames,
-            max_epoch_frames=config.max_epoch_frames,
-            lag=config.fusion_lag_frames,
+            config,
         )
         self._warped_m = np.empty(camera.shape, np.float32)
         compile_all()
@@ -153,7 +151,7 @@ def _label(
             confidence[row, col] = certain if is_valid else float32(0)
 
 
-def poses_in_last(window: Sequence[Frame], odometry: Odometry) -> list[FloatArray | None]:
+def poses_in_last(window: Sequence[Frame], odometry: PhotometricOdometry) -> list[FloatArray | None]:
     """`T_last_frame`, shape (4, 4), of each frame of a window; None for a frame whose pose is not known.
 
     As in the paper, the motion between the first two frames holds for the whole window: frame i is `T^(n-1-i)` away
@@ -171,30 +169,16 @@ def fuse_window(
     window: Sequence[Frame],
     features: Features,
     grid: "VoxelGrid | WarpVoxelGrid",
-    odometry: Odometry,
+    odometry: PhotometricOdometry,
     dilation_px: int,
 ) -> Template:
     """Fuse successive frames into a template in the camera of the last one, which has these features.
 
     Frames without a pose are left out: they would smear. The grid is for one window at a time.
     """
-    timer = StepTimer()
-    with timer("fused"):
-        with timer("motion"):
-            poses = poses_in_last(window, odometry)
-        with timer("voxelise"):
-            grid.clear()
-            for frame, T_last_frame in zip(window, poses, strict=True):
-                if T_last_frame is not None:
-                    grid.integrate(frame.depth_m, T_last_frame)
-        with timer("project"):
-            sparse_m = grid.project()
-        with timer("inpaint"):
-            depth_m = dilated(sparse_m, dilation_px)
-    return Template(
-        depth_m=depth_m,
-        voxels=grid.occupied(),
-        stamp_s=window[-1].stamp_s,
-        features=features,
-        timings_s=timer.times_s,
-    )
+    grid.clear()
+    for frame, T_last_frame in zip(window, poses_in_last(window, odometry), strict=True):
+        if T_last_frame is not None:
+            grid.integrate(frame.depth_m, T_last_frame)
+    depth_m = dilated(grid.project(), dilation_px)
+    return Template(depth_m=depth_m, voxels=grid.occupied(), stamp_s=window[-1].stamp_s, features=features)

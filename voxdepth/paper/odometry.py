@@ -1,6 +1,6 @@
 """Camera motion between two RGB-D frames, its refinement by Gauss-Newton, and checks of its plausibility."""
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -55,13 +55,6 @@ NEAREST_M = 0.1
 """Points nearer to the target camera than this are not compared."""
 
 
-class Odometry(Protocol):
-    """Estimates the rigid motion between two frames of one camera."""
-
-    def estimate(self, source: Frame, target: Frame) -> FloatArray | None:
-        """`T_target_source`, shape (4, 4); None if the motion is not found."""
-
-
 class PhotometricOdometry:
     """Photometric RGB-D odometry after Steinbruecker et al. 2011, coarse by OpenCV 5, then fine.
 
@@ -83,7 +76,7 @@ class PhotometricOdometry:
         self._solver = _opencv_solver(self._coarse_camera)
 
     def estimate(self, source: Frame, target: Frame) -> FloatArray | None:
-        """See `Odometry`. A motion that is too large, or that the images do not confirm, is not found."""
+        """`T_target_source`, shape (4, 4); None if it is too large, or if the images do not confirm it."""
         before, after = view_of(source, self._camera), view_of(target, self._camera)
         comparison = Comparison(before, after, self._camera)
         T = self._coarse(before, after) if comparison.n_points >= MIN_POINTS else None
@@ -100,7 +93,7 @@ class PhotometricOdometry:
         return np.asarray(T_target_source, np.float64) if solved else None
 
 
-def motion_between(source: Frame, target: Frame, odometry: Odometry) -> FloatArray | None:
+def motion_between(source: Frame, target: Frame, odometry: PhotometricOdometry) -> FloatArray | None:
     """`T_target_source` by the poses of both frames, or by an odometry if one has none; None if it is not found.
 
     Poses may jump, for example when a loop is closed, so their motion must be plausible as well.
@@ -141,13 +134,10 @@ class Comparison:
         chosen = np.flatnonzero(telling)[:: int(telling.sum()) // MAX_POINTS + 1]
         self._samples = back_project(depth_m, _subsampled(camera, SAMPLE_EVERY_PX))
         self._points = self._samples[chosen]
+        self.n_points = len(chosen)
+        """Number of textured pixels that can be compared."""
         self._gray = source.gray[every][measured][chosen]
         self._gradient = gradient[chosen]
-
-    @property
-    def n_points(self) -> int:
-        """Number of textured pixels that can be compared."""
-        return len(self._points)
 
     def refined(self, T_target_source: FloatArray) -> FloatArray:
         """Refine an initial motion by minimising the robust gray difference; shape (4, 4)."""

@@ -18,7 +18,7 @@ from .measurement import measure
 from .memory import WEIGHT_UNIT, Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .smoothing import smooth_guided
-from .upsampling import Estimate, Upsampler, completed
+from .upsampling import Estimate, Upsampler, completed, show_pixels
 from .working_resolution import WorkingResolution, default_decimation, require_large
 
 HALVING_MOTION_PX2 = 1.0
@@ -112,8 +112,9 @@ class TemporalCorrector(StreamCorrector):
             estimate = Estimate(disparity_px, pixel_class, confidence)
             border = self._of_border(fused, aligned.border)
         with timer("upsample"):
-            shown = self._upsampler.show(aligned.depth_m, estimate, config.min_shown_confidence)
-            self._upsampler.show_pixels(aligned.border.place, border, config.min_shown_confidence, shown)
+            focal_baseline_px_m, least = self._resolution.focal_baseline_px_m, config.min_shown_confidence
+            shown = self._upsampler.show(aligned.depth_m, estimate, least)
+            show_pixels(aligned.border.place, border, focal_baseline_px_m, least, shown)
             shown = completed(shown) if config.fill == "all" else shown
         return CorrectedDepth(**shown._asdict(), timings_s=timer.times_s, diagnostics=aligned.tracking)
 

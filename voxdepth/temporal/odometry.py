@@ -154,7 +154,7 @@ class VisualOdometry:
 
     def __init__(self, camera: Intrinsics, resolution: WorkingResolution, config: TemporalConfig) -> None:
         self._pose_sigma_m, self._pose_sigma_rad = config.pose_sigma_m, float(np.radians(config.pose_sigma_deg))
-        self._camera = TrackingCamera.of(camera, WIDTH_PX, resolution)
+        self._camera = TrackingCamera(camera.reduced(WIDTH_PX), camera, resolution)
         self._relocaliser = Relocaliser(self._camera)
         self.reset()
 

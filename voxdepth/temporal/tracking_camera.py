@@ -13,7 +13,7 @@ Pixels = npt.NDArray[np.float32]
 """Column and row of points in the tracking image, shape (N, 2)."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class TrackingCamera:
     """The camera of the tracking image, which is the full image reduced to a width."""
 
@@ -21,11 +21,6 @@ class TrackingCamera:
     full: Intrinsics
     """The camera of the full image."""
     resolution: WorkingResolution
-
-    @classmethod
-    def of(cls, camera: Intrinsics, width_px: int, resolution: WorkingResolution) -> "TrackingCamera":
-        """The camera of a tracking image of at most that width."""
-        return cls(intrinsics=camera.reduced(width_px), full=camera, resolution=resolution)
 
     @property
     def size(self) -> tuple[int, int]:

@@ -27,11 +27,8 @@ if TYPE_CHECKING:
     from ..corrector_spec import CorrectorSpec
     from ..datasets import Dataset
     from .correction import Correction
-    from .output import OpenOutput
 
 COMMENT_WIDTH = 110
-SIDES_PX = range(32, 4097)
-"""Valid widths and heights of the images that are measured with."""
 NEW = Path(__file__).parent / "new"
 """Files of the library that `new` writes."""
 HOW_TO = ": voxdepth "
@@ -67,6 +64,7 @@ def correct(
     from rich.console import Console
 
     from .correction import require_absent
+    from .output import MCAP
     from .recorded import Opener, restrict_opencv
 
     spec = _spec(corrector, config)
@@ -74,11 +72,12 @@ def correct(
     require_absent(out)
     if record is not None:
         require_installed("rerun")
-    output = _output(out)
+    if out.suffix == MCAP:
+        require_installed("rosbags")
     restrict_opencv()
     topics: dict[str, Any] = {"depth_topic": depth_topic, "gray_topic": gray_topic}
     dataset = Opener(baseline, within, units_per_m=units_per_m, **topics)(folder)
-    correction = _planned(folder, dataset, spec, frames, output)
+    correction = _planned(folder, dataset, spec, frames)
     console, start = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
         report = correction.run(out, record, update)
@@ -101,21 +100,7 @@ def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
         raise ToolError(f"--record must name an .rrd file, got {record}")
 
 
-def _output(out: Path) -> "OpenOutput":
-    """Choose what is written by the name of the output; bags need the extra `ros`."""
-    from .output import MCAP, image_folder, mcap_file
-
-    if out.suffix != MCAP:
-        return image_folder
-    if out.is_dir():
-        raise ToolError(f"--out {out} names a file, but is a folder: name a new file, or delete that")
-    require_installed("rosbags")
-    return mcap_file
-
-
-def _planned(
-    folder: Path, dataset: "Dataset", spec: "CorrectorSpec", frames: int | None, output: "OpenOutput"
-) -> "Correction":
+def _planned(folder: Path, dataset: "Dataset", spec: "CorrectorSpec", frames: int | None) -> "Correction":
     """Resolve and check everything before anything is written."""
     from ..datasets.files import stated
     from ..registry import config_of
@@ -138,7 +123,6 @@ def _planned(
         dataset=dataset,
         frames=frames or len(dataset),
         corrector=spec.create(dataset.intrinsics),
-        output=output,
     )
 
 
@@ -246,13 +230,10 @@ def bench(size: Annotated[str, typer.Option(help="Image size.")] = "640x360") ->
     from .benchmark import N_FRAMES, camera_of, measure, tables
     from .provenance import CORRECTION, Provenance
 
-    width_px, height_px = parsed_size(size)
-    if not (width_px in SIDES_PX and height_px in SIDES_PX):
-        sides = f"{SIDES_PX.start} to {SIDES_PX.stop - 1}"
-        raise ToolError(f"--size must have {sides} pixels on each side, got {size}")
+    camera = camera_of(*parsed_size(size))
     made, console = Provenance.here(CORRECTION), Console()
     with console.status(f"correcting {N_FRAMES} frames of {size} with each method in turn"):
-        latencies = measure(camera_of(width_px, height_px), N_FRAMES)
+        latencies = measure(camera, N_FRAMES)
     console.print(*made.lines(), sep="\n", soft_wrap=True, highlight=False)
     for table in tables(size, latencies):
         table.print(console)

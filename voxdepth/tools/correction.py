@@ -22,7 +22,7 @@ from ..types import CorrectedDepth, DepthCorrector, Frame, Source
 from ..units import median_m
 from .errors import ToolError
 from .files import atomic
-from .output import CONFIG, FRAMES, REPORT, OpenOutput, Output, image_folder
+from .output import CONFIG, FRAMES, MCAP, REPORT, Output, open_output
 from .provenance import machine
 
 Progress = Callable[[int], None]
@@ -43,8 +43,6 @@ class Correction:
     frames: int
     """Number of frames of the dataset to correct, from the first one on."""
     corrector: DepthCorrector
-    output: OpenOutput = image_folder
-    """Opens what the frames are written to."""
 
     def run(self, out: Path, record: Path | None, progress: Progress) -> dict[str, Any]:
         """Correct the frames into a new folder or file, which appears when all are done; return its `report.json`.
@@ -62,11 +60,11 @@ class Correction:
         with (  # What is entered first is finished last: no recording appears, or is replaced, without its output.
             self._recording(record) as listener,
             atomic(out) as path,
-            self.output(path, self.dataset) as output,
+            open_output(path, self.dataset) as output,
         ):
             lines = list(self._correct(output, listener, progress))
             report = _report(self.made_from, lines)
-            table = _csv([line.columns() for line in lines])
+            table = _csv([{**line.values, **line.facts} for line in lines])
             text = json.dumps(report, indent=2, allow_nan=False) + "\n"
             known = {name: value for name, value in self.made_from.items() if value is not None}
             output.describe({CONFIG: tomli_w.dumps(known), FRAMES: table, REPORT: text})
@@ -93,7 +91,7 @@ class Correction:
 
 
 class FrameLine(NamedTuple):
-    """One line of `frames.csv`, by the names of its columns."""
+    """What is told of one frame; its values and facts are a line of `frames.csv`, by the names of the columns."""
 
     values: dict[str, Any]
     """Name and time of the frame, number of pixels with a depth from the sensor and median of these depths [m], which
@@ -111,18 +109,14 @@ class FrameLine(NamedTuple):
         facts = {} if corrected.diagnostics is None else corrected.diagnostics.facts()
         return cls({"name": name, "stamp_s": frame.stamp_s} | pixels, facts, dict(corrected.timings_s))
 
-    def columns(self) -> dict[str, Fact]:
-        """Return all values."""
-        return {**self.values, **self.facts, **{f"wall_{step}_s": time_s for step, time_s in self.wall_s.items()}}
-
 
 def _column(source: Source) -> str:
     return f"{source.name.lower()}_pixels"
 
 
 def require_absent(out: Path) -> None:
-    """Raise a `ToolError` if an output folder exists already, unless it is empty."""
-    if out.exists() and not (out.is_dir() and next(out.iterdir(), None) is None):
+    """Raise a `ToolError` if an output exists already, unless it is an empty folder for images."""
+    if out.exists() and not (out.is_dir() and out.suffix != MCAP and next(out.iterdir(), None) is None):
         raise ToolError(f"{out} exists already: name a new one, or delete that")
     if out.is_mount() or out.resolve() == Path.cwd():
         raise ToolError(f"{out} cannot be replaced as a whole: name a new folder in it")

@@ -1,9 +1,9 @@
-"""Files: TOML, and atomic writing."""
+"""Files: TOML, atomic writing, and folders that one process at a time writes to."""
 
 import os
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,8 +13,8 @@ import tomli_w
 
 from .errors import ToolError
 
-DEEPEST = 50
-"""Levels of tables and arrays that a TOML file may have."""
+LOCK = "write.lock"
+"""File on which `locked` holds its lock; it stays empty."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -26,21 +26,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:  # A path may hold a null character, and a file bytes that are no text.
         raise ToolError(f"cannot read {path}: {error}") from error
     try:
-        content = tomllib.loads(text)
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # Numbers may be too long, and arrays too deep.
         raise ToolError(f"{path} is not valid TOML: {error}") from error
-    if _is_deep(content):
-        raise ToolError(f"{path} nests tables and arrays more than {DEEPEST} deep: no file of ours does")
-    return content
-
-
-def _is_deep(content: object) -> bool:
-    """Whether there is more than `DEEPEST` levels of tables and arrays, on which functions that recurse would fail."""
-    level = [content]
-    for _ in range(DEEPEST + 1):
-        containers = [value for value in level if isinstance(value, dict | list)]
-        level = [below for one in containers for below in (one.values() if isinstance(one, dict) else one)]
-    return bool(level)
 
 
 def to_toml(configuration: pydantic.BaseModel) -> str:
@@ -58,35 +46,18 @@ def as_tool_error(what: str) -> Iterator[None]:
 
 
 @contextmanager
-def _parents(path: Path) -> Iterator[None]:
-    """Make the missing parent folders of a path; after an error, remove those that are empty."""
-    missing = [parent for parent in path.parents if not parent.exists()]
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield
-    except BaseException:
-        with suppress(OSError):
-            for parent in missing:
-                parent.rmdir()
-        raise
-
-
-@contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """Give a temporary path beside `path` that is renamed to `path` when the block ends without an error.
 
     The block makes a file or a folder there, and it appears as a whole or not at all. A file replaces an existing file;
-    a folder replaces only an empty folder. Missing parent folders are made, and do not stay after an error. An
-    `OSError` becomes a `ToolError`.
+    a folder replaces only an empty folder. Missing parent folders are made. An `OSError` becomes a `ToolError`.
     """
-    with (
-        as_tool_error(f"cannot write {path}"),
-        _parents(path),
-        TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder,
-    ):
-        temporary = Path(holder) / path.name
-        yield temporary
-        temporary.replace(path)
+    with as_tool_error(f"cannot write {path}"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder:
+            temporary = Path(holder) / path.name
+            yield temporary
+            temporary.replace(path)
 
 
 def write(path: Path, data: bytes) -> None:
@@ -102,3 +73,27 @@ def write(path: Path, data: bytes) -> None:
                 os.fsync(folder)
             finally:
                 os.close(folder)
+
+
+@contextmanager
+def locked(folder: Path, busy: str) -> Iterator[None]:
+    """Make a folder and hold its write lock, which the system releases when the process ends in any way.
+
+    The lock is on a file of its own that is open for writing, as network file systems require. A lock that another
+    process holds is a `ToolError` with the message `busy`; an unwritable folder is one, too.
+    """
+    import fcntl
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / LOCK).open("a")
+    except OSError as error:
+        raise ToolError(f"cannot write to {folder}: {error.strerror}; choose a writable folder") from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ToolError(busy) from error
+        except OSError as error:
+            raise ToolError(f"cannot lock {folder}: {error.strerror}; choose a folder on another disk") from error
+        yield

@@ -1,7 +1,7 @@
 """What a correction writes: a folder of images, or an MCAP file of ROS 2."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -44,10 +44,6 @@ class Output(Protocol):
 
     def describe(self, texts: Mapping[str, str]) -> None:
         """Write the texts about the correction, by name, after all frames."""
-
-
-OpenOutput = Callable[[Path, Dataset], AbstractContextManager[Output]]
-"""Opens an output at a path that does not exist; it is whole when the block ends."""
 
 
 class ImageFolder:
@@ -118,14 +114,15 @@ class BagTopics:
         return self._store.types[f"sensor_msgs/msg/{kind}"](**fields)
 
 
-def image_folder(folder: Path, dataset: Dataset) -> AbstractContextManager[Output]:
-    """Open a folder of images."""
-    return nullcontext(ImageFolder(folder, dataset))
-
-
 @contextmanager
-def mcap_file(path: Path, dataset: Dataset) -> Iterator[Output]:
-    """Open an MCAP file that ROS 2 plays, in an empty folder, where rosbags writes a whole bag first."""
+def open_output(path: Path, dataset: Dataset) -> Iterator[Output]:
+    """Open a folder of images, or an MCAP file that ROS 2 plays, by its name; it is whole when the block ends.
+
+    Nothing is at the path or, for a file, in its folder, where rosbags writes a whole bag first.
+    """
+    if path.suffix != MCAP:
+        yield ImageFolder(path, dataset)
+        return
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     bag = path.with_suffix("")

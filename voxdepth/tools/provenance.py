@@ -3,6 +3,7 @@
 import hashlib
 import os
 import platform
+import re
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -100,11 +101,8 @@ def machine() -> str:
 def processor_name() -> str:
     """Return the name of the processor, or the architecture where the system does not tell it."""
     text = CPU_INFO.read_text(encoding="utf-8") if CPU_INFO.exists() else ""
-    for line in text.splitlines():
-        key, _, value = line.partition(":")
-        if key.strip() == "model name":
-            return value.strip()
-    return platform.machine()
+    named = re.search(r"^model name\s*:(.*)", text, re.MULTILINE)
+    return named[1].strip() if named else platform.machine()
 
 
 @cache

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from .files import write
 
@@ -18,19 +18,12 @@ Value = str | int | float | None
 """One entry of a table; None if it is unknown or undefined."""
 MISSING = "-"
 """Text of an entry that is None or NaN."""
-FORMULA = ("=", "+", "-", "@", "\t")
-"""How a text begins that a spreadsheet takes for a formula."""
 NUMBERS = {"": ".3f", "m": ".3f", "%": ".1f"}
 """How numbers of a frame are written, by their unit; others have two decimal places."""
 TERMINAL_WIDTH = 400
 """Characters in a line of a printed table that are never reached: squeezing it would cut its numbers."""
 SENTENCE = 50
 """Number of characters from which on a text is wrapped."""
-
-
-def is_missing(value: Value) -> bool:
-    """Return whether an entry is None or NaN."""
-    return value is None or (not isinstance(value, str) and isnan(value))
 
 
 @dataclass(frozen=True)
@@ -56,7 +49,7 @@ class Column:
 
     def text(self, value: Value) -> str:
         """Return a value as people read it."""
-        if is_missing(value):
+        if value is None or (isinstance(value, float) and isnan(value)):
             return MISSING
         if isinstance(value, float):
             return self.number(value) if callable(self.number) else f"{value:{self.number}}"
@@ -106,11 +99,6 @@ class Table:
     def texts(self) -> list[list[str]]:
         """The values as people read them."""
         return [[c.text(value) for c, value in zip(self.columns, row, strict=True)] for row in self.rows]
-
-    def column(self, name: str) -> list[Value]:
-        """Return the raw values of a column, by its name without the unit."""
-        place = [column.name for column in self.columns].index(name)
-        return [row[place] for row in self.rows]
 
     def is_numeric(self, place: int) -> bool:
         """Return whether a column has a unit or holds a number."""
@@ -179,14 +167,6 @@ def write_frame(stem: Path, frame: "pd.DataFrame") -> list[Path]:
 
 
 def csv_of(frame: "pd.DataFrame") -> bytes:
-    """Return a frame as a CSV file; an apostrophe precedes a text that a spreadsheet would run as a formula."""
-    from pandas.api.types import is_numeric_dtype
-
-    texts = {name: frame[name].map(_csv_entry) for name in frame if not is_numeric_dtype(frame[name])}
-    text: str = frame.assign(**texts).to_csv(index=False, lineterminator="\n")
+    """Return a frame as a CSV file."""
+    text: str = frame.to_csv(index=False, lineterminator="\n")
     return text.encode()
-
-
-def _csv_entry(value: Any) -> Any:
-    is_formula = isinstance(value, str) and value.startswith(FORMULA) and value != MISSING
-    return f"'{value}" if is_formula else value

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from voxdepth import Frame, Intrinsics
-from voxdepth.baselines.learned import Dis, landing_in
+from voxdepth.baselines.learned import landing_in, optical_flow
 from voxdepth.temporal.measurement import measure
 from voxdepth.temporal.working_resolution import WorkingResolution, default_decimation
 from voxdepth.types import FloatArray, FloatImage
@@ -36,7 +36,7 @@ class Sample(NamedTuple):
     def of(cls, frames: Sequence[Frame], true_m: FloatArray, camera: Intrinsics) -> "Sample":
         """The sample of frames with their true depth [m], shape (T, H, W); infinite in the sky."""
         resolution = WorkingResolution.of(camera, default_decimation(camera))
-        measured, flow = [measure(frame, resolution) for frame in frames], Dis()
+        measured, flow = [measure(frame, resolution) for frame in frames], optical_flow()
         landing = [landing_in(last.gray, now.gray, flow) for last, now in pairwise(measured)]
         seen = np.isfinite(true_m)
         farthest_m = max(*(float(frame.depth_m.max()) for frame in frames), float(true_m[seen].max(initial=1.0)))

@@ -14,7 +14,7 @@ import typer
 
 from scenarios.provenance import SENSOR_SOURCES, SIMULATION
 from voxdepth.errors import ConfigError
-from voxdepth.networks import FORMAT, load, read_card
+from voxdepth.networks import load, read_card
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import code_digest, versions
 
@@ -50,7 +50,7 @@ def train(
     network, loss = learned(data, seed, steps)
     content = exported(network)
     write(out / f"{NAME}.onnx", content)
-    card = {"format": FORMAT, "sha256": hashlib.sha256(content).hexdigest(), "inputs": digest}
+    card = {"sha256": hashlib.sha256(content).hexdigest(), "inputs": digest}
     card |= {"seed": seed, "flights": flights, "steps": steps, "final_loss": loss}
     write(out / f"{NAME}.toml", tomli_w.dumps(card).encode())
     return print(f"{out} has the network, with a loss of {loss:.3f}")

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...corrector_spec import CorrectorFactory, parse_corrector
 from ...errors import PluginError
+from ...plugins import fault_of
 from ...registry import (
     AUTHORS,
     CORRECTOR_NAMES,
@@ -22,7 +23,6 @@ from ...registry import (
     installed_names,
     resolve_config,
 )
-from ...soundness import fault_of
 from ...types import CorrectedDepth, DepthCorrector, Intrinsics
 from ..errors import ToolError
 from .frames import EvaluationFrame, Frames, Reference

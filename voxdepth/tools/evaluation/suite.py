@@ -12,7 +12,7 @@ import pandas as pd
 
 from ...errors import VoxDepthError
 from ..errors import ToolError
-from ..locks import locked
+from ..files import locked
 from ..provenance import CORRECTION, EVALUATION_SOURCES, code_digest, processor_name, versions
 from .frames import FrameFile, Frames, FrameSource
 from .intervals import close_intervals

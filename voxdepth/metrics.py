@@ -1,0 +1,284 @@
+"""Metrics of depth against the true depth, over explicit masks. The true depth never reaches a corrector.
+
+Depth errors are sums over pixels, so that frames, masks and sequences of any size add up to one figure.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import FrameError
+from .types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, MaskImage
+
+TOO_FAR = 1.1
+"""A pixel is too far when it is more than 10 % beyond the truth."""
+CLOSE = 0.05
+"""A pixel is close if its relative error is at most this."""
+
+
+class Addable:
+    """A dataclass of sums over pixels: two of them add up field by field."""
+
+    def __add__(self, other: Self) -> Self:
+        names = [field.name for field in fields(self)]  # type: ignore[arg-type]
+        return type(self)(**{name: getattr(self, name) + getattr(other, name) for name in names})
+
+
+def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
+    """The pixels of a mask that have a true surface (not 0, NaN or infinite), shape (H, W).
+
+    Raises:
+        FrameError: The mask is not Boolean.
+    """
+    if mask.dtype != np.bool_:  # NumPy would take it for indices of rows.
+        raise FrameError(f"expected a mask of type bool, got {mask.dtype}; compare the image with 0 first")
+    return np.asarray(mask & (truth_m > 0) & (truth_m < np.inf))
+
+
+def select_judged(
+    depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Depth and true depth [m] of the pixels of a mask that have a true surface, both of shape (N,).
+
+    Raises:
+        FrameError: The shapes differ, or a selected depth is negative, NaN or infinite.
+    """
+    require_same_shape(depth_m=depth_m, truth_m=truth_m, mask=mask)
+    judged = judged_pixels(truth_m, mask)
+    require_depth(depth_m[judged])
+    return depth_m[judged], truth_m[judged]
+
+
+def require_same_shape(**images: npt.NDArray[Any]) -> None:
+    """Raise a `FrameError` for images of different sizes, which NumPy might broadcast."""
+    if len({image.shape for image in images.values()}) > 1:
+        shapes = ", ".join(f"{name} {image.shape}" for name, image in images.items())
+        raise FrameError(f"expected images of one shape (H, W), got {shapes}")
+
+
+def require_depth(depth_m: npt.NDArray[np.floating[Any]]) -> None:
+    """Raise a `FrameError` for depths that are negative, NaN or infinite, which a mean would hide."""
+    wrong = depth_m.size - int(np.count_nonzero((depth_m >= 0) & (depth_m < np.inf)))
+    if wrong:
+        raise FrameError(
+            f"expected depth in metres, finite and 0 where invalid, got {wrong} judged pixels that are not"
+        )
+
+
+def is_correct(
+    depth_m: FloatImage | FloatArray, reference_m: FloatImage | FloatArray, focal_baseline_px_m: float
+) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Whether the error of a disparity is at most 5 % or a quarter of a pixel; same shape as the arguments.
+
+    All depths [m] must be positive. A far surface with a disparity below a quarter of a pixel is right at any larger
+    depth. `focal_baseline_px_m` is the property of `Intrinsics`.
+    """
+    disparity_px, true_px = focal_baseline_px_m / depth_m, focal_baseline_px_m / reference_m
+    return np.abs(disparity_px - true_px) <= np.maximum(CORRECT_SHARE * true_px, CORRECT_PX)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthErrors(Addable):
+    """Sums over pixels with a true surface; errors are over the filled ones. Every figure is None without pixels."""
+
+    pixels: int = 0
+    """Pixels with a true surface that count."""
+    filled: int = 0
+    """Number of these pixels that have a depth."""
+    abs_error_m: float = 0.0
+    """Sum of |depth - truth| [m]."""
+    too_far: int = 0
+    """Filled pixels with depth > 1.1 truth."""
+
+    @property
+    def mae_m(self) -> float | None:
+        """Mean absolute error [m]."""
+        return self.mean(self.abs_error_m)
+
+    @property
+    def too_far_share(self) -> float | None:
+        """Share of filled pixels more than 10 % too far, 0..1."""
+        return self.mean(self.too_far)
+
+    @property
+    def hole_share(self) -> float | None:
+        """Share of pixels without a depth, 0..1."""
+        return 1 - self.filled / self.pixels if self.pixels else None
+
+    def mean(self, total: float) -> float | None:
+        """The mean over the filled pixels of a sum over them."""
+        return total / self.filled if self.filled else None
+
+
+def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float) -> DepthErrors:
+    """Sum the errors of one image [m], 0 = invalid, over the pixels whose true depth is at most `max_range_m`.
+
+    The true depth [m] is +inf where there is no surface.
+    """
+    judged = truth_m <= max_range_m
+    known = judged & (depth_m > 0)
+    depth_m, truth_m = depth_m[known], truth_m[known]
+    return DepthErrors(
+        pixels=int(np.count_nonzero(judged)),
+        filled=len(depth_m),
+        abs_error_m=float(np.abs(depth_m - truth_m).sum(dtype=np.float64)),
+        too_far=int(np.count_nonzero(depth_m > np.float32(TOO_FAR) * truth_m)),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sums(DepthErrors):
+    """All sums that the evaluation needs. The errors hide how many pixels are filled: `coverage` says that."""
+
+    squared_error_m2: float = 0.0
+    """Sum of (depth - truth)^2 [m^2]."""
+    too_near: int = 0
+    """Pixels with depth < truth / 1.1; at range, mostly stereo noise."""
+    close: int = 0
+    """Pixels within 5 % of the truth."""
+
+    @classmethod
+    def of(cls, depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage) -> "Sums":
+        """Sum the errors of one image over the pixels of a mask; depth and truth [m] are 0 where invalid.
+
+        The time is proportional to the pixels of the mask: for many masks of a frame, add the sums of disjoint ones.
+
+        Raises:
+            FrameError: See `select_judged`.
+        """
+        depth, truth = select_judged(depth_m, truth_m, mask)
+        filled = depth > 0
+        near, far = depth[filled], truth[filled]
+        error_m = near.astype(np.float64) - far
+        return cls(
+            pixels=depth.size,
+            filled=near.size,
+            abs_error_m=float(np.abs(error_m).sum()),
+            squared_error_m2=float(np.square(error_m).sum()),
+            too_far=int(np.count_nonzero(near > np.float32(TOO_FAR) * far)),
+            too_near=int(np.count_nonzero(np.float32(TOO_FAR) * near < far)),
+            close=int(np.count_nonzero(np.abs(near - far) <= np.float32(CLOSE) * far)),
+        )
+
+    @property
+    def coverage(self) -> float | None:
+        """Share of pixels that have a depth, 0..1."""
+        return self.filled / self.pixels if self.pixels else None
+
+    @property
+    def rmse_m(self) -> float | None:
+        """Root of the mean squared error [m]."""
+        mean_squared_m2 = self.mean(self.squared_error_m2)
+        return None if mean_squared_m2 is None else float(np.sqrt(mean_squared_m2))
+
+    @property
+    def too_near_share(self) -> float | None:
+        """Share of filled pixels more than 10 % too near, 0..1."""
+        return self.mean(self.too_near)
+
+    def psnr_db(self, peak_m: float) -> float | None:
+        """Peak signal-to-noise ratio `10 log10(peak^2 / mean squared error)` [dB]; inf without error.
+
+        State the peak [m] with the figure: twice the peak adds 6 dB.
+        """
+        mean_squared_m2 = self.mean(self.squared_error_m2)
+        if mean_squared_m2 is None:
+            return None
+        return float(10 * np.log10(peak_m**2 / mean_squared_m2)) if mean_squared_m2 > 0 else float("inf")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Share(Addable):
+    """A share of pixels; shares of frames add up."""
+
+    hits: int = 0
+    of: int = 0
+
+    @property
+    def value(self) -> float | None:
+        """The share, 0..1; None without pixels."""
+        return self.hits / self.of if self.of else None
+
+
+def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage) -> Share:
+    """Filled pixels that show an object which has left, among all filled pixels that it has left.
+
+    A ghost is nearer to the departed object than to the background: its depth is below their geometric mean. "10 % too
+    near" would mostly count stereo noise. Judge it together with `Sums.coverage` and `Sums.too_far_share`: a
+    method that fills nothing, or fills with the farthest depth, has no ghosts.
+
+    Args:
+        depth_m: Depth under test [m], shape (H, W); 0 = invalid, not counted.
+        truth_m: True depth of what is there now, the background [m]; 0, NaN or infinite is not counted.
+        departed_m: Depth that the object had at the pixel when it was there [m]; 0 where it was not. Pixels where it
+            would be at or behind the background are not counted.
+
+    Raises:
+        FrameError: See `select_judged`.
+    """
+    require_same_shape(depth_m=depth_m, truth_m=truth_m, departed_m=departed_m)
+    left = (departed_m > 0) & (departed_m < truth_m) & (truth_m < np.inf)
+    depth, background = select_judged(depth_m, truth_m, left)
+    object_m = departed_m[left]
+    filled = depth > 0
+    ghosts = filled & (np.square(depth.astype(np.float64)) < background.astype(np.float64) * object_m)
+    return Share(hits=int(np.count_nonzero(ghosts)), of=int(np.count_nonzero(filled)))
+
+
+def survival(depth_m: FloatImage, truth_m: FloatImage, moving: MaskImage) -> Share:
+    """Pixels of a moving object whose depth is within 5 % of the truth, among all its pixels; a hole does not survive.
+
+    The sensor misses some pixels as well: compare the share with that of the raw depth of the same frames.
+
+    Raises:
+        FrameError: See `select_judged`.
+    """
+    depth, truth = select_judged(depth_m, truth_m, moving)
+    kept = np.abs(depth - truth) <= np.float32(CLOSE) * truth
+    return Share(hits=int(np.count_nonzero(kept)), of=depth.size)
+
+
+class Flicker:
+    """Accumulates `|e_t - e_(t-1)|` at the same pixel, where e is depth minus truth.
+
+    The motion of the camera does not count as flicker, since the true depth is subtracted. A pixel counts if it is
+    static, and has a true surface and a depth in both frames.
+    """
+
+    def __init__(self) -> None:
+        self.changes = 0
+        """Number of pixels that count, of all frames so far."""
+        self._change_m = 0.0
+        self._error_m: FloatArray | None = None
+        """Error of the last frame [m], shape (H, W); NaN where it has no true surface or no depth."""
+
+    @property
+    def mean_change_m(self) -> float | None:
+        """Mean change of the error from one frame to the next [m]; None when no pixel counts."""
+        return self._change_m / self.changes if self.changes else None
+
+    def add(self, depth_m: FloatImage, truth_m: FloatImage, static: MaskImage) -> None:
+        """Add depth and true depth [m] of the next frame, 0 = invalid; all images have the shape (H, W).
+
+        Args:
+            depth_m: Depth under test.
+            truth_m: True depth; pixels that are 0, NaN or infinite do not count.
+            static: Pixels that show the same surface as in the frame before; unused for the first frame.
+
+        Raises:
+            FrameError: The shapes differ, or the depth of a pixel with a true surface is negative, NaN or infinite.
+        """
+        require_same_shape(depth_m=depth_m, truth_m=truth_m, static=static)
+        known = judged_pixels(truth_m, np.ones_like(static))
+        require_depth(depth_m[known])
+        error_m = np.full(depth_m.shape, np.nan)
+        np.subtract(depth_m, truth_m, out=error_m, where=known & (depth_m > 0), dtype=np.float64)
+        if self._error_m is not None:
+            require_same_shape(depth_m=error_m, previous_depth_m=self._error_m)
+            change_m = np.abs(error_m - self._error_m)[static]
+            change_m = change_m[np.isfinite(change_m)]
+            self.changes += change_m.size
+            self._change_m += float(change_m.sum())
+        self._error_m = error_m
