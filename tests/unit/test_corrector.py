@@ -58,6 +58,7 @@ def test_the_halves_together_are_the_whole(create: Create) -> None:
     aligned = [halves.align(frame) for frame in frames]
     backwards = [halves.combine(one) for one in reversed(aligned)]
     require_all_equal(backwards[::-1], [whole.process(frame) for frame in frames])
+    assert not {"merge", "upsample"} & set(aligned[0].timings_s), "the second adds no times to those of the first"
 
 
 @each
@@ -79,6 +80,14 @@ def test_time_must_increase_and_sizes_must_stay(create: Create) -> None:
         corrector.process(Frame(stamp_s=2.0, gray=np.zeros((9, 9), np.uint8), depth_m=np.ones((9, 9), np.float32)))
     with pytest.raises(FrameError, match="expected a Frame, got str"):
         corrector.process("frame")  # type: ignore[arg-type]
+
+
+def test_a_frame_that_failed_may_come_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    corrector, (frame,) = VoxDepth(CAMERA, PAPER), walk(1, CAMERA)
+    with monkeypatch.context() as broken, pytest.raises(TypeError):
+        broken.setattr(corrector, "_align", None)
+        corrector.process(frame)
+    corrector.process(frame)
 
 
 @each

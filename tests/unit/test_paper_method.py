@@ -154,6 +154,13 @@ def test_without_a_gpu_cuda_is_refused_in_one_line() -> None:
         VoxDepth(CAMERA, CONFIG.model_copy(update={"device": "cuda"}))
 
 
+@pytest.mark.parametrize("device", ["cuda", "warp-cpu"])
+def test_without_warp_what_needs_it_is_refused_in_one_line(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("voxdepth.devices.has_warp", lambda: False)
+    with pytest.raises(ConfigError, match=f"'{device}' needs Warp: pip install"):
+        VoxDepth(CAMERA, CONFIG.model_copy(update={"device": device}))
+
+
 def test_warp_gives_the_bits_of_the_cpu() -> None:
     depths, gray = [flat(10.0)] * 5 + [flat(0.0)], texture(0)
     pytest.importorskip("warp")
