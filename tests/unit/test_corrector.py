@@ -82,14 +82,6 @@ def test_time_must_increase_and_sizes_must_stay(create: Create) -> None:
         corrector.process("frame")  # type: ignore[arg-type]
 
 
-def test_a_frame_that_failed_may_come_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    corrector, (frame,) = VoxDepth(CAMERA, PAPER), walk(1, CAMERA)
-    with monkeypatch.context() as broken, pytest.raises(TypeError):
-        broken.setattr(corrector, "_align", None)
-        corrector.process(frame)
-    corrector.process(frame)
-
-
 @each
 def test_a_closed_corrector_takes_no_more_frames(create: Create) -> None:
     corrector, (first, second) = create(), walk(2, CAMERA)

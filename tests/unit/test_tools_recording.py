@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import cv2
@@ -13,7 +12,7 @@ import rerun as rr
 from voxdepth.colors import colored
 from voxdepth.datasets import Dataset
 from voxdepth.tools.recording import recording, scale_of
-from voxdepth.tools.stream import MOST_POINTS, REPLACED, labels_of, log_frame, source_labels, voxel_cloud
+from voxdepth.tools.stream import REPLACED, labels_of, log_frame, source_labels
 from voxdepth.types import CorrectedDepth, Frame, Source
 
 
@@ -58,12 +57,6 @@ def test_recorded_depth_has_the_colours_of_its_scale() -> None:
     for name in ("raw", "corrected"):
         jpeg = np.asarray(logged[f"colors/{name}"].blob.as_arrow_array().to_pylist()[0], np.uint8)
         np.testing.assert_allclose(cv2.imdecode(jpeg, 1).astype(int), colored(depth_m, 2.0), atol=6)
-
-
-def test_of_too_many_voxels_every_n_th_is_recorded() -> None:
-    for n, recorded in ((0, 0), (MOST_POINTS, MOST_POINTS), (MOST_POINTS + 1, MOST_POINTS // 2 + 1)):
-        template: Any = SimpleNamespace(voxels=SimpleNamespace(centres_m=np.zeros((n, 3), np.float32)))
-        assert len(voxel_cloud(template, np.eye(4)).positions.as_arrow_array()) == recorded
 
 
 def test_steps_are_recorded_in_milliseconds_and_frames_by_their_time_since_the_first(tmp_path: Path) -> None:
