@@ -1,12 +1,15 @@
 """`voxdepth bench`: what it measures, and what a user reads."""
 
+import os
+
+import cv2
 import numpy as np
 import pytest
 
 from tests.commands import invoke
 from tests.integration.test_cli import voxdepth
 from voxdepth.tools import benchmark
-from voxdepth.tools.benchmark import FRAME, camera_of, measure, played, walk
+from voxdepth.tools.benchmark import FRAME, camera_of, measure, one_core, played, walk
 from voxdepth.tools.errors import ToolError
 
 STEPS = ["measure", "track", "warp", "fuse", "fill", "remember", "smooth", "confidence", "upsample", FRAME]
@@ -21,6 +24,13 @@ def test_images_are_played_back_and_forth() -> None:
     for frame, index in zip(frames, [0, 1, 2, 3, 4, 3, 2, 1, 0, 1, 2, 3], strict=True):
         assert frame.gray is images[index].gray
         assert frame.depth_m is images[index].depth_m
+
+
+def test_after_a_measurement_the_process_has_its_cores_and_threads_again() -> None:
+    before = os.sched_getaffinity(0), cv2.getNumThreads()
+    with one_core():
+        assert (len(os.sched_getaffinity(0)), cv2.getNumThreads()) == (1, 1)
+    assert (os.sched_getaffinity(0), cv2.getNumThreads()) == before
 
 
 @pytest.mark.slow

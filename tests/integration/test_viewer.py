@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.commands import invoke
 from voxdepth.tools import viewer
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.recording import recording
@@ -98,6 +99,18 @@ def test_a_folder_of_recordings_of_other_names_is_told_with_them(tmp_path: Path)
         (tmp_path / f"episode-{number}.rrd").touch()
     with pytest.raises(ToolError, match=r"name one of 7 files, such as \S*episode-0\.rrd$"):
         open_viewer(tmp_path / "run.rrd")
+
+
+@pytest.mark.parametrize("there", [["run.part.rrd"], ["run.part.rrd", "run.rrd"]])
+def test_of_a_run_that_has_not_ended_the_part_is_opened(
+    there: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in there:
+        (tmp_path / name).touch()
+    opened: list[Path] = []
+    monkeypatch.setattr(viewer, "open_viewer", lambda path, web: opened.append(path))
+    assert ("the run has not ended" in invoke("view", tmp_path).stderr) == (there == ["run.part.rrd"])
+    assert opened == [tmp_path / there[-1]]
 
 
 def test_a_taken_port_is_avoided(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

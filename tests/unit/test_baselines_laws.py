@@ -150,11 +150,3 @@ def test_a_scene_that_is_farther_is_filled_as_much_farther(name: str, times: int
 def test_frames_of_another_size_are_refused(name: str) -> None:
     with pytest.raises(FrameError, match=r"shape \(30, 40\), got \(31, 40\)"):
         BASELINES[name](camera((30, 40))).process(frame(scene(0, (31, 40))))
-
-
-@pytest.mark.parametrize("name", FILLERS)
-def test_a_filler_of_single_frames_remembers_nothing(name: str) -> None:
-    used, fresh = (BASELINES[name](camera((30, 40))) for _ in range(2))
-    used.process(frame(scene(1, (30, 40)), index=0))
-    last = frame(scene(2, (30, 40)), index=1)
-    np.testing.assert_array_equal(used.process(last).depth_m, fresh.process(last).depth_m)

@@ -105,12 +105,6 @@ def test_one_pixel_becomes_a_diamond_then_a_square() -> None:
     assert result[22, 22] == pytest.approx(50.0, abs=1e-2)
 
 
-def test_columns_are_extended_upwards() -> None:
-    depth_m = np.zeros((120, 20), np.float32)
-    depth_m[100:] = 4.0
-    np.testing.assert_allclose(filled(IpBasic(), depth_m), 4.0, atol=1e-3)
-
-
 def test_a_single_pixel_reaches_2_and_3_and_15_pixels_far() -> None:
     depth_m = np.zeros((60, 81), np.float32)
     depth_m[50, 40] = 4.0

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from voxdepth import compiled
 from voxdepth.geometry import compose
 from voxdepth.temporal.working_resolution import disparity_of
 
@@ -118,6 +119,18 @@ def test_the_first_call_compiles_and_a_second_process_reads_from_the_disk_withou
     before = [path.stat().st_mtime_ns for path in files]
     assert package.run() == (12, "")
     assert [path.stat().st_mtime_ns for path in sorted(folder.rglob("*.nb*"))] == before
+
+
+@pytest.mark.parametrize("changed", ["loops", "voxdepth"])
+def test_what_was_compiled_before_a_change_of_the_package_or_of_this_library_is_not_used(
+    changed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled, "_source_folder", lambda package: tmp_path / package)
+    monkeypatch.setattr(compiled, "_user_cache", lambda: tmp_path / "cache")
+    before = compiled._folder.__wrapped__("loops")
+    (tmp_path / changed).mkdir()
+    (tmp_path / changed / "steps.py").write_text(STEPS)
+    assert compiled._folder.__wrapped__("loops") != before
 
 
 @pytest.mark.slow

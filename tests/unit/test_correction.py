@@ -218,7 +218,7 @@ def test_an_empty_folder_is_taken_and_progress_counts_every_frame(
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     with pytest.raises(ToolError, match="cannot be replaced as a whole"):
-        planned().run(tmp_path / "here", None, ignore)
+        planned().run(Path("../here"), None, ignore)
 
 
 def test_of_two_writers_of_one_folder_the_later_one_fails(tmp_path: Path) -> None:

@@ -58,6 +58,7 @@ def test_the_halves_together_are_the_whole(create: Create) -> None:
     aligned = [halves.align(frame) for frame in frames]
     backwards = [halves.combine(one) for one in reversed(aligned)]
     require_all_equal(backwards[::-1], [whole.process(frame) for frame in frames])
+    assert not {"merge", "upsample"} & set(aligned[0].timings_s), "the second adds no times to those of the first"
 
 
 @each

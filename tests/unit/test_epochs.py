@@ -152,17 +152,17 @@ def test_a_cut_within_a_window_begins_it_anew(cut: int) -> None:
 
 def test_frames_of_a_window_are_copies() -> None:
     gray, depth_m = np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32)
-    seen: list[float] = []
+    seen: list[tuple[float, int]] = []
 
     def fuse(window: Sequence[Frame], features: Features) -> Template:
-        seen.extend(float(f.depth_m[0, 0]) for f in window)
+        seen.extend((float(f.depth_m[0, 0]), int(f.gray[0, 0])) for f in window)
         return template(0, features)
 
     epochs = Epochs(fuse, lambda a, b: True, VoxDepthConfig(window_frames=3, fusion_lag_frames=0))
     for number in range(3):
-        depth_m[...] = number + 1  # one buffer, as camera drivers have it
+        depth_m[...] = gray[...] = number + 1  # one buffer, as camera drivers have it
         epochs.begin(Frame(stamp_s=float(number), gray=gray, depth_m=depth_m), NO_FEATURES)
-    assert seen == [1, 2, 3]
+    assert seen == [(1, 1), (2, 2), (3, 3)]
 
 
 def test_reset_forgets_a_fusion_that_is_under_way() -> None:

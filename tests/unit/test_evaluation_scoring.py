@@ -1,7 +1,6 @@
 """What is scored, by hand: masks, errors, flicker, and things that move."""
 
 from dataclasses import replace
-from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -105,11 +104,6 @@ def test_a_frame_given_wholly_empty_leaves_no_figure_after_completion() -> None:
     for metric in METRICS:
         assert done[metric, "all", "0-20 m", "completed"].value is None, metric
         assert done[metric, *NEAR_FILLED].value is not None, metric
-
-
-def test_a_depth_that_changes_flickers() -> None:
-    signs = cycle([1, -1])
-    assert scored(lambda d: np.full_like(d, 9 + 0.5 * next(signs)))["flicker", "static", "0-20 m", "filled"].value > 0.9
 
 
 def test_settled_errors_leave_the_warm_up_out() -> None:

@@ -262,11 +262,12 @@ def test_every_frame_may_have_a_true_depth_of_its_name(tmp_path: Path) -> None:
         np.testing.assert_allclose(frames[index].reference_m, expected_m)
 
 
-def test_another_true_depth_is_another_sequence(tmp_path: Path) -> None:
-    folder = plain_recording(tmp_path / "real", 1)
+@pytest.mark.parametrize(("name", "kind"), [("depth_true_mm", np.uint16), ("gray_left/000002", np.uint8)])
+def test_another_true_depth_or_later_frame_is_another_sequence_of_holes(name: str, kind: Any, tmp_path: Path) -> None:
+    folder = plain_recording(tmp_path / "real", 3)
     digests = []
-    for depth_mm in (4000, 5000):
-        cv2.imwrite(str(folder / "depth_true_mm.png"), np.full(CAMERA.shape, depth_mm, np.uint16))
+    for value in (40, 50):
+        cv2.imwrite(str(folder / f"{name}.png"), np.full(CAMERA.shape, value, kind))
         digests.append(
             [one.open(tmp_path, 1, lambda what: None).digest(1) for one in requested_of(folder, open_dataset)]
         )

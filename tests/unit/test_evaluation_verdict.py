@@ -62,6 +62,7 @@ def test_many_sequences_have_one_sentence() -> None:
         "temporal (ours) fills most of the holes within 5 % in 2 of 3 sequences, 40 to 40 points more than the best "
         "baseline."
     )
+    assert verdict(evaluation_of(1, a=won, b=won, c=lost)).endswith("baseline, which may be chance in 2.")
     assert verdict(evaluation_of()) == "No method has a result that could be compared."
 
 

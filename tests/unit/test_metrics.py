@@ -186,11 +186,6 @@ def test_every_pixel_takes_the_depth_of_a_valid_one_that_is_nearest_within_4_per
         assert filled_m[tuple(pixel)] in candidates
 
 
-def test_a_completion_by_hand() -> None:
-    depth_m = np.array([[0, 5, 0, 0, 0, 0, 9, 0]], np.float32)
-    np.testing.assert_array_equal(fill_from_nearest(depth_m), np.array([[5, 5, 5, 5, 9, 9, 9, 9]], np.float32))
-
-
 def test_an_image_without_depth_stays_without() -> None:
     empty = np.zeros((3, 4), np.float32)
     dense_m = fill_from_nearest(empty)
@@ -218,14 +213,6 @@ def test_a_constant_error_does_not_flicker_although_the_scene_moves(error_m: flo
     depths_m = [truth_m + np.float32(error_m) for truth_m in truths_m]
     flicker = flicker_of(depths_m, truths_m, [truths_m[0] > 0] * 4)
     assert flicker.mean_change_m == pytest.approx(0, abs=1e-5)
-
-
-def test_an_alternating_error_flickers_by_twice_its_size() -> None:
-    truth_m = row(4, 6)
-    depths_m = [truth_m + np.float32(sign * 0.25) for sign in (1, -1, 1)]
-    flicker = flicker_of(depths_m, [truth_m] * 3, [truth_m > 0] * 3)
-    assert flicker.mean_change_m == pytest.approx(0.5)
-    assert flicker.changes == 4
 
 
 def test_flicker_by_hand() -> None:

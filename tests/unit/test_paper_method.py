@@ -89,28 +89,6 @@ def test_at_depth_steps_the_erosion_is_bounded_which_is_a_known_fault() -> None:
     assert eroded.any()
 
 
-def test_a_near_object_is_erased_which_is_a_known_fault() -> None:
-    with_drone = flat(10.0)
-    with_drone[60:120, 100:200] = 2.0
-    result = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 5 + [with_drone], texture(0))[-1]
-    assert (result.depth_m[70:110, 110:190] > 9).all()
-
-
-def test_a_receding_surface_is_overwritten_which_is_a_known_fault() -> None:
-    receding = [flat(10.0)] * 5 + [flat(10.5)]
-    result = feed(VoxDepth(CAMERA, CONFIG), receding, texture(0))[-1]
-    assert np.abs(result.depth_m - 10.0).max() <= CELL_Z_M
-    assert (result.source == Source.MEMORY).all()
-
-
-def test_both_faults_can_be_switched_off() -> None:
-    config = CONFIG.model_copy(update={"only_empty": True})
-    changed = flat(12.0)
-    changed[60:120, 100:200] = 2.0
-    result = feed(VoxDepth(CAMERA, config), [flat(10.0)] * 5 + [changed], texture(0))[-1]
-    np.testing.assert_array_equal(result.depth_m, cv2.medianBlur(changed, 5))
-
-
 def test_a_new_epoch_begins_after_a_cut_and_not_on_a_still_camera() -> None:
     corrector = VoxDepth(CAMERA, CONFIG)
     still = feed(corrector, [flat(10.0)] * 15, texture(0))
@@ -152,6 +130,13 @@ def test_without_a_gpu_cuda_is_refused_in_one_line() -> None:
         pytest.skip("there is a GPU")
     with pytest.raises(ConfigError, match="no CUDA device"):
         VoxDepth(CAMERA, CONFIG.model_copy(update={"device": "cuda"}))
+
+
+@pytest.mark.parametrize("device", ["cuda", "warp-cpu"])
+def test_without_warp_what_needs_it_is_refused_in_one_line(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("voxdepth.devices.has_warp", lambda: False)
+    with pytest.raises(ConfigError, match=f"'{device}' needs Warp: pip install"):
+        VoxDepth(CAMERA, CONFIG.model_copy(update={"device": device}))
 
 
 def test_warp_gives_the_bits_of_the_cpu() -> None:

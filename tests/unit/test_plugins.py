@@ -74,8 +74,9 @@ def agent_of(name: str) -> Any:
 
 
 def test_a_corrector_beside_the_user_is_used_by_its_name(module: Write) -> None:
-    name = f"{module(CORRECTOR.format(result='good'))}:Mine"
+    name = f"{module(CORRECTOR.replace('(DepthCorrector)', '').format(result='good'))}:Mine"
     corrector = create_corrector(name, CAMERA)
+    assert corrector.uses_gray, "unless it says that it does not"
     assert (corrector.process(frame()).depth_m == 1).all()
     corrector.reset()
     assert latency_s(name) == 0.004

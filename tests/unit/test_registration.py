@@ -47,7 +47,6 @@ def registered(a: np.ndarray, b: np.ndarray) -> Registration:
 @pytest.mark.parametrize(
     "M",
     [
-        about_centre(np.eye(2)),
         about_centre(np.eye(2), (17.3, -8.6)),
         about_centre(turned(0, 1.2)),
         about_centre(turned(4)),

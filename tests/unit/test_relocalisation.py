@@ -173,5 +173,5 @@ def test_points_are_projected_where_they_were_seen(width_px: int, height_px: int
     np.testing.assert_allclose(points_m[:, 2], full.focal_baseline_px_m / 4)
     np.testing.assert_allclose(project(points_m, camera.intrinsics), pixels[1:], atol=1e-3)
     assert camera.sees(points_m * 0.999).all()
-    assert not camera.sees(-points_m).any()
+    assert not camera.sees(np.array([*-points_m, [0, 0, -1]])).any()
     assert not camera.sees(transform(pose(x=100.0), points_m)).any()

@@ -61,7 +61,7 @@ def test_the_digest_is_of_the_sources_and_not_of_their_place(digest_of: Callable
     assert digest_of("one_more", fly="speed = 1\n", rest="") != one
 
 
-def test_the_tools_of_the_library_do_not_count(
+def test_the_tools_of_the_library_count_only_where_they_are_named(
     digest_of: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one = digest_of("here", fly="speed = 1\n")
@@ -69,6 +69,7 @@ def test_the_tools_of_the_library_do_not_count(
     write_package(tmp_path / "with_tools" / "flying", "tools", draw="colour = 1\n")
     monkeypatch.setattr(tools, "files", lambda package: tmp_path / "with_tools" / package)
     assert tools.code_digest.__wrapped__(FLYING) == one
+    assert tools.code_digest.__wrapped__((*FLYING, ("flying", "tools/*.py"))) != one
 
 
 def test_versions_name_the_code_and_nothing_that_changes_no_flight() -> None:

@@ -119,7 +119,8 @@ def test_what_is_not_measured_keeps_its_look() -> None:
     outlier = image(10)
     outlier[20, 30] = 18.0
     for new_px, where in ((outlier, np.s_[20, 30]), (with_block(0.0, 10.0), BLOCK), (with_block(20.0), INSIDE)):
-        _, memory = fuse(memory_of(image(10)), measurement_of(new_px, grays(LOOKS + 5)))
+        _, memory = fuse(memory_of(image(10)), measurement_of(new_px, now := grays(LOOKS + 5)))
+        assert (now == LOOKS + 5).all(), "the measurement stays as it is"
         assert (memory.gray[where] == LOOKS).all()
         assert (memory.gray[:8] == LOOKS + 5).all()
 

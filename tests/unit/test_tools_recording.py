@@ -1,14 +1,17 @@
 """The Rerun recording of a correction."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, cast
 
 import cv2
 import numpy as np
+import rerun as rr
 
 from voxdepth.colors import colored
 from voxdepth.datasets import Dataset
-from voxdepth.tools.recording import scale_of
+from voxdepth.tools.recording import recording, scale_of
 from voxdepth.tools.stream import REPLACED, labels_of, log_frame, source_labels
 from voxdepth.types import CorrectedDepth, Frame, Source
 
@@ -54,3 +57,12 @@ def test_recorded_depth_has_the_colours_of_its_scale() -> None:
     for name in ("raw", "corrected"):
         jpeg = np.asarray(logged[f"colors/{name}"].blob.as_arrow_array().to_pylist()[0], np.uint8)
         np.testing.assert_allclose(cv2.imdecode(jpeg, 1).astype(int), colored(depth_m, 2.0), atol=6)
+
+
+def test_steps_are_recorded_in_milliseconds_and_frames_by_their_time_since_the_first(tmp_path: Path) -> None:
+    with recording(tmp_path / "two.rrd", "two", 2.0) as log:
+        for index, frame in enumerate(Depths([1.0, 1.0, 1.0])[1:]):
+            log(index, frame, replace(CorrectedDepth.of(frame, frame.depth_m), timings_s={"warp": 0.25}))
+    chunks = rr.chunk.RrdReader(tmp_path / "two.rrd").stream().filter(content="/timings/warp").to_chunks()
+    rows = [row for chunk in chunks for row in chunk.to_record_batch().to_pylist()]
+    assert [(row["time"].total_seconds(), row["Scalars:scalars"]) for row in rows] == [(0, [250]), (1, [250])]
