@@ -195,6 +195,18 @@ def test_a_drone_is_marked_on_its_map_where_it_is_in_the_world(recording: Path) 
             np.testing.assert_allclose([x, y], px, atol=0.05)
 
 
+def test_a_map_is_seen_from_above_with_its_left_on_the_left(tmp_path: Path) -> None:
+    run, recorder = planned(tmp_path / "run.rrd")
+    views = {}
+    with closing(recorder), flying(run, recorder, recorded=True) as mission:
+        tick = recorder.tick
+        recorder.tick = lambda step, *more: (views.update({step: more[2][1].view}), tick(step, *more))  # type: ignore
+        while mission.time_s < 0.5:
+            mission.tick()
+    for step, labels in by_step(tmp_path / "run.rrd", "/world/map/1", "SegmentationImage:buffer").items():
+        np.testing.assert_array_equal(np.reshape(labels, views[step].state.shape), views[step].state[::-1])
+
+
 def test_what_is_recorded_is_written_in_the_order_of_time(tmp_path: Path) -> None:
     """A viewer that loads the file sees the first seconds first, and a run that is killed leaves all but the last."""
     quick = {"rig.depth": "truth", "corrector": "raw", "mission.drones": 1, **images_of(32, 32)}

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import rerun as rr
 
 from scenarios import regression
 from scenarios.errors import ScenarioError
@@ -15,6 +16,7 @@ from scenarios.regression import compare, corrected, golden_path, read_golden, w
 from scenarios.rerun.frames import record_case
 from sim import testing
 from tests.integration.test_cli import voxdepth
+from tests.swarm_scenes import capture, flat, measured
 from voxdepth import VoxDepth, VoxDepthConfig
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.corrector_spec import CorrectorSpec
@@ -114,6 +116,16 @@ def test_a_case_is_recorded_where_it_can_be(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ToolError, match=r"x\.rrd"):
         record_case(tmp_path / "file" / "x.rrd", "scale/low", corrected(CorrectorSpec.of("raw").create, "scale/low", 1))
+
+
+def test_a_recorded_error_is_0_where_there_is_no_truth_or_no_depth(tmp_path: Path) -> None:
+    seen = capture(0.0, depth_true_m=flat(3.0))
+    depth_m = flat(3.5)
+    depth_m[:10], seen.depth_true_m[-10:] = 0, np.inf
+    record_case(tmp_path / "x.rrd", "scale/low", [(seen, measured(depth_m))])
+    (chunk,) = rr.chunk.RrdReader(tmp_path / "x.rrd").stream().filter(content="/error").to_chunks()
+    (pixels,) = chunk.to_record_batch().column("Image:buffer").to_pylist()
+    np.testing.assert_array_equal(np.reshape(pixels, (12, -1)).mean(axis=1), [0, *[127] * 10, 0])
 
 
 class Overwriting(Raw):

@@ -9,12 +9,14 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pyarrow.parquet
 import pytest
 from typer.testing import Result
 
 from scenarios.errors import ScenarioError
+from scenarios.study import replay
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
 from swarm.types import Outcome
@@ -184,6 +186,14 @@ def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was
     assert "no run of the study ended in a collision" in invoke("study", "replay", out).stdout
     for prefix, message in (("nothing", "0 runs' keys begin with 'nothing'"), ("", "runs' keys begin with ''")):
         assert message in str(invoke("study", "replay", out, prefix).exception)
+
+
+def test_a_replay_fails_if_any_run_ended_otherwise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = run_study(study(arm("a")), tmp_path, Serial(fake), unseen).runs
+    verdicts = iter([(False, "other"), (True, "the same")])
+    monkeypatch.setattr(replay, "fly_again", lambda run, out: (SimpleNamespace(folder=None), None))
+    monkeypatch.setattr(replay, "compared", lambda data, spec, finished: next(verdicts))
+    assert invoke("study", "replay", tmp_path, *keys).exit_code == 1
 
 
 @pytest.mark.slow

@@ -134,6 +134,11 @@ def test_a_table_changes_the_keys_that_it_names() -> None:
     assert LearningTask.of(scene={"kind": "gap"}).scene == GapSpec()
 
 
+def test_the_followers_of_every_swarm_may_learn() -> None:
+    routes = [{"start_m": (0.0, y_m, 17.0), "goal_m": (36.0, y_m, 17.0)} for y_m in (0.0, 9.0)]
+    assert LearningTask.of(mission={"drones": 3, "routes": routes}).followers == (1, 2, 4, 5)
+
+
 def test_an_action_has_four_finite_numbers_and_needs_an_episode() -> None:
     env = LeaderFollowerEnv(render_mode="rgb_array", **quick())
     for call in (lambda: env.step(array(FORWARD)), env.render):

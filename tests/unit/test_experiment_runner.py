@@ -53,6 +53,7 @@ def test_the_table_is_printed_and_written_with_what_is_needed_to_repeat_it(
 
 
 def test_what_the_user_does_not_say_the_experiment_does() -> None:
+    assert replace(STUB, seed=7).asked(seed=0).seed == 0
     asked = STUB.asked(frames=None)
     assert (asked.sequences, asked.frames, asked.width_px) == (("sim-LN",), 5, 160)
     rig = asked.sequence("sim-LN").sequence.rig

@@ -11,6 +11,7 @@ from sim.scenes import CitySpec
 from sim.sensor import RigConfig, StereoSensor
 from sim.types import BodyPose, Capture
 from sim.world import World
+from tests.helpers import block, captured, wall
 
 RIG = RigConfig(width_px=240, height_px=180, decimate=3)
 RANGES_M = (0.5, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 20.0), (20.0, 40.0)
@@ -80,3 +81,11 @@ def test_depth_flickers_as_often() -> None:
         before_m, after_m = np.stack(images[:-1]), np.stack(images[1:])
         changed[depth] = np.mean(np.abs(after_m - before_m) > 0.1 * np.maximum(before_m, after_m))
     assert changed["fitted"] == pytest.approx(changed["stereo"], abs=0.12)
+
+
+@pytest.mark.parametrize("decimate", [1, 3])
+def test_the_second_camera_misses_the_same_pixels(decimate: int) -> None:
+    rigs = [RIG.model_copy(update={"depth": depth, "decimate": decimate}) for depth in ("stereo", "fitted")]
+    stereo, fitted = (captured(rig, wall(6.0), block(2.0, 1.0)).occluded for rig in rigs)
+    assert stereo.any()
+    assert np.mean(stereo != fitted) < 0.01

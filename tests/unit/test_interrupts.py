@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 
 from scenarios import runner
 from scenarios.config import images_of, load_run
+from scenarios.flight import fly
+from swarm.mission import Mission
 from voxdepth.interrupts import ENDING, kept_back
 
 QUICK = {"mission.drones": 1, "mission.duration_s": 0.5, **images_of(32, 32), "rig.depth": "truth", "corrector": "raw"}
@@ -65,6 +67,12 @@ def test_a_thread_keeps_nothing_back() -> None:
     thread.start()
     thread.join()
     assert inside == [before]
+
+
+def test_an_interrupted_flight_is_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Mission, "tick", lambda mission: send(signal.SIGINT))
+    with pytest.raises(KeyboardInterrupt):
+        fly(load_run("city", 0, QUICK))
 
 
 @pytest.mark.parametrize("file", ["config.toml", "metrics.json"])

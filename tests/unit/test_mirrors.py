@@ -67,6 +67,12 @@ def test_frames_between_panes_reflect_nothing() -> None:
     assert 0.6 * share < is_frame[on_pane].mean() < 1.3 * share
 
 
+def test_level_glass_has_no_frames() -> None:
+    lying = replace(pane(1.0), shape=Box((9.0, 4.0, 0.2)), position_m=(PANE_M, 0.0, -0.6))
+    framed = replace(lying, surface=replace(lying.surface, pane_m=0.5))
+    np.testing.assert_array_equal(seen(framed, wall(6.0)).gray, seen(lying, wall(6.0)).gray)
+
+
 @pytest.mark.parametrize("side_m", [-1.5, 1.5])
 def test_a_turned_pane_shows_what_is_beside_it(side_m: float) -> None:
     """At 45 degrees a pane shows a white body on one side, and not one on the other or behind the pane."""

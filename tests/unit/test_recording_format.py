@@ -181,6 +181,7 @@ def test_a_damaged_or_missing_image_spoils_its_own_frame_alone(whole: Path) -> N
         ("config.toml", None, r"config\.toml: No such file"),
         ("calibration.toml", None, r"calibration\.toml: No such file"),
         ("calibration.toml", b"fx_px = ", r"calibration\.toml is damaged"),
+        ("calibration.toml", b"fx_px = 1.0", r"calibration\.toml is damaged"),
         ("frames.csv", b"", r"frames\.csv is damaged"),
         ("frames.csv", b"time\n", r"frames\.csv is damaged"),
         ("frames.csv", HEADER + b"0.0,1.0\n", r"frames\.csv is damaged"),

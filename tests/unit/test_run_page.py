@@ -12,8 +12,10 @@ from rich.console import Console
 
 from scenarios import runner
 from scenarios.config import images_of, load_run
-from scenarios.report import print_summary
+from scenarios.flight import Finished, fly
+from scenarios.report import print_summary, summary_tables
 from scenarios.runner import fly_and_write
+from swarm.types import MissionResult, Outcome
 
 QUICK = {"mission.drones": 2, "mission.duration_s": 0.5, **images_of(32, 32), "rig.depth": "truth", "corrector": "raw"}
 
@@ -31,6 +33,14 @@ def test_a_run_leaves_a_page_that_needs_nothing_else(tmp_path: Path) -> None:
     (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', pages[0])
     assert base64.b64decode(picture) == (folders[0] / "flight.png").read_bytes()
     assert not re.search(r'(?:src|href)="(?!data:)', pages[0])
+
+
+def test_depth_that_is_too_far_and_holes_have_their_columns() -> None:
+    run = load_run("city", 3, QUICK)
+    metrics = {**fly(run).result.metrics, "depth_raw_too_far_share": 0.25, "depth_raw_hole_share": 0.5}
+    result = MissionResult(outcome=Outcome.TIMEOUT, contacts=(), trajectories=(), metrics=metrics)
+    _, depth = summary_tables(Finished(result=result, wall_s=1.0, folder=None), run)
+    assert depth.texts[0][2:] == ["25.0 %", "50.0 %"]
 
 
 @pytest.mark.parametrize(("window", "passed", "ends"), [(4, True, 1), (1, False, 2)])

@@ -91,6 +91,7 @@ def test_the_way_through_a_city_is_free_unless_its_streets_are_narrow(street_wid
         assert room_m(CitySpec(street_width_m=street_width_m, poles=60).build(seed)) >= 0.5
     assert len(CitySpec(columns=3, rows=2, poles=4).build(0).bodies) == 1 + 6 + 4
     assert len(CitySpec(street_width_m=5.0).build(0).path_m) == 0
+    assert CitySpec(tower_height_m=(9.0, 9.0)).tower_height_m == (9, 9), "a range may be a single value"
 
 
 @pytest.mark.parametrize("spec", [*WAYS, CitySpec()], ids=lambda spec: spec.kind)
@@ -171,6 +172,11 @@ def test_a_share_of_the_walls_is_blank(share: float) -> None:
     assert [wall.position_m for wall in walls] == [wall.position_m for wall in as_usual]
 
 
+def test_each_half_of_a_wall_with_a_gap_is_blank_by_a_draw_of_its_own() -> None:
+    textures = [wall.surface.texture for wall in named(GapSpec(walls=30, blank_share=0.5).build(1), "wall")]
+    assert set(zip(textures[::2], textures[1::2], strict=True)) == {(0, 0), (0, 1), (1, 0), (1, 1)}
+
+
 def test_a_share_of_the_towers_has_a_weak_texture_and_nothing_else_changes() -> None:
     plain, weak = (CitySpec(blank_share=0.25, weak_share=share).build(3) for share in (0.0, 0.5))
     before, after = ([body.surface.texture for body in named(scene, "tower")] for scene in (plain, weak))
@@ -185,7 +191,7 @@ def test_a_share_of_the_towers_is_of_glass_and_nothing_moves() -> None:
     plain, glass = CitySpec().build(3), CitySpec(glass_share=0.3, glass_reflectivity=0.7).build(3)
     panes = [body.surface for body in named(glass, "tower") if body.surface.reflectivity]
     assert len(panes) == round(0.3 * 60)
-    assert {(surface.reflectivity, surface.texture) for surface in panes} == {(0.7, 0.0)}
+    assert {(surface.reflectivity, surface.texture, surface.is_blank) for surface in panes} == {(0.7, 0.0, False)}
     assert [body.position_m for body in plain.bodies] == [body.position_m for body in glass.bodies]
 
 

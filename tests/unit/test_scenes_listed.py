@@ -52,6 +52,7 @@ def test_a_drone_touches_what_is_listed_standing_or_moving(shape: dict[str, Any]
                 world.step()
         assert [contact.other.startswith("thing") for contact in world.contacts[:1]] == [True]
         assert world.contacts[0].kind == kind
+    assert [mover.waits_m for mover in scene_of({**ways[1], "waits_m": 3.0}).movers] == [3]
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from scenarios.study.design import Arm, expand, settings_that_left
-from scenarios.study.replay import differences
+from scenarios.flight import Finished
+from scenarios.study.design import Arm, expand, settings_that_left, versions_of
+from scenarios.study.replay import compared, differences
 from scenarios.study.store import RunRecord
-from swarm.types import Outcome
-from tests.studies import HIT, arm, record, study
+from swarm.types import MissionResult, Outcome
+from tests.studies import HIT, arm, contents_of, record, study
 
 
 def flown(scale: float = 1.0) -> RunRecord:
@@ -52,6 +53,17 @@ def test_outcome_counts_but_not_what_another_version_does_not_have() -> None:
     assert found == ["outcome", "contacts", "frames", "none"]
     older = replace(before, drones=(), metrics={"sim_time_s": before.metrics["sim_time_s"]})
     assert differences(older, before) == differences(before, replace(older, drones=before.drones)) == []
+
+
+def test_of_a_run_that_ended_otherwise_the_versions_that_changed_are_told() -> None:
+    tiny = study(arm("a"), seeds=1)
+    (spec,) = expand(tiny)
+    versions = {**versions_of([spec]), "numpy": "1"}
+    data = replace(contents_of(tiny, {}), records={spec.key: flown()}, versions=versions)
+    lost = MissionResult(outcome=Outcome.LOST, contacts=(), trajectories=())
+    is_same, told = compared(data, spec, Finished(result=lost, wall_s=1.0, folder=None))
+    assert not is_same
+    assert "in the study collision: NOT the same; other: outcome, contacts; other versions: numpy;" in told
 
 
 def test_settings_that_scenarios_no_longer_have_are_named() -> None:

@@ -51,7 +51,8 @@ def test_in_view_it_is_the_camera_if_the_radio_agrees(found: list[object], x_m: 
 
 @pytest.mark.parametrize("at", [(-5, 0, 0), (0, 5, 0), (1, 5, 0), (1, 0, 5), (12.5, 0, 0), (9, 8, 0)])
 def test_out_of_view_and_out_of_range_it_is_the_radio(at: tuple[float, float, float]) -> None:
-    around = tracker().update(percept(0.0), heard(d1=(at, (1, 2, 3))), 0.0)
+    found = seen_at(1, np.add(at, 0.2))
+    around = tracker().update(percept(0.0, found), heard(d1=(at, (1, 2, 3))), 0.0)
     np.testing.assert_array_equal(around.position_m, [at])
     np.testing.assert_array_equal(around.velocity_m_s, [(1, 2, 3)])
 

@@ -50,6 +50,12 @@ def test_the_law_turns_with_the_world_about_the_vertical_and_obeys_its_limits(
     assert all(0 <= thrust_n <= most_n for thrust_n in controllers[0].thrust_n)
 
 
+def test_a_drone_turns_as_hard_to_the_right_as_to_the_left() -> None:
+    still, level = np.zeros((2, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    (_, left), (_, right) = VelocityController(2, CONFIG).actuate(still, level, still, still, np.array([2, -2.0]), DT_S)
+    np.testing.assert_allclose(left, -np.array(right))
+
+
 GROUND = Body(name="ground", kind="ground", shape=Box((50.0, 50.0, 1.0)), position_m=(0.0, 0.0, -0.5))
 
 
