@@ -81,21 +81,11 @@ def values(path: Path, entity: str, component: str) -> np.ndarray:
 def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
     cam = "/world/drone/1/cam"
     expected = {
-        "/world/drone/0": 20,
-        "/world/swarm": 20,
         "/world/trail/1": 20,
-        f"{cam}/gray": 5,
-        f"{cam}/depth/true": 5,
         f"{cam}/depth/raw": 5,
-        f"{cam}/depth/corrected": 5,
-        f"{cam}/colors/corrected": 5,
-        f"{cam}/confidence": 5,
         "/world/cloud/1": 5,
         "/drone/1/clearance_m": 20,
-        "/drone/1/speed_m_s": 20,
         "/world/map/1": 5,
-        "/world/map/1/drone": 5,
-        "/metrics/clearance_m": 20,
         "/metrics/formation_error_m": 20,
         "/events": 1,
     }
@@ -140,13 +130,10 @@ def test_a_second_episode_needs_a_recorder_of_its_own(tmp_path: Path) -> None:
 def test_a_flight_by_the_paper_s_method_holds_its_stages(tmp_path: Path) -> None:
     quick = {"name": "voxdepth", "config": {"window_frames": 2, "fusion_lag_frames": 1}}
     path = recorded(tmp_path / "run.rrd", corrector=quick)
-    assert rows_of(path, "/world/drone/1/cam/colors/warped") == 5
-    assert rows_of(path, "/drone/1/corrector/n_matches") == 10
     epochs = int(values(path, "/drone/1/corrector/epoch", "Scalars:scalars").max())
     assert epochs >= 1
     for entity in ("/world/voxels/1", "/world/drone/1/cam/depth/template", "/world/drone/1/cam/colors/template"):
         assert rows_of(path, entity) == epochs
-    assert rows_of(path, "/drone/1/corrector/phase") >= 1
     cam, seen = "/world/drone/1/cam", set()
     raw_pngs = by_step(path, f"{cam}/depth/raw", "EncodedDepthImage:blob")
     for step, labels in by_step(path, f"{cam}/source", "SegmentationImage:buffer").items():
@@ -234,16 +221,11 @@ def test_points_of_the_cloud_lie_on_the_bodies_that_the_camera_measured() -> Non
     assert np.percentile(np.abs(away_m), 95) < 0.1
 
 
-def test_depth_survives_the_recording_within_two_percent() -> None:
-    depth = np.array([[0.0, 0.5, 3.3, 12.0, 40.0]], np.float32)
-    stored = cv2.imdecode(np.frombuffer(depth_png(depth), np.uint8), cv2.IMREAD_UNCHANGED) / 100
-    np.testing.assert_allclose(stored, depth, rtol=0.02)
-    assert stored[0, 0] == 0
-
-
-def test_depth_beyond_16_bits_is_the_largest() -> None:
-    png = depth_png(np.array([[700.0, 5000.0]], np.float32))
-    assert (cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED) == 65535).all()
+def test_depth_survives_the_recording_within_two_percent_and_is_the_largest_beyond_16_bits() -> None:
+    depth = np.array([[0.0, 0.5, 3.3, 12.0, 40.0, 700.0, 5000.0]], np.float32)
+    stored = cv2.imdecode(np.frombuffer(depth_png(depth), np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(stored / 100, np.minimum(depth, 655.35), rtol=0.02)
+    assert (stored[0, [0, -2, -1]] == [0, 65535, 65535]).all()
 
 
 def test_the_recorded_camera_counts_pixels_from_their_corner(recording: Path) -> None:

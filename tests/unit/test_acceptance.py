@@ -15,11 +15,8 @@ def test_a_scenario_promises_means_of_metrics(
     monkeypatch: pytest.MonkeyPatch, shares: tuple[float | None, ...], kept: bool | None
 ) -> None:
     flown = {seed: {"corrector_phase_passthrough_share": share} for seed, share in enumerate(shares)}
-    monkeypatch.setattr(
-        acceptance,
-        "fly",
-        lambda run: SimpleNamespace(result=SimpleNamespace(outcome=Outcome.SUCCESS, metrics=flown[run.seed])),
-    )
+    results = {seed: SimpleNamespace(outcome=Outcome.SUCCESS, metrics=metrics) for seed, metrics in flown.items()}
+    monkeypatch.setattr(acceptance, "fly", lambda run: SimpleNamespace(result=results[run.seed]))
     if kept is None:
         with pytest.raises(ScenarioError, match="'corrector_phase_passthrough_share', which no run has"):
             check_acceptance("paper", range(2), lambda *_: None)

@@ -14,6 +14,7 @@ from sim.errors import SceneError
 from sim.flights import Cut, Drone, Flight, Hover, Stations, Walk
 from sim.flights.trajectory import Track
 from sim.types import BodyPose
+from sim.world import World
 from voxdepth.types import FloatArray
 
 STRAIGHT = np.array([[0.0, 0, 1], [30, 0, 1]])
@@ -186,22 +187,13 @@ def test_a_drone_shows_the_nearest_physics_step() -> None:
 
 
 def test_a_drone_closes_its_world(monkeypatch: pytest.MonkeyPatch) -> None:
-    from sim.world import World
-
-    closed: list[World] = []
-    close = World.close
-
-    def watched_close(world: World) -> None:
-        closed.append(world)
-        close(world)
-
-    monkeypatch.setattr(World, "close", watched_close)
+    close, closed = World.close, []
+    monkeypatch.setattr(World, "close", lambda world: (close(world), closed.append(world.client)))
     poses = Drone().poses(CORNER, 0, HZ)
     next(poses)
     assert not closed
     poses.close()  # type: ignore[attr-defined]
-    assert len(closed) == 1
-    assert closed[0].client < 0
+    assert closed == [-1]
     fly(Drone(), STRAIGHT[:2] / 10, n=None)
     assert len(closed) == 2
 

@@ -70,8 +70,8 @@ def test_a_run_has_a_folder_of_its_own_and_none_without_files(tmp_path: Path) ->
 
 
 def test_there_is_no_picture_of_a_drone_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"expected a drone from 0 to 1, got 20"):
-        take_picture(run("city"), tmp_path / "picture.jpg", drone=20, at_s=1.0)
+    with pytest.raises(ScenarioError, match=r"expected a drone from 0 to 1, got 2"):
+        take_picture(run("city"), tmp_path / "picture.jpg", drone=2, at_s=1.0)
 
 
 def test_a_collision_is_a_red_cross_and_the_first_is_told() -> None:

@@ -12,8 +12,6 @@ from sim.world import World
 from tests.helpers import AT_ORIGIN, camera_at, wall
 
 SPHERE = MovingSphere(from_m=(4.0, 3.0, 0.5), to_m=(4.0, -1.0, 0.5), speed_m_s=2.0)
-
-
 BALL = SPHERE.mover(0, AT_ORIGIN).body
 
 
@@ -62,14 +60,6 @@ def test_movers_follow_the_clock_of_the_world() -> None:
             world.step()
         np.testing.assert_allclose(moves.position_m(world.time_s), [3.0, 0.5, 0.0], atol=1e-9)
         assert world.clearance_at_m((3.0, 0.5, 0.0)) == pytest.approx(-0.25, abs=1e-3)
-
-
-def test_a_drone_that_runs_into_a_mover_has_a_contact() -> None:
-    with World(scene_with(still(1.5, 0.0, 3.0)), np.array([[0.0, 0.0, 3.0]])) as world:
-        world.apply([VelocityCommand(velocity_m_s=np.array([2.0, 0.0, 0.0]), yaw_rad=0.0)])
-        for _ in range(480):
-            world.step()
-    assert [(contact.other, contact.kind) for contact in world.contacts] == [("sphere-0", "mover")]
 
 
 @pytest.mark.parametrize("speed_m_s", [0.5, 1.5])

@@ -10,11 +10,12 @@ import pytest
 from scenarios.study.diagnose import Cause, CollisionProbe, Diagnosis, Image, cause_table, diagnose
 from sim.bodies import Surface
 from sim.frames import pose
-from sim.types import Capture, Contact, VelocityCommand
+from sim.types import Contact, VelocityCommand
 from swarm.cost_map import CostMap
 from swarm.pilot import Decision, PilotConfig
 from swarm.voxel_map import FREE, OCCUPIED, UNOBSERVABLE
 from tests.helpers import wall, world_of
+from tests.swarm_scenes import capture as capture_of
 from voxdepth.metrics import TOO_FAR
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics
 
@@ -23,8 +24,6 @@ WALL, OTHER = 7, 8
 AHEAD_M = np.array([0.0, 0.0, 2.0])
 """On the wall; cameras here stand in the world's origin and look along z."""
 ASIDE_M = np.array([5.0, 0.0, 2.0])
-
-
 TRUSTED_FROM = 0.5
 
 
@@ -32,22 +31,12 @@ def seen(ratio: float, *, trusted: bool = True, shows: int = WALL, shift_m: floa
     """A wall straight ahead that is shown `ratio` times as far as it is; 0 is a hole."""
     T_world_cam = np.eye(4)
     T_world_cam[0, 3] = shift_m
-    true, nothing = np.full(CAMERA.shape, true_m, np.float32), np.zeros(CAMERA.shape, np.uint8)
-    capture = Capture(
-        stamp_s=0.0,
-        drone=0,
-        gray_left=nothing,
-        gray_right=None,
-        depth_true_m=true,
-        depth_raw_m=true,
-        occluded=nothing.astype(np.bool_),
-        invalid_reason=nothing,
-        segment_id=np.full(CAMERA.shape, shows, np.int32),
-        T_world_cam=T_world_cam,
-        intrinsics=CAMERA,
-    )
+    true, shown = np.full(CAMERA.shape, true_m, np.float32), np.full(CAMERA.shape, shows, np.int32)
+    capture = capture_of(0.0, depth_true_m=true, segment_id=shown, T_world_cam=T_world_cam, intrinsics=CAMERA)
     confidence = np.full(CAMERA.shape, TRUSTED_FROM if trusted else 0.4, np.float32)
-    return capture, CorrectedDepth(depth_m=np.float32(ratio) * true, source=nothing, confidence=confidence)
+    return capture, CorrectedDepth(
+        depth_m=np.float32(ratio) * true, source=np.zeros_like(true, np.uint8), confidence=confidence
+    )
 
 
 def found_in(images: Sequence[Image], point_m: FloatArray = AHEAD_M) -> Diagnosis:

@@ -126,13 +126,9 @@ def test_workers_that_cannot_start_are_told(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_worker_of_many_threads_is_refused() -> None:
     """One run past its limit would end the others of its process."""
-
-    class Client:
-        def nthreads(self) -> dict[str, int]:
-            return {"tcp://one:1": 1, "tcp://four:1": 4}
-
+    client = SimpleNamespace(nthreads=lambda: {"tcp://one:1": 1, "tcp://four:1": 4})
     with pytest.raises(ScenarioError, match="tcp://four:1 has 4 threads, expected one: start it with --nthreads 1"):
-        Cluster("tcp://somewhere:8786", 60.0)._submit(Client(), iter(expand(study(arm("a")))), {})
+        Cluster("tcp://somewhere:8786", 60.0)._submit(client, iter(expand(study(arm("a")))), {})
 
 
 def test_a_worker_of_another_version_that_joins_late_ends_the_study() -> None:

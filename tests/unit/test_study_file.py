@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import shipped_names
 from scenarios.study.design import Study, by_importance, expand, identity, key_of, load_study
@@ -134,7 +135,8 @@ def test_what_one_arm_sets_inside_a_table_of_the_study_reaches_no_other() -> Non
     found = [(spec.arm, spec.run.scenario.mission.rules) for spec in expand(study(inside, arm("b"), changes=tables))]
     assert [(name, rules.cohesion_per_s) for name, rules in found] == [("a", 1.0), ("b", 0.0)] * 2
     assert all(rules.alignment == 0 for _, rules in found)
-    assert tables["mission.rules"] == {"alignment": 0.0}
+    load_run("city", 0, both := {**tables, "mission.rules.cohesion_per_s": 1.0})
+    assert both["mission.rules"] == {"alignment": 0.0}
 
 
 def test_an_arm_flies_a_configured_corrector(tmp_path: Path) -> None:

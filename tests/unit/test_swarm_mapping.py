@@ -275,12 +275,6 @@ def test_surfaces_of_other_drones_are_left_out_where_these_were_when_the_image_w
     np.testing.assert_allclose(masked_m, [[[5.0, -1.0, 0.0]]], atol=1e-9)
 
 
-def test_the_first_place_where_a_drone_fits_is_taken_and_the_last_if_there_is_none() -> None:
-    pilot, far = Flight(always(HOLES)).flies((0, 0, 0), 0.1).pilot, [9.0, 0.0, 0.0]
-    assert [pilot.first_free(np.array([far, far, near])) for near in ([0.0, 0.0, 0.0], far)] == [2, 2]
-    assert pilot.first_free(np.array([far, [0.0, 0.0, 0.0], far])) == 1
-
-
 def test_a_drone_that_is_higher_than_its_map_is_refused() -> None:
     with pytest.raises(MissionError, match=r"does not fit .* make airframe.radius_m at most 0\.6"):
         MappingPilot(PilotConfig(), RATE_HZ, 0.0, AirframeConfig(radius_m=0.61), CAMERA)
