@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import cv2
 import numpy as np
 import pytest
 import typer
@@ -284,8 +285,6 @@ def test_doctor_finds_what_works_here() -> None:
 
 @pytest.mark.slow
 def test_a_picture_is_written(tmp_path: Path) -> None:
-    import cv2
-
     done = voxdepth("picture", "city", "--at", "0.5", "--size", "160x120", "--out", tmp_path / "p.jpg")
     assert done.returncode == 0, done.stderr
     image = cv2.imread(str(tmp_path / "p.jpg"))

@@ -62,15 +62,11 @@ def config(*routes: Route, **changes: Any) -> MissionConfig:
     return MissionConfig.model_validate(values | changes)
 
 
-def fly_at_a_wall(**changes: Any) -> MissionResult:
-    """A drone whose goal lies behind a wall too large to fly around, 6 m away."""
-    with mission_among(wall(3.0), config=config(route(-3, 0, 12, 0), **changes)) as mission:
-        return mission.run()
-
-
 @pytest.mark.parametrize(("speed_m_s", "clearance_m"), [(2.5, 0.8 * PilotConfig().keep_m), (3.2, 0.1)])
 def test_a_drone_stops_before_a_wall(speed_m_s: float, clearance_m: float) -> None:
-    result = fly_at_a_wall(cruise_speed_m_s=speed_m_s)
+    """Its goal lies behind the wall, which is too large to fly around."""
+    with mission_among(wall(3.0), config=config(route(-3, 0, 12, 0), cruise_speed_m_s=speed_m_s)) as mission:
+        result = mission.run()
     assert result.outcome is Outcome.DEADLOCK
     assert float(result.metrics["min_clearance_m"] or 0) > clearance_m
 

@@ -4,6 +4,7 @@ import tomllib
 from itertools import islice
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -157,8 +158,6 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     assert voxdepth(*command).stderr.strip().endswith("is not empty; name a new folder")
     sheet = voxdepth("picture", folder, "--out", tmp_path / "s.png")
     assert sheet.returncode == 0, sheet.stderr
-    import cv2
-
     picture = cv2.imread(str(tmp_path / "s.png"))
     colors = {tuple(color) for color in picture[..., ::-1].reshape(-1, 3).tolist()}
     assert set(INVALID_REASON_COLORS.values()) <= colors, "the legend names every reason"

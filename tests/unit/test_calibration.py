@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scenarios.experiments import confidence
 from scenarios.experiments.confidence import counted, fit
 from tests.helpers import require_equal
+from tests.swarm_scenes import capture
 from voxdepth.calibration import fitted
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare, create_corrector, installed_names
@@ -66,6 +68,16 @@ def test_depth_counts_where_the_truth_is_a_surface() -> None:
     n, correct = counted(corrected, capture)
     by_source = {Source.SENSOR: (1, 1), Source.MEMORY: (1, 1), Source.INPAINTED: (1, 0), Source.INVALID: (0, 0)}
     assert {source: (n[source], correct[source]) for source in by_source} == by_source
+
+
+def test_an_image_counts_alike_at_every_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted_px: list[float] = []
+    monkeypatch.setattr(confidence, "FITTED", ["raw"])
+    monkeypatch.setattr(confidence, "fit", lambda counts: counted_px.append(counts[0].sum()) or {})
+    image = capture(0.0)
+    given = {"sequences": ["one"], "recording": lambda name: [image], "report": len, "frames": 1, "seed": 0}
+    confidence.fit_all(SimpleNamespace(**given))  # type: ignore[arg-type]
+    assert counted_px == [len(confidence.DECIMATIONS) * image.depth_raw_m.size]
 
 
 def test_the_fit_is_the_share_of_correct_pixels() -> None:

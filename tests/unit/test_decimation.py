@@ -22,8 +22,7 @@ def seen(config: RigConfig, *, near_m: float | None = None) -> Capture:
 
 
 @FACTORS
-def test_constant_images_stay_constant(factor: int) -> None:
-    np.testing.assert_array_equal(decimated_depth(np.full((12, 24), 3.0, np.float32), factor), np.float32(3.0))
+def test_a_uniform_image_stays_uniform(factor: int) -> None:
     np.testing.assert_array_equal(means(np.full((12, 24), 77, np.uint8), factor), 77)
 
 

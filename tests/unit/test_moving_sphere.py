@@ -19,11 +19,6 @@ def scene_with(*movers: Mover) -> Scene:
     return Scene(seed=5, bodies=(wall(8.0),), movers=movers)
 
 
-def still(*position_m: float) -> Mover:
-    """The sphere at one place."""
-    return Mover(body=BALL, position_m=lambda time_s: np.array(position_m))
-
-
 def pose(yaw_rad: float = 0.0, pitch_rad: float = 0.0, roll_rad: float = 0.0) -> BodyPose:
     q = frames.quaternion_from_angles(yaw_rad, pitch_rad, roll_rad)
     return BodyPose(stamp_s=0.0, position_m=np.array([10.0, 20.0, 1.5]), q_world_body_xyzw=q)
@@ -96,7 +91,7 @@ def test_a_mover_waits_for_a_drone_that_is_near_and_goes_on_when_it_has_left() -
 
 def test_movers_change_the_looks_of_nothing_else() -> None:
     images = []
-    for movers in ((), (still(0.0, 0.0, 50.0),)):
+    for movers in ((), (Mover(body=BALL, position_m=lambda time_s: np.array([0.0, 0.0, 50.0])),)):
         with World(scene_with(*movers), np.array([[4.0, 1.0, 0.0]])) as world:
             images.append(create_renderer("raycast", world).render([camera_at(0, 0, 0)])[0])
     np.testing.assert_array_equal(images[0].gray, images[1].gray)

@@ -19,7 +19,6 @@ from sim.scenes.plains import ground_height_m
 from sim.scenes.room import slats
 from sim.scenes.vegetation import TreeRanges, blob, bush, tree
 from sim.world import World
-from voxdepth.types import FloatArray
 
 WAYS = [
     ForestSpec(length_m=80, bushes=20),
@@ -49,16 +48,12 @@ def room_m(scene: Scene, height_m: float = 1.5) -> float:
         return min(world.clearance_at_m(point_m, height_m) for point_m in points_m.tolist())
 
 
-def vertices(body: Body) -> FloatArray:
-    return body.shape.vertices_m
-
-
 def lowest_m(body: Body) -> float:
     if isinstance(body.shape, Box):
         return body.position_m[2] - body.shape.size_m[2] / 2
     if isinstance(body.shape, Cylinder):
         return body.position_m[2] - body.shape.height_m / 2
-    return body.position_m[2] + float(vertices(body)[:, 2].min())
+    return body.position_m[2] + float(body.shape.vertices_m[:, 2].min())
 
 
 @EACH_SPEC
@@ -119,12 +114,12 @@ def test_plants_look_irregular_and_keep_their_measures() -> None:
     rng = np.random.default_rng(1)
     size = TreeRanges().draw(rng)
     trunk, crown = tree(rng, "tree", (3.0, 4.0, 1.0), size)
-    heights_m = crown.position_m[2] + vertices(crown)[:, 2]
+    heights_m = crown.position_m[2] + crown.shape.vertices_m[:, 2]
     assert 1 + size.crown_start_m <= heights_m.min() < heights_m.max() <= 1 + size.height_m
     assert lowest_m(trunk) < 1
-    radii_m = np.linalg.norm(vertices(bush(rng, "bush", (0.0, 0.0, 0.0), 0.8))[:, :2], axis=1)
+    radii_m = np.linalg.norm(bush(rng, "bush", (0.0, 0.0, 0.0), 0.8).shape.vertices_m[:, :2], axis=1)
     assert radii_m.max() <= 0.8
-    assert vertices(crown).std(axis=0).min() > 0.2
+    assert crown.shape.vertices_m.std(axis=0).min() > 0.2
 
 
 def test_layouts_keep_obstacles_apart_and_say_when_they_are_full() -> None:
