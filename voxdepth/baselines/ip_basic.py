@@ -46,8 +46,8 @@ def _extended_to_the_top(dense_m: FloatImage) -> FloatImage:
     """The uppermost filled pixel of a column fills all above it; a column without any stays."""
     filled = dense_m > EMPTY_M
     top_m = dense_m[np.argmax(filled, axis=0), np.arange(dense_m.shape[1])]
-    above = ~np.logical_or.accumulate(filled, axis=0) & filled.any(axis=0)
-    return np.where(above, top_m, dense_m)
+    seen = np.logical_or.accumulate(filled, axis=0)
+    return np.where(seen | ~seen[-1], dense_m, top_m)
 
 
 def _with_holes_from(dense_m: FloatImage, filled_m: FloatImage) -> FloatImage:
