@@ -45,7 +45,7 @@ from voxdepth.tools.evaluation.methods import find_method, run
 from voxdepth.tools.evaluation.recordings import RecordedSource, kinds_of
 from voxdepth.types import Frame, Intrinsics
 
-KEPT = Path(__file__).parent / "golden" / "kept.json"
+KEPT = Path(__file__).with_suffix(".json")
 Figures = dict[str, float | str]
 SMALL = {"rig.width_px": 128, "rig.height_px": 96}
 MOVING = {"rig.exposure_sigma": 0.1, "flight": {"kind": "walk", "speed_m_s": 1.0}}
@@ -89,6 +89,10 @@ RECORDED = {"mission.duration_s": 1.5, "mission.drones": 2}
 FLOWN = {"rig.width_px": 96, "rig.height_px": 64, "rig.decimate": 1, "mission.duration_s": 5.0, "mission.drones": 4}
 
 
+UNSTEADY = ("timings_s", "image", "drone", "intrinsics")
+"""Fields that are left out: times of this machine, and what has no numbers of its own."""
+
+
 def figures_of(value: Any, name: str = "") -> Figures:
     """The figures of anything that is made of numbers, texts and arrays, by path.
 
@@ -108,10 +112,6 @@ def figures_of(value: Any, name: str = "") -> Figures:
     else:
         return {name: float(value) if isinstance(value, int | float | np.number) else str(value)}
     return {key: figure for part, own in parts for key, figure in figures_of(own, f"{name}/{part}").items()}
-
-
-UNSTEADY = ("timings_s", "image", "drone", "intrinsics")
-"""Fields that are left out: times of this machine, and what has no numbers of its own."""
 
 
 def _of_array(values: np.ndarray) -> dict[str, float]:
