@@ -136,7 +136,7 @@ class TemporalCorrector(StreamCorrector):
         return Estimate(disparity_px, pixel_class, confidence)
 
     def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:
-        """Make this frame the keyframe, unless it has no features: then the old keyframes and their memory are kept.
+        """Make this frame the keyframe, unless it has no features: then the old views and their memory are kept.
 
         After too many frames without features, they are forgotten.
         """
