@@ -12,11 +12,7 @@ from .frames import HOLES, MEASURED
 from .intervals import CLOSE, LEAD
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames, select
 from .recordings import HELD_OUT
-from .scoring import (
-    GHOSTS,
-    STATIC,
-    SURVIVAL,
-)
+from .scoring import GHOSTS, STATIC, SURVIVAL
 from .suite import Evaluation
 
 HIDDEN = "hidden"
