@@ -47,6 +47,23 @@ def trace_rays(known_px: FloatImage, place: Places) -> Rays:
     return rays
 
 
+@compiled_part(void(NUMBERS, boolean, NUMBERS, NUMBERS))
+def tell_along_row(
+    own_px: Numbers,
+    is_backward: bool,
+    # output
+    told_px: Numbers,
+    told_steps: Numbers,
+) -> None:
+    """Tell every pixel of a row the nearest known pixel before it or after it, and the number of steps to that."""
+    end_px, end_col, width = float32(0), INFINITE, len(own_px)
+    for k in range(width):
+        col = width - 1 - k if is_backward else k
+        told_px[col], told_steps[col] = end_px, abs(float32(col) - end_col)
+        is_known = own_px[col] > 0
+        end_px, end_col = (own_px[col] if is_known else end_px), (float32(col) if is_known else end_col)
+
+
 @compiled(void(FLOAT_IMAGE, PLACES, int64[::1], boolean, RAYS))
 def trace(
     known_px: FloatImage,
@@ -75,64 +92,26 @@ def trace(
     next_px, next_steps = told_px.copy(), told_steps.copy()
     for k in range(height):
         row = height - 1 - k if is_backward else k
-        tell_along_row(known_px[row], is_backward, told_px[0, 1:-1], told_steps[0, 1:-1])
-        first, last = start[row], start[row + 1]
-        for axis in range(len(told_px)):
-            take(told_px[axis, 1:-1], place[first:last], rays.end_px[first_ray + axis, first:last])
-            take(told_steps[axis, 1:-1], place[first:last], rays.steps[first_ray + axis, first:last])
+        own_px = known_px[row]
+        tell_along_row(own_px, is_backward, told_px[0, 1:-1], told_steps[0, 1:-1])
+        for ray in range(AXES):
+            for n in range(start[row], start[row + 1]):
+                col = np.uint32(place[n, 1] + 1)
+                rays.end_px[first_ray + ray, n], rays.steps[first_ray + ray, n] = (
+                    told_px[ray, col],
+                    told_steps[ray, col],
+                )
         next_px.fill(0)
         next_steps.fill(INFINITE)
-        for axis in range(1, len(told_px)):
-            col = 1 - direction * COLS[axis]
-            tell(
-                known_px[row], told_px[axis, 1:-1], told_steps[axis, 1:-1], next_px[axis, col:], next_steps[axis, col:]
-            )
+        for axis in range(1, AXES):
+            first_col = 1 - direction * COLS[axis]
+            here_px, here_steps = told_px[axis, 1:-1], told_steps[axis, 1:-1]
+            there_px, there_steps = next_px[axis, first_col:], next_steps[axis, first_col:]
+            for col in range(width):
+                there_px[col] = own_px[col] if own_px[col] > 0 else here_px[col]
+            for col in range(width):
+                there_steps[col] = float32(1) if own_px[col] > 0 else here_steps[col] + float32(1)
         told_px, next_px, told_steps, next_steps = next_px, told_px, next_steps, told_steps
-
-
-@compiled_part(void(NUMBERS, boolean, NUMBERS, NUMBERS))
-def tell_along_row(
-    own_px: Numbers,
-    is_backward: bool,
-    # output
-    told_px: Numbers,
-    told_steps: Numbers,
-) -> None:
-    """Tell every pixel of a row the nearest known pixel before it or after it, and the number of steps to that."""
-    end_px, end_col, width = float32(0), INFINITE, len(own_px)
-    for k in range(width):
-        col = width - 1 - k if is_backward else k
-        told_px[col], told_steps[col] = end_px, abs(float32(col) - end_col)
-        is_known = own_px[col] > 0
-        end_px, end_col = (own_px[col] if is_known else end_px), (float32(col) if is_known else end_col)
-
-
-@compiled(void(NUMBERS, PLACES, NUMBERS))
-def take(
-    of_row: Numbers,
-    place: Places,
-    # output
-    taken: Numbers,
-) -> None:
-    """Take the numbers of a row at some places."""
-    for k in range(len(place)):
-        taken[k] = of_row[np.uint32(place[k, 1])]
-
-
-@compiled(void(*[NUMBERS] * 5))
-def tell(
-    own_px: Numbers,
-    told_px: Numbers,
-    told_steps: Numbers,
-    # output
-    next_px: Numbers,
-    next_steps: Numbers,
-) -> None:
-    """Tell the pixels of the next row what those of a row know or were told."""
-    for col in range(len(own_px)):
-        next_px[col] = own_px[col] if own_px[col] > 0 else told_px[col]
-    for col in range(len(own_px)):
-        next_steps[col] = float32(1) if own_px[col] > 0 else told_steps[col] + float32(1)
 
 
 @compiled(void(FLOAT_IMAGE, READABLE_IMAGE, float32, PLACES, int32[::1], FLOAT_IMAGE, RAYS))
