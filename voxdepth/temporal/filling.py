@@ -260,21 +260,13 @@ def vote_of(
     return before_px, before_weight * (rules.shadow_factor if is_shadow else float32(1))
 
 
-@compiled_part(void(KNOWN, PLACES, RAYS, int64, RULES, FLOAT_IMAGE, FLOAT_IMAGE))
-def cast_votes(
-    known: Known,
-    place: Places,
-    rays: Rays,
-    first: int,
-    rules: Rules,
-    # output
-    vote_px: FloatImage,
-    weight: FloatImage,
-) -> None:
+@compiled_part(UniTuple(FLOAT_IMAGE, 2)(KNOWN, PLACES, RAYS, int64, RULES))
+def cast_votes(known: Known, place: Places, rays: Rays, first: int, rules: Rules) -> tuple[FloatImage, FloatImage]:
     """The votes and their weights, shape (6, CHUNK), of some places, of which the first has a number.
 
     Loops that write one array are such that the compiler can do their steps side by side.
     """
+    vote_px, weight = np.zeros((N_VOTES, CHUNK), np.float32), np.zeros((N_VOTES, CHUNK), np.float32)
     last = first + len(place)
     for axis in range(AXES):
         before_px, after_px = rays.end_px[axis, first:last], rays.end_px[AXES + axis, first:last]
@@ -290,43 +282,22 @@ def cast_votes(
         vote_px[MEMORY, k], vote_px[PREVIOUS, k] = memory_px, previous_px
         weight[MEMORY, k] = memory_weight if memory_px > 0 else float32(0)
         weight[PREVIOUS, k] = PREVIOUS_WEIGHT if previous_px > 0 else float32(0)
+    return vote_px, weight
 
 
-@compiled_part(void(*[NUMBERS] * 4))
-def add_where_agreeing(
-    one_px: Numbers,
-    other_px: Numbers,
-    weight: Numbers,
-    # input and output
-    support: Numbers,
-) -> None:
-    """Add weights to the support of votes where two votes are of one surface."""
-    for i in range(len(support)):
-        support[i] += weight[i] if is_one_surface(one_px[i], other_px[i]) else float32(0)
-
-
-@compiled_part(void(FLOAT_IMAGE, FLOAT_IMAGE, *[NUMBERS] * 4))
-def count_votes(
-    vote_px: FloatImage,
-    weight: FloatImage,
-    # in place
-    support: Numbers,
-    # output
-    winner_px: Numbers,
-    most: Numbers,
-    total: Numbers,
-) -> None:
-    """Find the vote with the largest support of each place, the mean of its supporters, and the weight of all votes."""
-    winner_px.fill(0)
-    most.fill(0)
-    total.fill(0)
+@compiled_part(UniTuple(NUMBERS, 3)(FLOAT_IMAGE, FLOAT_IMAGE))
+def count_votes(vote_px: FloatImage, weight: FloatImage) -> tuple[Numbers, Numbers, Numbers]:
+    """The mean of the supporters of the winning vote of each place, its support, and the weight of all votes."""
+    winner_px, most, total = np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32)
+    support = np.empty(CHUNK, np.float32)
     for one in range(N_VOTES):
         one_px, own = vote_px[one], weight[one]
-        support.fill(0)
-        add_where_agreeing(one_px, one_px, own, support)
-        for other in range(N_VOTES):
-            if other != one:
-                add_where_agreeing(one_px, vote_px[other], weight[other], support)
+        support[:] = own
+        for k in range(N_VOTES - 1):
+            other = k if k < one else k + 1
+            other_px, others = vote_px[other], weight[other]
+            for i in range(CHUNK):
+                support[i] += others[i] if is_one_surface(one_px[i], other_px[i]) else float32(0)
         for i in range(CHUNK):
             is_best = (support[i] > most[i]) & (own[i] > 0)
             winner_px[i] = one_px[i] if is_best else winner_px[i]
@@ -340,6 +311,7 @@ def count_votes(
             support[i] += own[i] * (one_px[i] - winner_px[i]) if is_supporter else float32(0)
     for i in range(CHUNK):
         winner_px[i] += support[i] / most[i] if most[i] > 0 else float32(0)
+    return winner_px, most, total
 
 
 @compiled(void(KNOWN, RAYS, RULES, FILLED))
@@ -351,13 +323,10 @@ def fill_places(
     filled: Filled,
 ) -> None:
     """Fill the places with what wins their votes."""
-    vote_px, weight = np.zeros((N_VOTES, CHUNK), np.float32), np.zeros((N_VOTES, CHUNK), np.float32)
-    buffer, winner_px = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
-    support, total = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
     for first in range(0, len(filled.place), CHUNK):
         here = filled.place[first : first + CHUNK]
-        cast_votes(known, here, rays, first, rules, vote_px, weight)
-        count_votes(vote_px, weight, buffer, winner_px, support, total)
+        vote_px, weight = cast_votes(known, here, rays, first, rules)
+        winner_px, support, total = count_votes(vote_px, weight)
         for k in range(len(here)):
             memory_px = vote_px[MEMORY, k]
             is_remembered = memory_px > 0 and is_one_surface(memory_px, winner_px[k])
