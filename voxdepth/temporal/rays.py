@@ -96,11 +96,9 @@ def trace(
         tell_along_row(own_px, is_backward, told_px[0, 1:-1], told_steps[0, 1:-1])
         for ray in range(AXES):
             for n in range(start[row], start[row + 1]):
-                col = np.uint32(place[n, 1] + 1)
-                rays.end_px[first_ray + ray, n], rays.steps[first_ray + ray, n] = (
-                    told_px[ray, col],
-                    told_steps[ray, col],
-                )
+                at = np.uint32(place[n, 1] + 1)
+                rays.end_px[first_ray + ray, n] = told_px[ray, at]
+                rays.steps[first_ray + ray, n] = told_steps[ray, at]
         next_px.fill(0)
         next_steps.fill(INFINITE)
         for axis in range(1, AXES):
