@@ -1,4 +1,4 @@
-"""Confidence: the probability that a depth is right, by its pixel class, the evidence behind it, and its disparity."""
+"""Confidence: the probability that a depth is right, by its pixel class, evidence and disparity."""
 
 from typing import NamedTuple
 

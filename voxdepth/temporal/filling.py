@@ -292,7 +292,7 @@ def count_votes(vote_px: FloatImage, weight: FloatImage) -> tuple[Numbers, Numbe
     support = np.empty(CHUNK, np.float32)
     for one in range(N_VOTES):
         one_px, own = vote_px[one], weight[one]
-        support[:] = own
+        support[:] = own  # A vote supports itself.
         for k in range(N_VOTES - 1):
             other = k if k < one else k + 1
             other_px, others = vote_px[other], weight[other]
@@ -303,7 +303,7 @@ def count_votes(vote_px: FloatImage, weight: FloatImage) -> tuple[Numbers, Numbe
             winner_px[i] = one_px[i] if is_best else winner_px[i]
             most[i] = support[i] if is_best else most[i]
             total[i] += own[i]
-    support.fill(0)
+    support.fill(0)  # From here on, the weighted sum of what the supporters differ from the winner by.
     for one in range(N_VOTES):
         one_px, own = vote_px[one], weight[one]
         for i in range(CHUNK):

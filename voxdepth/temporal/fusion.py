@@ -79,7 +79,7 @@ class Fused(NamedTuple):
     pixel_class: GrayImage
     """One `PixelClass` per pixel, uint8; holes are unmeasured."""
     weight: GrayImage
-    """Weight of the measurements behind it in units of `1 / WEIGHT_UNIT`, uint8."""
+    """Weight of the measurements that it is made of in units of `1 / WEIGHT_UNIT`, uint8."""
     remembered_px: FloatImage
     """Disparity of the memory where nothing is measured and the memory has enough evidence, float32; 0 elsewhere."""
     magnification: FloatImage
