@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.paper.steps import combine, dilated
+from voxdepth.paper.method import combine, dilated
 
 
 def sparse(seed: int, filled: float = 0.2, shape: tuple[int, int] = (19, 23)) -> np.ndarray:

@@ -9,7 +9,7 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, OTHER_ROOM, ROOM, frame_of, frames_of, pose, walk
 from voxdepth.geometry import inverse_rigid, transform
-from voxdepth.temporal import keyframes
+from voxdepth.temporal import views
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.temporal.memory import Memory
 from voxdepth.temporal.odometry import TrackingResult, TrackingStatus, VisualOdometry
@@ -97,7 +97,7 @@ class TestReturn:
     CUT = tuple(frames_of(OTHER_ROOM, walk(3), first=30))
 
     def test_two_views_alternate_although_only_one_is_stored(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(keyframes, "MAX_STORED", 1)
+        monkeypatch.setattr(views, "MAX_STORED", 1)
         tracked = odometry()
         follow(tracked, frames_of(ROOM, walk(3)))
         follow(tracked, self.CUT)
@@ -121,7 +121,7 @@ class TestReturn:
 
     @pytest.mark.parametrize("max_stored", [0, 1])
     def test_the_oldest_views_are_forgotten(self, max_stored: int, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(keyframes, "MAX_STORED", max_stored)
+        monkeypatch.setattr(views, "MAX_STORED", max_stored)
         tracked = odometry()
         follow(tracked, frames_of(ROOM, PAN))
         assert tracked.track(frame_of(ROOM, pose(yaw=-20), 40)).status is TrackingStatus.LOST

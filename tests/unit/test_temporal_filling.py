@@ -38,13 +38,13 @@ class Result:
         others = [
             np.asarray(votes.get(name, 0) * (known_px == 0), np.float32) for name in ("memory", "seen", "previous")
         ]
-        self.inpainted, self.border = HoleFiller(resolution, shadow_factor).fill(
+        self.inpainted, self.single = HoleFiller(resolution, shadow_factor).fill(
             Known(known_px, *others), depth_of(FULL, full_px)
         )
         self.disparity_px = np.kron(known_px + self.inpainted.disparity_px, np.ones((decimation,) * 2))
         self.probability = np.kron(self.inpainted.probability, np.ones((decimation,) * 2))
-        row, col = self.border.place.T
-        self.disparity_px[row, col], self.probability[row, col] = self.border.disparity_px, self.border.probability
+        row, col = self.single.place.T
+        self.disparity_px[row, col], self.probability[row, col] = self.single.disparity_px, self.single.probability
 
 
 def box(rows: slice, cols: slice) -> MaskImage:
@@ -80,13 +80,13 @@ def test_every_ray_ends_at_the_nearest_known_pixel(seed: int, holes: float) -> N
         np.kron(known_px, np.ones((2, 2), np.float32)),
         np.repeat(np.arange(len(place), dtype=np.int32), 4),
     )
-    border = np.ascontiguousarray(
+    pixels = np.ascontiguousarray(
         2 * place[number] + np.tile([[0, 0], [0, 1], [1, 0], [1, 1]], (len(place), 1)), np.int32
     )
-    of_pixels = Rays.empty(2 * AXES, len(border))
-    march(known_px, depth_of(FULL, full_px), FULL.focal_baseline_px_m, border, number, rays.steps, of_pixels)
-    for k, ray in product(range(len(border)), (0, 2, AXES, AXES + 2)):  # Rows and columns: diagonals may pass others.
-        end_px, steps = nearest(full_px, *border[k], ray)
+    of_pixels = Rays.empty(len(pixels))
+    march(known_px, depth_of(FULL, full_px), FULL.focal_baseline_px_m, pixels, number, rays.steps, of_pixels)
+    for k, ray in product(range(len(pixels)), (0, 2, AXES, AXES + 2)):  # Rows and columns: diagonals may pass others.
+        end_px, steps = nearest(full_px, *pixels[k], ray)
         assert of_pixels.steps[ray, k] == steps
         assert of_pixels.end_px[ray, k] == pytest.approx(end_px)
 

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from tests.helpers import project_nearest
 from voxdepth.geometry import PointArray, back_project, transform
-from voxdepth.paper.steps import create_grid
+from voxdepth.paper.method import create_grid
 from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
 from voxdepth.paper.warp_voxels import WarpVoxelGrid
 from voxdepth.types import FloatImage, Intrinsics

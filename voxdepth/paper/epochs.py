@@ -7,8 +7,7 @@ from enum import StrEnum
 
 from ..types import FloatImage, Frame
 from .config import VoxDepthConfig
-from .registration import Features, Registration, RegistrationStatus
-from .steps import warped
+from .registration import Features, Registration, RegistrationStatus, warped
 from .voxels import OccupiedVoxels
 
 

@@ -9,16 +9,16 @@ import cv2
 import numpy as np
 from numba import float32, uint8, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compile_all, compiled
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compile_all, compiled
 from ..corrector import StreamCorrector, checked_config
+from ..devices import DeviceName, require_device
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import VoxDepthConfig
 from .epochs import Epochs, Template, VoxDepthDiagnostics
 from .odometry import PhotometricOdometry, motion_between
-from .registration import ChainedRegistration, Features, OrbRegistration, Registration, RegistrationStatus
-from .steps import combine, create_grid, dilated, warped
-from .voxels import VoxelGrid
+from .registration import ChainedRegistration, Features, OrbRegistration, Registration, RegistrationStatus, warped
+from .voxels import VoxelConfig, VoxelGrid
 
 if TYPE_CHECKING:
     from .warp_voxels import WarpVoxelGrid
@@ -132,6 +132,34 @@ class VoxDepth(StreamCorrector):
         )
 
 
+@compiled(void(READABLE_IMAGE, float32, float32, float32, FLOAT_IMAGE, BYTE_IMAGE))
+def combine(
+    raw_m: FloatImage,
+    low: float,
+    high: float,
+    empty_from_m: float,
+    # input and output
+    depth_m: FloatImage,
+    # output
+    source: GrayImage,
+) -> None:
+    """Replace the invalid pixels of a frame by those of the template, and write one `Source` per pixel: paper, Eq.
+    depthcor.
+
+    Images have shape (H, W) and depth in metres, 0 = invalid. A pixel is kept within the bounds of the
+    configuration, and where the template is empty. That is in the pixels of the frame, and overwritten by the result.
+    """
+    for row in range(raw_m.shape[0]):
+        for col in range(raw_m.shape[1]):
+            measured_m, template_m = raw_m[row, col], depth_m[row, col]
+            measured_m = measured_m if measured_m < empty_from_m else float32(0)
+            is_near, is_far = template_m > measured_m * high, template_m < measured_m * low
+            is_replaced = (template_m > 0) & (is_near | is_far)
+            sensor = Source.SENSOR if measured_m > 0 else Source.INVALID
+            depth_m[row, col] = template_m if is_replaced else measured_m
+            source[row, col] = Source.MEMORY if is_replaced else sensor
+
+
 @compiled(void(FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE))
 def _label(
     depth_m: FloatImage,
@@ -182,3 +210,23 @@ def fuse_window(
             grid.integrate(frame.depth_m, T_last_frame)
     depth_m = dilated(grid.project(), dilation_px)
     return Template(depth_m=depth_m, voxels=grid.occupied(), stamp_s=window[-1].stamp_s, features=features)
+
+
+def dilated(sparse_m: FloatImage, size_px: int) -> FloatImage:
+    """Every pixel, filled or not, takes the maximum of its window: paper, Eq. dilate.
+
+    Depth [m] has shape (H, W), 0 = unknown. A pixel stays empty if its whole window is empty. Every depth edge moves by
+    half the window, the far side over the near one.
+    """
+    dense_m: FloatImage = cv2.dilate(sparse_m, np.ones((size_px, size_px), np.uint8))  # type: ignore[assignment]
+    return dense_m
+
+
+def create_grid(device: DeviceName, config: VoxelConfig, intrinsics: Intrinsics) -> "VoxelGrid | WarpVoxelGrid":
+    """Create an empty grid on a device, or raise a `ConfigError`, see `require_device`."""
+    require_device(device)
+    if device == "cpu":
+        return VoxelGrid(config, intrinsics)
+    from .warp_voxels import WarpVoxelGrid
+
+    return WarpVoxelGrid(config, intrinsics, device=device.removeprefix("warp-"))

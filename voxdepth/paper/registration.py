@@ -10,7 +10,7 @@ import numpy.typing as npt
 from numba import int64, types, uint64, void
 
 from ..compiled import compiled, compiled_part
-from ..types import FloatArray, GrayImage, resized
+from ..types import FloatArray, FloatImage, GrayImage, resized
 from .config import VoxDepthConfig
 
 Indices = npt.NDArray[np.intp]
@@ -197,3 +197,12 @@ def _find_nearest(
 def resize_map(scale_x: float, scale_y: float) -> FloatArray:
     """Pixel map of `cv2.resize`: centres at half-integers scale, so integers get an offset."""
     return np.array([[scale_x, 0, resized(0.0, scale_x)], [0, scale_y, resized(0.0, scale_y)], [0, 0, 1]])
+
+
+def warped(image: FloatImage, M_frame_template: FloatArray, out: FloatImage | None = None) -> FloatImage:
+    """An image of the template in the pixels of a frame, shape (H, W), sampled at the nearest pixel; 0 outside of it.
+
+    `out` is overwritten and returned; None makes a new image.
+    """
+    size = image.shape[1], image.shape[0]
+    return cv2.warpAffine(image, M_frame_template, size, dst=out, flags=cv2.INTER_NEAREST)  # type: ignore[return-value]

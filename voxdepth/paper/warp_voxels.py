@@ -4,7 +4,7 @@ The tests run it on Warp's CPU device and compare it with `VoxelGrid`. Cells and
 multiplications, additions and a floor in the order of the loops for the CPU, so that both give the same bits.
 """
 
-# mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
+# mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc,operator"
 import numpy as np
 import warp as wp
 
@@ -55,11 +55,10 @@ def splat_voxels(
     word = words[at]
     if word == wp.uint32(0):
         return
-    x = at * 32 % shape[0]
-    y = at * 32 // shape[0] % shape[1]
-    z = at * 32 // shape[0] // shape[1]
     for bit in range(32):
         if (word >> wp.uint32(bit)) & wp.uint32(1) != wp.uint32(0):
+            cell = at * 32 + bit
+            x, y, z = cell % shape[0], cell // shape[0] % shape[1], cell // shape[0] // shape[1]
             px = (wp.float32(x - shape[0] // 2) + 0.5) * cell_m[0]
             py = (wp.float32(y - shape[1] // 2) + 0.5) * cell_m[1]
             pz = (wp.float32(z) + 0.5) * cell_m[2]
@@ -69,13 +68,6 @@ def splat_voxels(
             inside_row = row >= 0.0 and row < wp.float32(depth_m.shape[0])
             if inside_col and inside_row:
                 wp.atomic_min(depth_m, wp.int32(row), wp.int32(col), pz)
-        x += 1
-        if x == shape[0]:
-            x = 0
-            y += 1
-        if y == shape[1]:
-            y = 0
-            z += 1
 
 
 class WarpVoxelGrid:

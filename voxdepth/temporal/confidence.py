@@ -1,10 +1,11 @@
-"""Confidence: the probability that a depth is right, by its pixel class, the evidence behind it, and its disparity."""
+"""Confidence: the probability that a depth is right, by its pixel class, evidence and disparity."""
 
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import boolean, float32, void
+from numba import boolean, float32
+from numba.types import UniTuple
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part
 from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, GrayImage
@@ -87,8 +88,7 @@ def estimate_confidence(
     inpainting probability is that of the right surface where the `PixelClass` is unmeasured, and a factor of the
     probability of the other classes. All images have the same shape.
     """
-    exponent, surface_probability = np.empty((2, *disparity_px.shape), np.float32)
-    _look_up(disparity_px, pixel_class, weight, magnification, inpainting_probability, exponent, surface_probability)
+    exponent, surface_probability = _look_up(disparity_px, pixel_class, weight, magnification, inpainting_probability)
     confidence: FloatImage = exponent
     cv2.exp(exponent, exponent)
     np.subtract(np.float32(1), exponent, out=confidence)
@@ -109,18 +109,16 @@ _LEAST_DISPARITY_PX = float32(CORRECT_PX / CORRECT_SHARE)
 """Disparity below which an error of `CORRECT_PX` is allowed."""
 
 
-@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, *[FLOAT_IMAGE] * 4))
+@compiled(UniTuple(FLOAT_IMAGE, 2)(FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
 def _look_up(
     disparity_px: FloatImage,
     pixel_class: GrayImage,
     weight: GrayImage,
     magnification: FloatImage,
     inpainting_probability: FloatImage,
-    # output
-    exponent: FloatImage,
-    surface_probability: FloatImage,
-) -> None:
-    """The probability of the right surface, and the logarithm of that of a larger error on it."""
+) -> tuple[FloatImage, FloatImage]:
+    """The logarithm of the probability of a larger error on the right surface, and the probability of that surface."""
+    exponent, surface_probability = np.empty_like(disparity_px), np.empty_like(disparity_px)
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):
             code = WEIGHT_LEVELS * pixel_class[row, col] + (weight[row, col] >> 2)
@@ -128,3 +126,4 @@ def _look_up(
             rate_per_px = _NEGATIVE_RATE_PER_PX[code] / growth
             exponent[row, col] = rate_per_px * max(disparity_px[row, col], _LEAST_DISPARITY_PX)
             surface_probability[row, col] = _SURFACE_PROBABILITY[code] * inpainting_probability[row, col]
+    return exponent, surface_probability

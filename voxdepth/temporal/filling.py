@@ -23,26 +23,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import boolean, float32, int32, int64, uint8, void
-from numba.types import UniTuple
+from numba.types import Tuple, UniTuple
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
 from ..types import FloatImage, GrayImage
 from .confidence import DOUBT_SHARE, fill_probability
 from .masks import above
-from .rays import (
-    AXES,
-    COLS,
-    INFINITE,
-    NUMBERS,
-    PLACES,
-    RAYS,
-    ROWS,
-    Numbers,
-    Places,
-    Rays,
-    march,
-    trace_rays,
-)
+from .rays import AXES, COLS, INFINITE, NUMBERS, PLACES, RAYS, ROWS, Numbers, Places, Rays, march, trace_rays
 from .working_resolution import WorkingResolution
 
 AGREEMENT_PX, AGREEMENT_SHARE = float32(1), float32(0.03)
@@ -68,9 +55,9 @@ MEDIAN_PX = 3
 CHUNK = 512
 """Number of places that vote at once, so that the processor can count their votes side by side."""
 LINE_PX = 12
-"""Number of pixels behind a lone end at which its surface, if it is there, gives the slope that it is continued by."""
+"""Number of pixels beyond a lone end at which its surface, if it is there, gives the slope that it is continued by."""
 MIN_LINE_PX = 4
-"""Number of pixels behind a lone end at which something must be known."""
+"""Number of pixels beyond a lone end at which something must be known."""
 
 
 class Known(NamedTuple):
@@ -117,18 +104,12 @@ class Inpainted(NamedTuple):
     remembered: GrayImage
     """Mask of the holes in which the memory is one of the supporters, uint8."""
 
-    @classmethod
-    def of(cls, hole: GrayImage, block: GrayImage, filled: Filled) -> "Inpainted":
-        """The images of what holes are filled with, from their mask and the blocks that vote as one."""
-        disparity_px, probability = np.zeros(hole.shape, np.float32), np.ones(hole.shape, np.float32)
-        inpainted = cls(disparity_px, probability, np.zeros(hole.shape, np.uint8))
-        paste(hole, block, filled, inpainted)
-        return inpainted
-
 
 class Rules(NamedTuple):
-    """What depends on the camera and on the size of the pixels that are filled, float32."""
+    """What depends on the camera and on the size of the pixels that are filled."""
 
+    scale: int
+    """Pixels per working pixel along each side: 1, or the decimation of single pixels of the frame."""
     max_slope: float
     """Change of disparity per step along an axis up to which two ends may be of one slanted surface."""
     matched_px: float
@@ -143,7 +124,7 @@ class Rules(NamedTuple):
 
 
 KNOWN = named_tuple(Known, *[FLOAT_IMAGE] * 4)
-RULES = named_tuple(Rules, *[float32] * 5)
+RULES = named_tuple(Rules, int64, *[float32] * 5)
 FILLED = named_tuple(Filled, PLACES, *[NUMBERS] * 3, uint8[::1])
 INPAINTED = named_tuple(Inpainted, FLOAT_IMAGE, FLOAT_IMAGE, BYTE_IMAGE)
 UNANIMOUS = float32(0.999)
@@ -164,12 +145,12 @@ class HoleFiller:
         self._offset = np.asarray((row | col) & 3, np.uint8)
         width_px = decimation * resolution.width_px
 
-        def rules_of(pixel_px: int) -> Rules:
-            matched_px = resolution.matched_px * pixel_px / decimation
+        def rules_of(scale: int) -> Rules:
+            matched_px, pixel_px = resolution.matched_px / scale, decimation / scale
             values = MAX_SLOPE * matched_px, matched_px, pixel_px, shadow_factor, 1 / (DOUBT_SHARE * width_px)
-            return Rules(*(float32(value) for value in values))
+            return Rules(scale, *(float32(value) for value in values))
 
-        self._rules, self._border_rules = rules_of(decimation), rules_of(1)
+        self._rules, self._pixel_rules = rules_of(1), rules_of(decimation)
 
     def fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
         """Fill the holes of a frame with a measured depth [m] of shape (H, W).
@@ -181,19 +162,18 @@ class HoleFiller:
         block = find_blocks(hole & ~above(known.remembered_px, 0))
         place = self._places(hole, block, depth_m)
         rays = trace_rays(known.disparity_px, place)
-        filled = self._vote(known, place, rays, self._rules, 1)
-        inpainted = Inpainted.of(hole, block, filled)
+        filled = vote(known, place, rays, self._rules)
+        inpainted = Inpainted(np.zeros_like(known.disparity_px), np.ones_like(known.disparity_px), np.zeros_like(hole))
+        paste(hole, block, filled, inpainted)
         smooth_px = np.asarray(cv2.medianBlur(known.disparity_px + inpainted.disparity_px, MEDIAN_PX), np.float32)
         np.copyto(inpainted.disparity_px, smooth_px, where=inpainted.disparity_px > 0)
         if self._resolution.decimation == 1:
             return inpainted, Filled.empty(place[:0])
-        border, number = np.empty((4 * len(place), 2), np.int32), np.empty(4 * len(place), np.int32)
-        n = find_border(known.disparity_px, filled, rays, depth_m, border, number)
-        border, number = border[:n].copy(), number[:n].copy()
-        border_rays = Rays.empty(2 * AXES, n)
+        pixels, number = find_single_pixels(known.disparity_px, filled, rays, depth_m)
+        pixel_rays = Rays.empty(len(pixels))
         focal_baseline_px_m = self._resolution.focal_baseline_px_m
-        march(known.disparity_px, depth_m, focal_baseline_px_m, border, number, rays.steps, border_rays)
-        return inpainted, self._vote(known, border, border_rays, self._border_rules, self._resolution.decimation)
+        march(known.disparity_px, depth_m, focal_baseline_px_m, pixels, number, rays.steps, pixel_rays)
+        return inpainted, vote(known, pixels, pixel_rays, self._pixel_rules)
 
     def _places(self, hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> Places:
         """The working pixels that are holes or contain one, row by row; of each block that votes as one, the first."""
@@ -203,13 +183,6 @@ class HoleFiller:
         found = cv2.findNonZero(voting)
         places = np.empty((0, 2), np.int32) if found is None else found.reshape(-1, 2)
         return np.ascontiguousarray(places[:, ::-1], np.int32)
-
-    def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules, scale: int) -> Filled:
-        """What places are filled with, which are pixels of 1 / scale of a working pixel."""
-        filled = Filled.empty(place)
-        continue_lone_ends(known.disparity_px, place, scale, rules, rays)
-        fill_places(known, place, scale, rays, rules, filled)
-        return filled
 
 
 def find_blocks(unknown: GrayImage) -> GrayImage:
@@ -233,20 +206,20 @@ def pixel(known_px: FloatImage, row: int, col: int) -> float:
     return disparity_px
 
 
-@compiled(void(FLOAT_IMAGE, PLACES, int64, RULES, RAYS))
+@compiled(void(FLOAT_IMAGE, PLACES, RULES, RAYS))
 def continue_lone_ends(
     known_px: FloatImage,
     place: Places,
-    scale: int,
     rules: Rules,
     # input and output
     rays: Rays,
 ) -> None:
-    """Continue the surfaces at lone ends to their places, which are pixels of 1 / scale of a working pixel.
+    """Continue the surfaces at lone ends to their places.
 
-    The disparity becomes at least half of that at the end, and at most twice. A lone end with nothing known behind it
+    The disparity becomes at least half of that at the end, and at most twice. A lone end with nothing known beyond it
     is taken away: a speckle would paint a star.
     """
+    scale = rules.scale
     for ray in range(len(rays.steps)):
         sign, opposite = (1, ray + AXES) if ray < AXES else (-1, ray - AXES)
         down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
@@ -259,108 +232,78 @@ def continue_lone_ends(
             if pixel(known_px, row + MIN_LINE_PX * down, col + MIN_LINE_PX * right) == 0:
                 rays.end_px[ray, k], rays.steps[ray, k] = 0, INFINITE
                 continue
-            behind_px = pixel(known_px, row + LINE_PX * down, col + LINE_PX * right)
-            rise_px, max_rise_px = behind_px - known_px[row, col], rules.max_slope * float32(scale * LINE_PX)
-            if behind_px > 0 and abs(rise_px) <= max_rise_px:
+            beyond_px = pixel(known_px, row + LINE_PX * down, col + LINE_PX * right)
+            rise_px, max_rise_px = beyond_px - known_px[row, col], rules.max_slope * float32(scale * LINE_PX)
+            if beyond_px > 0 and abs(rise_px) <= max_rise_px:
                 continued_px = end_px - rise_px * steps / float32(scale * LINE_PX)
                 rays.end_px[ray, k] = min(max(continued_px, end_px / float32(2)), end_px * float32(2))
 
 
 @compiled_part(UniTuple(float32, 2)(*[float32] * 4, int64, RULES))
 def vote_of(
-    before_px: float, behind_px: float, to_before: float, to_behind: float, axis: int, rules: Rules
+    before_px: float, after_px: float, to_before: float, to_after: float, axis: int, rules: Rules
 ) -> tuple[float, float]:
     """The vote of an axis and its weight, from both ends and the number of steps to them."""
     spacing_px = SPACING_PX[axis] * rules.pixel_px
-    before_weight, behind_weight = float32(1) / (to_before * spacing_px), float32(1) / (to_behind * spacing_px)
-    both, length, jump_px = before_weight + behind_weight, to_before + to_behind, abs(before_px - behind_px)
-    linear_px = (before_px * to_behind + behind_px * to_before) / length
-    if min(before_px, behind_px) == 0:
-        return max(before_px, behind_px), both
-    if is_one_surface(before_px, behind_px):
+    before_weight, after_weight = float32(1) / (to_before * spacing_px), float32(1) / (to_after * spacing_px)
+    both, length, jump_px = before_weight + after_weight, to_before + to_after, abs(before_px - after_px)
+    linear_px = (before_px * to_after + after_px * to_before) / length
+    if min(before_px, after_px) == 0:
+        return max(before_px, after_px), both
+    if is_one_surface(before_px, after_px):
         return linear_px, float32(2) * both * (ROW_FACTOR if axis == 0 else float32(1))
     if jump_px <= rules.max_slope * length:
         return linear_px, both
-    if behind_px < before_px:
-        return behind_px, behind_weight
+    if after_px < before_px:
+        return after_px, after_weight
     is_shadow = axis == 0 and (length - float32(1)) * rules.matched_px <= float32(2) * jump_px
     return before_px, before_weight * (rules.shadow_factor if is_shadow else float32(1))
 
 
-@compiled_part(void(KNOWN, PLACES, int64, RAYS, int64, RULES, FLOAT_IMAGE, FLOAT_IMAGE))
-def cast_votes(
-    known: Known,
-    place: Places,
-    scale: int,
-    rays: Rays,
-    first: int,
-    rules: Rules,
-    # output
-    vote_px: FloatImage,
-    weight: FloatImage,
-) -> None:
+@compiled_part(UniTuple(FLOAT_IMAGE, 2)(KNOWN, PLACES, RAYS, int64, RULES))
+def cast_votes(known: Known, place: Places, rays: Rays, first: int, rules: Rules) -> tuple[FloatImage, FloatImage]:
     """The votes and their weights, shape (6, CHUNK), of some places, of which the first has a number.
 
     Loops that write one array are such that the compiler can do their steps side by side.
     """
+    vote_px, weight = np.zeros((N_VOTES, CHUNK), np.float32), np.zeros((N_VOTES, CHUNK), np.float32)
     last = first + len(place)
     for axis in range(AXES):
-        before_px, behind_px = rays.end_px[axis, first:last], rays.end_px[AXES + axis, first:last]
-        to_before, to_behind = rays.steps[axis, first:last], rays.steps[AXES + axis, first:last]
+        before_px, after_px = rays.end_px[axis, first:last], rays.end_px[AXES + axis, first:last]
+        to_before, to_after = rays.steps[axis, first:last], rays.steps[AXES + axis, first:last]
         for k in range(len(place)):
-            vote_px[axis, k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[0]
+            vote_px[axis, k] = vote_of(before_px[k], after_px[k], to_before[k], to_after[k], axis, rules)[0]
         for k in range(len(place)):
-            weight[axis, k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[1]
+            weight[axis, k] = vote_of(before_px[k], after_px[k], to_before[k], to_after[k], axis, rules)[1]
     for k in range(len(place)):
-        row, col = place[k, 0] // scale, place[k, 1] // scale
+        row, col = place[k, 0] // rules.scale, place[k, 1] // rules.scale
         memory_px, previous_px = known.remembered_px[row, col], known.previous_px[row, col]
         memory_weight = (float32(1) + known.evidence[row, col]) * MEMORY_WEIGHT
         vote_px[MEMORY, k], vote_px[PREVIOUS, k] = memory_px, previous_px
         weight[MEMORY, k] = memory_weight if memory_px > 0 else float32(0)
         weight[PREVIOUS, k] = PREVIOUS_WEIGHT if previous_px > 0 else float32(0)
+    return vote_px, weight
 
 
-@compiled_part(void(*[NUMBERS] * 4))
-def add_where_agreeing(
-    one_px: Numbers,
-    other_px: Numbers,
-    weight: Numbers,
-    # input and output
-    support: Numbers,
-) -> None:
-    """Add weights to the support of votes where two votes are of one surface."""
-    for i in range(len(support)):
-        support[i] += weight[i] if is_one_surface(one_px[i], other_px[i]) else float32(0)
-
-
-@compiled_part(void(FLOAT_IMAGE, FLOAT_IMAGE, *[NUMBERS] * 4))
-def count_votes(
-    vote_px: FloatImage,
-    weight: FloatImage,
-    # in place
-    support: Numbers,
-    # output
-    winner_px: Numbers,
-    most: Numbers,
-    total: Numbers,
-) -> None:
-    """Find the vote with the largest support of each place, the mean of its supporters, and the weight of all votes."""
-    winner_px.fill(0)
-    most.fill(0)
-    total.fill(0)
+@compiled_part(UniTuple(NUMBERS, 3)(FLOAT_IMAGE, FLOAT_IMAGE))
+def count_votes(vote_px: FloatImage, weight: FloatImage) -> tuple[Numbers, Numbers, Numbers]:
+    """The mean of the supporters of the winning vote of each place, its support, and the weight of all votes."""
+    winner_px, most, total = np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32)
+    support = np.empty(CHUNK, np.float32)
     for one in range(N_VOTES):
         one_px, own = vote_px[one], weight[one]
-        support.fill(0)
-        add_where_agreeing(one_px, one_px, own, support)
-        for other in range(N_VOTES):
-            if other != one:
-                add_where_agreeing(one_px, vote_px[other], weight[other], support)
+        support[:] = own  # A vote supports itself.
+        for k in range(N_VOTES - 1):
+            other = k if k < one else k + 1
+            other_px, others = vote_px[other], weight[other]
+            for i in range(CHUNK):
+                support[i] += others[i] if is_one_surface(one_px[i], other_px[i]) else float32(0)
         for i in range(CHUNK):
             is_best = (support[i] > most[i]) & (own[i] > 0)
             winner_px[i] = one_px[i] if is_best else winner_px[i]
             most[i] = support[i] if is_best else most[i]
             total[i] += own[i]
-    support.fill(0)
+    support.fill(0)  # From here on, the weighted sum of what the supporters differ from the winner by.
     for one in range(N_VOTES):
         one_px, own = vote_px[one], weight[one]
         for i in range(CHUNK):
@@ -368,26 +311,22 @@ def count_votes(
             support[i] += own[i] * (one_px[i] - winner_px[i]) if is_supporter else float32(0)
     for i in range(CHUNK):
         winner_px[i] += support[i] / most[i] if most[i] > 0 else float32(0)
+    return winner_px, most, total
 
 
-@compiled(void(KNOWN, PLACES, int64, RAYS, RULES, FILLED))
+@compiled(void(KNOWN, RAYS, RULES, FILLED))
 def fill_places(
     known: Known,
-    place: Places,
-    scale: int,
     rays: Rays,
     rules: Rules,
     # output
     filled: Filled,
 ) -> None:
-    """Let places vote, which are pixels of 1 / scale of a working pixel."""
-    vote_px, weight = np.zeros((N_VOTES, CHUNK), np.float32), np.zeros((N_VOTES, CHUNK), np.float32)
-    buffer, winner_px = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
-    support, total = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
-    for first in range(0, len(place), CHUNK):
-        here = place[first : first + CHUNK]
-        cast_votes(known, here, scale, rays, first, rules, vote_px, weight)
-        count_votes(vote_px, weight, buffer, winner_px, support, total)
+    """Fill the places with what wins their votes."""
+    for first in range(0, len(filled.place), CHUNK):
+        here = filled.place[first : first + CHUNK]
+        vote_px, weight = cast_votes(known, here, rays, first, rules)
+        winner_px, support, total = count_votes(vote_px, weight)
         for k in range(len(here)):
             memory_px = vote_px[MEMORY, k]
             is_remembered = memory_px > 0 and is_one_surface(memory_px, winner_px[k])
@@ -395,6 +334,14 @@ def fill_places(
             filled.share[first + k] = support[k] / total[k] if total[k] > 0 else float32(0)
             filled.probability[first + k] = fill_probability(support[k] / (total[k] + rules.doubt), is_remembered)
             filled.remembered[first + k] = 255 if is_remembered else 0
+
+
+def vote(known: Known, place: Places, rays: Rays, rules: Rules) -> Filled:
+    """What places are filled with; lone ends of their rays are continued to them."""
+    filled = Filled.empty(place)
+    continue_lone_ends(known.disparity_px, place, rules, rays)
+    fill_places(known, rays, rules, filled)
+    return filled
 
 
 @compiled(void(BYTE_IMAGE, BYTE_IMAGE, FILLED, INPAINTED))
@@ -421,22 +368,16 @@ def paste(
                 inpainted.remembered[row, col] = inpainted.remembered[first_row, first_col]
 
 
-@compiled(int64(FLOAT_IMAGE, FILLED, RAYS, READABLE_IMAGE, PLACES, int32[::1]))
-def find_border(
-    known_px: FloatImage,
-    filled: Filled,
-    rays: Rays,
-    depth_m: FloatImage,
-    # output
-    border: Places,
-    place_number: npt.NDArray[np.int32],
-) -> int:
-    """List the pixels of the frame without a depth in and beside measured working pixels, and the number of the place
-    of each.
+@compiled(Tuple((PLACES, int32[::1]))(FLOAT_IMAGE, FILLED, RAYS, READABLE_IMAGE))
+def find_single_pixels(
+    known_px: FloatImage, filled: Filled, rays: Rays, depth_m: FloatImage
+) -> tuple[Places, npt.NDArray[np.int32]]:
+    """The pixels of the frame without a depth in and beside measured working pixels, and the number of the place of
+    each.
 
-    Where all votes are for one surface, and it is the measured one, the working pixel is enough. Returns how many there
-    are.
+    Where all votes are for one surface, and it is the measured one, the working pixel is enough.
     """
+    pixels, place_number = np.empty((4 * len(filled.place), 2), np.int32), np.empty(4 * len(filled.place), np.int32)
     n = 0
     for k in range(len(filled.place)):
         row, col = filled.place[k]
@@ -450,6 +391,6 @@ def find_border(
             continue
         for v in range(2 * row, 2 * row + 2):
             for u in range(2 * col, 2 * col + 2):
-                border[n, 0], border[n, 1], place_number[n] = v, u, k
+                pixels[n, 0], pixels[n, 1], place_number[n] = v, u, k
                 n += own_px == 0 or depth_m[v, u] <= 0
-    return n
+    return pixels[:n].copy(), place_number[:n].copy()

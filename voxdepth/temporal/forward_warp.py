@@ -70,10 +70,9 @@ class ForwardWarp:
     def __init__(self, resolution: WorkingResolution) -> None:
         self._resolution = resolution
         height, width = resolution.shape
-        # A border of one pixel catches the points that fall outside of the image.
+        # A margin of one pixel catches the points that fall outside of the image.
         self._keys = np.empty((height + 2, width + 2), np.uint32)
         self._marked_px = np.empty((height, width), np.float32)
-        self._target, self._key = np.empty((2, width), np.int32), np.empty(width, np.uint32)
         self._row, self._col = np.indices((height, width), np.float32)
 
     def warp(self, disparity_px: FloatImage, weight: GrayImage, T_target_source: FloatArray) -> Warped:
@@ -87,7 +86,7 @@ class ForwardWarp:
         kinds = np.float32, np.uint8, np.float32, np.float32
         warped = Warped(*(np.empty(disparity_px.shape, kind) for kind in kinds))
         self._keys.fill(0)
-        _splat(disparity_px, weight, forward, self._target, self._key, self._keys, self._marked_px)
+        _splat(disparity_px, weight, forward, self._keys, self._marked_px)
         _read_keys(self._keys, warped.disparity_px, warped.weight)
         closed_px = np.asarray(cv2.morphologyEx(warped.disparity_px, cv2.MORPH_CLOSE, CRACK_KERNEL), np.float32)
         closed_weight = np.asarray(cv2.morphologyEx(warped.weight, cv2.MORPH_CLOSE, CRACK_KERNEL), np.uint8)
@@ -129,14 +128,11 @@ def _inverse_depth_ratio(map_row: Row, row: int, col: int, disparity_px: float) 
     return inverse
 
 
-@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, int32[:, ::1], uint32[::1], uint32[:, ::1], FLOAT_IMAGE))
+@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, uint32[:, ::1], FLOAT_IMAGE))
 def _splat(
     disparity_px: FloatImage,
     weight: GrayImage,
     forward: FloatImage,
-    # in place
-    target: npt.NDArray[np.int32],
-    key: npt.NDArray[np.uint32],
     # output
     keys: npt.NDArray[np.uint32],
     marked_px: FloatImage,
@@ -148,7 +144,7 @@ def _splat(
     """
     height, width = disparity_px.shape
     forward_x, forward_y, forward_z = _row(forward, 0), _row(forward, 1), _row(forward, 2)
-    target_row, target_col = target[0], target[1]
+    target_row, target_col, key = np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width, np.uint32)
     for row in range(height):
         for col in range(width):
             pixel_px = disparity_px[row, col]
@@ -174,7 +170,7 @@ def _read_keys(
     disparity_px: FloatImage,
     weight: GrayImage,
 ) -> None:
-    """Disparity and weight of the keys without their border; both are 0 where there is no surface."""
+    """Disparity and weight of the keys without their margin; both are 0 where there is no surface."""
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):
             key = keys[row + 1, col + 1]

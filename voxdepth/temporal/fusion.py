@@ -6,7 +6,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numba import boolean, float32, int64, void
-from numba.types import Tuple
+from numba.types import Tuple, UniTuple
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part, named_tuple
 from ..types import FloatImage, GrayImage
@@ -79,7 +79,7 @@ class Fused(NamedTuple):
     pixel_class: GrayImage
     """One `PixelClass` per pixel, uint8; holes are unmeasured."""
     weight: GrayImage
-    """Weight of the measurements behind it in units of `1 / WEIGHT_UNIT`, uint8."""
+    """Weight of the measurements that it is made of in units of `1 / WEIGHT_UNIT`, uint8."""
     remembered_px: FloatImage
     """Disparity of the memory where nothing is measured and the memory has enough evidence, float32; 0 elsewhere."""
     magnification: FloatImage
@@ -142,16 +142,13 @@ def _sparse_median(image: GrayImage) -> int:
 
 def _compare(memory: Memory, measurement: Measurement) -> tuple[Comparison, FloatImage]:
     """How memory and measurement compare, and the drift after this frame."""
-    shape = memory.disparity_px.shape
-    overlap, difference_px = np.empty(shape, np.uint8), np.empty(shape, np.float32)
-    _subtract(memory, measurement, overlap, difference_px)
+    overlap, difference_px = _subtract(memory, measurement)
     bias_px, share = box_mean(difference_px, WINDOW_PX), box_mean(overlap, WINDOW_PX)
-    agreeing, nearer, farther = np.empty((3, *shape), np.uint8)
-    _find_contradictions(memory, measurement, overlap, bias_px, share, agreeing, nearer, farther)
+    agreeing, nearer, farther = _find_contradictions(memory, measurement, overlap, bias_px, share)
     nearer, farther = (box_mean(contradicting, WINDOW_PX) for contradicting in (nearer, farther))
     drift_px = _drift(memory.drift_px, difference_px, overlap)
     approach = np.maximum(drift_px, 0) / MAX_DRIFT_PX
-    factor = cv2.resize(np.maximum(1 - approach * approach, 0), shape[::-1], interpolation=cv2.INTER_LINEAR)
+    factor = cv2.resize(np.maximum(1 - approach * approach, 0), overlap.shape[::-1], interpolation=cv2.INTER_LINEAR)
     return Comparison(agreeing, nearer, farther, np.asarray(factor, np.float32)), drift_px
 
 
@@ -173,15 +170,10 @@ def _tolerance(measured_px: float, remembered_px: float) -> float:
     return tolerance_px
 
 
-@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, BYTE_IMAGE, FLOAT_IMAGE))
-def _subtract(
-    memory: Memory,
-    measurement: Measurement,
-    # output
-    overlap: GrayImage,
-    difference_px: FloatImage,
-) -> None:
-    """Where there are both, measured minus remembered disparity, clipped to the tolerance; 0 elsewhere."""
+@compiled(Tuple((BYTE_IMAGE, FLOAT_IMAGE))(MEMORY_TYPE, MEASUREMENT_TYPE))
+def _subtract(memory: Memory, measurement: Measurement) -> tuple[GrayImage, FloatImage]:
+    """Where there are both, and there measured minus remembered disparity, clipped to the tolerance; 0 elsewhere."""
+    overlap, difference_px = np.empty_like(measurement.weight), np.empty_like(measurement.disparity_px)
     for row in range(overlap.shape[0]):
         for col in range(overlap.shape[1]):
             measured_px, remembered_px = measurement.disparity_px[row, col], memory.disparity_px[row, col]
@@ -190,24 +182,18 @@ def _subtract(
             clipped_px = min(max(measured_px - remembered_px, -tolerance_px), tolerance_px)
             overlap[row, col] = 255 if is_overlap else 0
             difference_px[row, col] = clipped_px if is_overlap else np.float32(0)
+    return overlap, difference_px
 
 
-@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, BYTE_IMAGE, FLOAT_IMAGE, BYTE_IMAGE, *[BYTE_IMAGE] * 3))
+@compiled(UniTuple(BYTE_IMAGE, 3)(MEMORY_TYPE, MEASUREMENT_TYPE, BYTE_IMAGE, FLOAT_IMAGE, BYTE_IMAGE))
 def _find_contradictions(
-    memory: Memory,
-    measurement: Measurement,
-    overlap: GrayImage,
-    bias_px: FloatImage,
-    share: GrayImage,
-    # output
-    agreeing: GrayImage,
-    nearer: GrayImage,
-    farther: GrayImage,
-) -> None:
+    memory: Memory, measurement: Measurement, overlap: GrayImage, bias_px: FloatImage, share: GrayImage
+) -> tuple[GrayImage, GrayImage, GrayImage]:
     """Masks of the pixels that agree, and of those that contradict the memory with a nearer or a farther surface.
 
     `bias_px` is the mean difference of the neighbours, and `share` how many of them count.
     """
+    agreeing, nearer, farther = np.empty_like(overlap), np.empty_like(overlap), np.empty_like(overlap)
     max_bias_px = MAX_BIAS_PX / np.float32(255)
     for row in range(overlap.shape[0]):
         for col in range(overlap.shape[1]):
@@ -219,6 +205,7 @@ def _find_contradictions(
             agreeing[row, col] = 0 if is_contradicting else overlap[row, col]
             nearer[row, col] = overlap[row, col] if is_contradicting & (difference_px > 0) else 0
             farther[row, col] = overlap[row, col] if is_contradicting & (difference_px < 0) else 0
+    return agreeing, nearer, farther
 
 
 @compiled_part(Tuple((int64, float32, float32, int64))(float32, int64, float32, int64, *[boolean] * 3, float32))

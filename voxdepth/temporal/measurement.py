@@ -13,7 +13,7 @@ from .memory import WEIGHT_UNIT
 from .working_resolution import MAX_DISPARITY_PX, WorkingResolution, disparity_of
 
 VALIDITY_WINDOW_PX = 5
-"""Window in which the valid neighbours of a pixel are counted: most pixels at the border of holes are wrong."""
+"""Window in which the valid neighbours of a pixel are counted: most pixels beside holes are wrong."""
 MAX_SURFACE_SPAN_PX = float32(1)
 """Blocks of two by two pixels whose disparities span less are averaged; others show two surfaces. Adjacent pixels of
 one surface differ by at most as much."""
@@ -56,7 +56,7 @@ def measure(frame: Frame, resolution: WorkingResolution) -> Measurement:
         _decimate(np.ascontiguousarray(frame.depth_m), resolution.focal_baseline_px_m, disparity_px, validity)
         even = frame.gray[: 2 * resolution.height_px, : 2 * resolution.width_px]
         gray = np.asarray(cv2.resize(even, resolution.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
-    disparity_px = without_near_speckles(disparity_px, find_speckles(disparity_px))
+    disparity_px = without_near_speckles(disparity_px)
     weight = np.asarray(cv2.LUT(box_mean(validity, VALIDITY_WINDOW_PX), _WEIGHT), np.uint8)
     gray = np.asarray(cv2.GaussianBlur(gray, (3, 3), 0), np.uint8)
     return Measurement(disparity_px, weight & above(disparity_px, 0), gray, is_exact(disparity_px))
@@ -67,20 +67,10 @@ MEASUREMENT_TYPE = named_tuple(Measurement, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE,
 
 def is_exact(disparity_px: FloatImage) -> bool:
     """Whether most second differences along the rows of a disparity image are 0, as on planes without any noise."""
-    before_px, at_px, behind_px = (disparity_px[::EXACT_STRIDE_PX, k : k - 2 or None] for k in range(3))
-    known = (before_px > 0) & (at_px > 0) & (behind_px > 0)
-    curvature_px = np.abs(before_px - 2 * at_px + behind_px)[known]
+    before_px, at_px, after_px = (disparity_px[::EXACT_STRIDE_PX, k : k - 2 or None] for k in range(3))
+    known = (before_px > 0) & (at_px > 0) & (after_px > 0)
+    curvature_px = np.abs(before_px - 2 * at_px + after_px)[known]
     return curvature_px.size > 0 and bool(np.mean(curvature_px < EXACT_PX) >= EXACT_SHARE)
-
-
-def find_speckles(disparity_px: FloatImage) -> GrayImage:
-    """Mask of the surfaces of at most `MAX_SPECKLE_PX` pixels, shape (h, w).
-
-    Adjacent pixels are of one surface if they differ by at most `MAX_SURFACE_SPAN_PX`.
-    """
-    levels = (disparity_px * LEVELS_PER_PX).astype(np.int16)
-    kept, _ = cv2.filterSpeckles(levels.copy(), 0, MAX_SPECKLE_PX, float(MAX_SURFACE_SPAN_PX * LEVELS_PER_PX))
-    return np.asarray(cv2.compare(levels, kept, cv2.CMP_NE), np.uint8)
 
 
 @compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE, BYTE_IMAGE))
@@ -111,11 +101,16 @@ def _decimate(
             validity[row, col] = _BLOCK_VALIDITY[n_valid]
 
 
-def without_near_speckles(disparity_px: FloatImage, speckle: GrayImage) -> FloatImage:
+def without_near_speckles(disparity_px: FloatImage) -> FloatImage:
     """The disparity without the speckles that are nearer than the farthest larger surface around them, shape (h, w).
 
-    Such speckles are wrong matches more often than objects. Farther ones may be all that is visible of the background.
+    Speckles are surfaces of at most `MAX_SPECKLE_PX` pixels; adjacent pixels are of one surface if they differ by at
+    most `MAX_SURFACE_SPAN_PX`. Near ones are wrong matches more often than objects. Farther ones may be all that is
+    visible of the background.
     """
+    levels = (disparity_px * LEVELS_PER_PX).astype(np.int16)
+    kept, _ = cv2.filterSpeckles(levels.copy(), 0, MAX_SPECKLE_PX, float(MAX_SURFACE_SPAN_PX * LEVELS_PER_PX))
+    speckle = np.asarray(cv2.compare(levels, kept, cv2.CMP_NE), np.uint8)
     not_background = speckle | ~above(disparity_px, 0)
     background_px = cv2.copyTo(np.full_like(disparity_px, MAX_DISPARITY_PX), not_background, disparity_px.copy())
     ahead_px = cv2.subtract(disparity_px, cv2.erode(background_px, SPECKLE_KERNEL))

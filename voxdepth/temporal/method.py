@@ -37,8 +37,8 @@ class FusedFrame:
     """Whether the sensor has no noise, so that nothing is smoothed."""
     fused: Fused
     inpainted: Inpainted
-    border: Filled
-    """What the pixels of the frame in and beside measured working pixels are filled with."""
+    single: Filled
+    """What single pixels of the frame, in and beside measured working pixels, are filled with."""
     tracking: TrackingResult
     timings_s: Mapping[str, float]
 
@@ -89,11 +89,11 @@ class TemporalCorrector(StreamCorrector):
         with timer("fill"):
             evidence = fused.weight * np.float32(1 / (WEIGHT_UNIT * (1 + motion_px2 / HALVING_MOTION_PX2)))
             known = Known(fused.disparity_px, fused.remembered_px, evidence, memory.filled_px)
-            inpainted, border = self._filler.fill(known, frame.depth_m)
+            inpainted, single = self._filler.fill(known, frame.depth_m)
         with timer("remember"):
             self._remember(frame, tracking, updated._replace(filled_px=inpainted.disparity_px))
         return FusedFrame(
-            depth_m=frame.depth_m, is_exact=is_exact, fused=fused, inpainted=inpainted, border=border,
+            depth_m=frame.depth_m, is_exact=is_exact, fused=fused, inpainted=inpainted, single=single,
             tracking=tracking, timings_s=timer.times_s,
         )  # fmt: skip
 
@@ -110,11 +110,11 @@ class TemporalCorrector(StreamCorrector):
                 disparity_px, pixel_class, fused.weight, fused.magnification, inpainted.probability
             )
             estimate = Estimate(disparity_px, pixel_class, confidence)
-            border = self._of_border(fused, aligned.border)
+            single = self._of_single_pixels(fused, aligned.single)
         with timer("upsample"):
             focal_baseline_px_m, least = self._resolution.focal_baseline_px_m, config.min_shown_confidence
             shown = self._upsampler.show(aligned.depth_m, estimate, least)
-            show_pixels(aligned.border.place, border, focal_baseline_px_m, least, shown)
+            show_pixels(aligned.single.place, single, focal_baseline_px_m, least, shown)
             shown = completed(shown) if config.fill == "all" else shown
         return CorrectedDepth(**shown._asdict(), timings_s=timer.times_s, diagnostics=aligned.tracking)
 
@@ -126,17 +126,17 @@ class TemporalCorrector(StreamCorrector):
         warped = self._forward_warp.warp(memory.disparity_px, memory.weight, T)
         return memory.seen_by(warped), self._resolution.decimation**2 * self._forward_warp.motion_px2(warped)
 
-    def _of_border(self, fused: Fused, border: Filled) -> Estimate:
+    def _of_single_pixels(self, fused: Fused, single: Filled) -> Estimate:
         """The estimate of the pixels that are filled one by one, shape (1, N)."""
-        row, col = border.place.T // self._resolution.decimation
-        disparity_px = border.disparity_px[None]
-        pixel_class = border.remembered[None] & np.uint8(PixelClass.REMEMBERED)
+        row, col = single.place.T // self._resolution.decimation
+        disparity_px = single.disparity_px[None]
+        pixel_class = single.remembered[None] & np.uint8(PixelClass.REMEMBERED)
         weight, magnification = fused.weight[row, col][None], fused.magnification[row, col][None]
-        confidence = estimate_confidence(disparity_px, pixel_class, weight, magnification, border.probability[None])
+        confidence = estimate_confidence(disparity_px, pixel_class, weight, magnification, single.probability[None])
         return Estimate(disparity_px, pixel_class, confidence)
 
     def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:
-        """Make this frame the keyframe, unless it has no features: then the old keyframes and their memory are kept.
+        """Make this frame the keyframe, unless it has no features: then the old views and their memory are kept.
 
         After too many frames without features, they are forgotten.
         """

@@ -17,11 +17,11 @@ from ..geometry import inverse_rigid, transform
 from ..paper.registration import Features
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
 from .config import TemporalConfig
-from .keyframes import Keyframe, Keyframes
 from .memory import Memory
 from .pose_fit import KnownMotion, PoseFit, fit_pose, project
 from .relocalisation import Relocaliser
 from .tracking_camera import Pixels, TrackingCamera
+from .views import View, Views
 from .working_resolution import WorkingResolution
 
 WIDTH_PX = 320
@@ -58,7 +58,7 @@ class TrackingStatus(StrEnum):
     NO_FEATURES = "no_features"
     """The image has too few corners: darkness, fog, a covered lens or a textureless wall."""
     LOST = "lost"
-    """The image has corners, but it shows no keyframe: a cut, or too long a gap. The memory starts empty."""
+    """The image has corners, but it shows no known place: a cut, or too long a gap. The memory starts empty."""
 
 
 class TrackingImage(NamedTuple):
@@ -138,17 +138,17 @@ def track_corners(
 class VisualOdometry:
     """Tracks the camera from keyframe to frame.
 
-    The search for the corners starts where the pose of the caller, the previous motion, or no motion predicts them. The
-    motion between two poses of the caller also counts as a measurement, beside the tracks. If
-    the tracks fit no rigid motion, the features of the frame are matched with those of the last keyframe, and then with
-    those of the stored keyframes, the latest first. A keyframe is stored when the view has changed, and when tracking
-    leaves it. Matches are accepted if they fit a rigid motion that the measured depth confirms.
+    The keyframe is the view that the camera is tracked from: usually that of the frame before. The search for the
+    corners starts where the pose of the caller, the previous motion, or no motion predicts them. The motion between two
+    poses of the caller also counts as a measurement, beside the tracks. If the tracks fit no rigid motion, the features
+    of the frame are matched with those of the keyframe, and then with those of the stored views, the latest first.
+    Matches are accepted if they fit a rigid motion that the measured depth confirms.
 
     For each frame, call `track` and then `set_keyframe`, unless the frame shall not become the keyframe.
 
     Args:
         camera: Intrinsics of the frames.
-        resolution: That of the memories that the keyframes hold.
+        resolution: That of the memories that the views hold.
         config: The standard deviations of the motion between poses of the caller.
     """
 
@@ -159,33 +159,33 @@ class VisualOdometry:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all keyframes; the next frame is the first."""
-        self._keyframes = Keyframes(self._camera)
+        """Forget all views; the next frame is the first."""
+        self._views = Views(self._camera)
 
     @property
     def memory(self) -> Memory | None:
         """Memory of the keyframe that the last result of `track` refers to; None before the first keyframe."""
-        keyframe = self._keyframes.current
+        keyframe = self._views.keyframe
         return None if keyframe is None else keyframe.memory
 
     def track(self, frame: Frame) -> TrackingResult:
-        """Estimate the motion since the keyframe, or since a stored one, which then becomes the keyframe.
+        """Estimate the motion since the keyframe, or since a stored view, which then becomes the keyframe.
 
         The frame is not kept; see `set_keyframe`.
         """
-        image, keyframe = self._tracking_image(frame.gray), self._keyframes.current
+        image, keyframe = self._tracking_image(frame.gray), self._views.keyframe
         if keyframe is None:
             return TrackingResult(status=TrackingStatus.FIRST_FRAME, image=image)
         lost = TrackingResult(status=TrackingStatus.LOST, image=image, n_tracks=len(keyframe.corners))
-        prior = None
+        T_said = None
         if keyframe.T_world_cam is not None and frame.T_world_cam is not None:
-            prior = inverse_rigid(frame.T_world_cam) @ keyframe.T_world_cam
-        fit = self._motion(keyframe, frame, image, prior)
+            T_said = inverse_rigid(frame.T_world_cam) @ keyframe.T_world_cam
+        fit = self._motion(keyframe, frame, image, T_said)
         if fit is not None:
             found = replace(lost, status=TrackingStatus.OK, n_tracks=fit.n_points, n_inliers=fit.n_inliers)
             return replace(found, T_frame_keyframe=fit.T_target_source, residual_px=fit.median_residual_px)
-        if prior is not None:
-            return replace(lost, status=TrackingStatus.OK, T_frame_keyframe=prior)
+        if T_said is not None:
+            return replace(lost, status=TrackingStatus.OK, T_frame_keyframe=T_said)
         return lost if self._has_features(image) else replace(lost, status=TrackingStatus.NO_FEATURES)
 
     def set_keyframe(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:
@@ -195,15 +195,15 @@ class VisualOdometry:
         """
         points_m, known = self._camera.points(tracking.image.corners, memory.disparity_px)
         gray = frame.gray.copy()
-        self._keyframes.add(
-            Keyframe(
+        self._views.add(
+            View(
                 gray=tracking.image.gray,
                 corners=tracking.image.corners[known],
                 points_m=points_m,
                 landmarks=cache(lambda: self._relocaliser.landmarks(gray, memory)),
                 memory=memory,
                 T_world_cam=None if frame.T_world_cam is None else frame.T_world_cam.copy(),
-                T_keyframe_previous=tracking.T_frame_keyframe,
+                T_view_previous=tracking.T_frame_keyframe,
             )
         )
 
@@ -212,31 +212,30 @@ class VisualOdometry:
         reduced = np.asarray(cv2.resize(gray, self._camera.size, interpolation=cv2.INTER_AREA), np.uint8)
         return TrackingImage(reduced, find_corners(reduced))
 
-    def _motion(
-        self, keyframe: Keyframe, frame: Frame, image: TrackingImage, prior: FloatArray | None
-    ) -> PoseFit | None:
-        """The motion since the keyframe, or since a stored one, which then becomes the keyframe.
+    def _motion(self, keyframe: View, frame: Frame, image: TrackingImage, T_said: FloatArray | None) -> PoseFit | None:
+        """The motion since the keyframe, or since a stored view, which then becomes the keyframe.
 
-        When the keyframe began without memory, the stored ones come first: one of them may show the same place.
+        `T_said` is the motion since the keyframe by the poses of the caller. Without it, and when the keyframe began
+        without memory, the stored views come first: one of them may show the same place.
         """
-        stored, known = self._keyframes.stored, None
-        if prior is not None:
-            stored, known = [], KnownMotion(prior, self._pose_sigma_m, self._pose_sigma_rad)
-        previous = keyframe.T_keyframe_previous
-        likely = previous if prior is None else prior
-        predictions = [(prior, NEAR_LEVELS), (previous, NEAR_LEVELS)]
+        stored, known = self._views.stored, None
+        if T_said is not None:
+            stored, known = [], KnownMotion(T_said, self._pose_sigma_m, self._pose_sigma_rad)
+        previous = keyframe.T_view_previous
+        likely = previous if T_said is None else T_said
+        predictions = [(T_said, NEAR_LEVELS), (previous, NEAR_LEVELS)]
         predictions += [(likely, PYRAMID_LEVELS), (np.eye(4), PYRAMID_LEVELS)]
         describe = cache(lambda: self._relocaliser.describe(frame.gray))
 
-        def recognised(keyframes: list[Keyframe]) -> PoseFit | None:
-            return self._relocalise(keyframes, describe, frame.depth_m, image)
+        def recognised(views: list[View]) -> PoseFit | None:
+            return self._relocalise(views, describe, frame.depth_m, image)
 
         first, later = (stored, [keyframe]) if previous is None else ([], [keyframe, *stored])
         return recognised(first) or self._follow(keyframe, image, predictions, known) or recognised(later)
 
     def _follow(
         self,
-        keyframe: Keyframe,
+        view: View,
         image: TrackingImage,
         predictions: Iterable[tuple[FloatArray | None, int]],
         known: KnownMotion | None = None,
@@ -246,26 +245,26 @@ class VisualOdometry:
         With each prediction comes the number of halvings of the image in which the search begins.
         """
         for T, levels in predictions:
-            if T is None or len(keyframe.corners) < MIN_TRACKS:
+            if T is None or len(view.corners) < MIN_TRACKS:
                 continue
-            initial = project(transform(T, keyframe.points_m), self._camera.intrinsics).astype(np.float32)
-            tracked, found = track_corners(keyframe.gray, image.gray, keyframe.corners, initial, levels)
-            fit = self._fit(keyframe.points_m[found], tracked[found].astype(np.float64), T, known)
+            initial = project(transform(T, view.points_m), self._camera.intrinsics).astype(np.float32)
+            tracked, found = track_corners(view.gray, image.gray, view.corners, initial, levels)
+            fit = self._fit(view.points_m[found], tracked[found].astype(np.float64), T, known)
             if fit is not None:
                 return fit
         return None
 
     def _relocalise(
-        self, keyframes: list[Keyframe], describe: Callable[[], Features], depth_m: FloatImage, image: TrackingImage
+        self, views: list[View], describe: Callable[[], Features], depth_m: FloatImage, image: TrackingImage
     ) -> PoseFit | None:
-        """The motion since the first of these keyframes that the frame shows; it becomes the keyframe."""
-        for keyframe in keyframes if self._has_features(image) else ():
-            fit = self._fit(*self._relocaliser.match(keyframe.landmarks(), describe()), np.eye(4))
+        """The motion since the first of these views that the frame shows; it becomes the view."""
+        for view in views if self._has_features(image) else ():
+            fit = self._fit(*self._relocaliser.match(view.landmarks(), describe()), np.eye(4))
             if fit is None:
                 continue
-            fit = self._follow(keyframe, image, [(fit.T_target_source, NEAR_LEVELS)]) or fit
-            if self._relocaliser.depth_agrees(keyframe.memory, depth_m, fit.T_target_source):
-                self._keyframes.return_to(keyframe)
+            fit = self._follow(view, image, [(fit.T_target_source, NEAR_LEVELS)]) or fit
+            if self._relocaliser.depth_agrees(view.memory, depth_m, fit.T_target_source):
+                self._views.return_to(view)
                 return fit
         return None
 

@@ -193,7 +193,4 @@ def _fit(
         shift_m, turn = max(abs(step[0]), abs(step[1]), abs(step[2])), max(abs(step[3]), abs(step[4]), abs(step[5]))
         if max(shift_m / distance_m, turn) < CONVERGENCE_STEP:
             break
-    n_inliers = 0
-    for length in length_px:
-        n_inliers += length < inlier_px
-    return T, np.median(length_px), n_inliers
+    return T, np.median(length_px), int(np.count_nonzero(length_px < inlier_px))

@@ -16,13 +16,13 @@ Numbers = npt.NDArray[np.float32]
 
 AXES = 4
 ROWS, COLS = (0, -1, -1, -1), (-1, -1, 0, 1)
-"""Directions of the rays before a place: to the left, to the upper left, upwards, and to the upper right. Those behind
+"""Directions of the rays before a place: to the left, to the upper left, upwards, and to the upper right. Those after
 it go the opposite ways."""
 INFINITE, FAR_STEPS = float32(np.inf), float32(1_000_000)
 
 
 class Rays(NamedTuple):
-    """The eight rays of some places, shape (8, N): those before them on the four axes, and then those behind them."""
+    """The eight rays of some places, shape (8, N): those before them on the four axes, and then those after them."""
 
     end_px: FloatImage
     """Disparity at the end of the ray, float32; 0 = it leaves the image."""
@@ -30,9 +30,9 @@ class Rays(NamedTuple):
     """Number of steps to the end, float32; infinite if it leaves the image."""
 
     @classmethod
-    def empty(cls, n_rays: int, n: int) -> "Rays":
-        """Some rays of n places, without values yet."""
-        return cls(np.empty((n_rays, n), np.float32), np.empty((n_rays, n), np.float32))
+    def empty(cls, n: int) -> "Rays":
+        """The rays of n places, without values yet."""
+        return cls(*np.empty((2, 2 * AXES, n), np.float32))
 
 
 PLACES, NUMBERS = int32[:, ::1], float32[::1]
@@ -41,61 +41,10 @@ RAYS = named_tuple(Rays, FLOAT_IMAGE, FLOAT_IMAGE)
 
 def trace_rays(known_px: FloatImage, place: Places) -> Rays:
     """The rays from places, which are in the order of rows, to the pixels with a disparity, shape (h, w)."""
-    rays, start = Rays.empty(2 * AXES, len(place)), np.searchsorted(place[:, 0], np.arange(len(known_px) + 1))
-    told, following = (Rays.empty(AXES, known_px.shape[1] + 2) for _ in range(2))
+    rays, start = Rays.empty(len(place)), np.searchsorted(place[:, 0], np.arange(len(known_px) + 1))
     for is_backward in (False, True):
-        told.end_px.fill(0)
-        told.steps.fill(INFINITE)
-        following.end_px.fill(0)
-        following.steps.fill(INFINITE)
-        trace(known_px, place, start, is_backward, told, following, rays)
+        trace(known_px, place, start, is_backward, rays)
     return rays
-
-
-@compiled(void(FLOAT_IMAGE, PLACES, int64[::1], boolean, RAYS, RAYS, RAYS))
-def trace(
-    known_px: FloatImage,
-    place: Places,
-    start: npt.NDArray[np.int64],
-    is_backward: bool,
-    # in place
-    told: Rays,
-    following: Rays,
-    # output
-    rays: Rays,
-) -> None:
-    """Find the ends of the rays before all places or, from the last row to the first, of those behind them.
-
-    Each pixel tells the next one on every axis where the ray from there ends: at itself if it is known, else where its
-    own ray ends, one step farther. So each row is visited once, whatever the length of the rays.
-
-    Args:
-        known_px: Disparity, shape (h, w); 0 = unknown.
-        place: The places, in the order of rows.
-        start: Number of the first place of each row, and then that of all places, shape (h + 1,).
-        is_backward: Whether the rays are those behind the places.
-        told: Rays from the pixels of the first row, one column of border on each side, shape (4, w + 2); no ends yet.
-        following: The same from the row after it.
-        rays: Those of the places, shape (8, N). The first four rows are written, or the last four if `is_backward`.
-    """
-    height, width = known_px.shape
-    first_ray, direction = (AXES, -1) if is_backward else (0, 1)
-    told_px, told_steps, next_px, next_steps = told.end_px, told.steps, following.end_px, following.steps
-    for k in range(height):
-        row = height - 1 - k if is_backward else k
-        tell_along_row(known_px[row], is_backward, told_px[0, 1:-1], told_steps[0, 1:-1])
-        first, last = start[row], start[row + 1]
-        for axis in range(len(told_px)):
-            take(told_px[axis, 1:-1], place[first:last], rays.end_px[first_ray + axis, first:last])
-            take(told_steps[axis, 1:-1], place[first:last], rays.steps[first_ray + axis, first:last])
-        for axis in range(1, len(told_px)):
-            col = 1 - direction * COLS[axis]
-            tell(
-                known_px[row], told_px[axis, 1:-1], told_steps[axis, 1:-1], next_px[axis, col:], next_steps[axis, col:]
-            )
-            untold = width if col == 0 else 1 if col == 2 else 0
-            next_px[axis, untold], next_steps[axis, untold] = 0, INFINITE
-        told_px, next_px, told_steps, next_steps = next_px, told_px, next_steps, told_steps
 
 
 @compiled_part(void(NUMBERS, boolean, NUMBERS, NUMBERS))
@@ -106,7 +55,7 @@ def tell_along_row(
     told_px: Numbers,
     told_steps: Numbers,
 ) -> None:
-    """Tell every pixel of a row the nearest known pixel before it or behind it, and the number of steps to that."""
+    """Tell every pixel of a row the nearest known pixel before it or after it, and the number of steps to that."""
     end_px, end_col, width = float32(0), INFINITE, len(own_px)
     for k in range(width):
         col = width - 1 - k if is_backward else k
@@ -115,32 +64,52 @@ def tell_along_row(
         end_px, end_col = (own_px[col] if is_known else end_px), (float32(col) if is_known else end_col)
 
 
-@compiled(void(NUMBERS, PLACES, NUMBERS))
-def take(
-    of_row: Numbers,
+@compiled(void(FLOAT_IMAGE, PLACES, int64[::1], boolean, RAYS))
+def trace(
+    known_px: FloatImage,
     place: Places,
+    start: npt.NDArray[np.int64],
+    is_backward: bool,
     # output
-    taken: Numbers,
+    rays: Rays,
 ) -> None:
-    """Take the numbers of a row at some places."""
-    for k in range(len(place)):
-        taken[k] = of_row[np.uint32(place[k, 1])]
+    """Find the ends of the rays before all places or, from the last row to the first, of those after them.
 
+    Each pixel tells the next one on every axis where the ray from there ends: at itself if it is known, else where its
+    own ray ends, one step farther. So each row is visited once, whatever the length of the rays.
 
-@compiled(void(*[NUMBERS] * 5))
-def tell(
-    own_px: Numbers,
-    told_px: Numbers,
-    told_steps: Numbers,
-    # output
-    next_px: Numbers,
-    next_steps: Numbers,
-) -> None:
-    """Tell the pixels of the next row what those of a row know or were told."""
-    for col in range(len(own_px)):
-        next_px[col] = own_px[col] if own_px[col] > 0 else told_px[col]
-    for col in range(len(own_px)):
-        next_steps[col] = float32(1) if own_px[col] > 0 else told_steps[col] + float32(1)
+    Args:
+        known_px: Disparity, shape (h, w); 0 = unknown.
+        place: The places, in the order of rows.
+        start: Number of the first place of each row, and then that of all places, shape (h + 1,).
+        is_backward: Whether the rays are those after the places.
+        rays: Those of the places, shape (8, N). The first four rows are written, or the last four if `is_backward`.
+    """
+    height, width = known_px.shape
+    first_ray, direction = (AXES, -1) if is_backward else (0, 1)
+    # Ends of the rays from a row and from the one after it, with a column beyond each of their sides.
+    told_px, told_steps = np.zeros((AXES, width + 2), np.float32), np.full((AXES, width + 2), INFINITE)
+    next_px, next_steps = told_px.copy(), told_steps.copy()
+    for k in range(height):
+        row = height - 1 - k if is_backward else k
+        own_px = known_px[row]
+        tell_along_row(own_px, is_backward, told_px[0, 1:-1], told_steps[0, 1:-1])
+        for ray in range(AXES):
+            for n in range(start[row], start[row + 1]):
+                at = np.uint32(place[n, 1] + 1)
+                rays.end_px[first_ray + ray, n] = told_px[ray, at]
+                rays.steps[first_ray + ray, n] = told_steps[ray, at]
+        next_px.fill(0)
+        next_steps.fill(INFINITE)
+        for axis in range(1, AXES):
+            first_col = 1 - direction * COLS[axis]
+            here_px, here_steps = told_px[axis, 1:-1], told_steps[axis, 1:-1]
+            there_px, there_steps = next_px[axis, first_col:], next_steps[axis, first_col:]
+            for col in range(width):
+                there_px[col] = own_px[col] if own_px[col] > 0 else here_px[col]
+            for col in range(width):
+                there_steps[col] = float32(1) if own_px[col] > 0 else here_steps[col] + float32(1)
+        told_px, next_px, told_steps, next_steps = next_px, told_px, next_steps, told_steps
 
 
 @compiled(void(FLOAT_IMAGE, READABLE_IMAGE, float32, PLACES, int32[::1], FLOAT_IMAGE, RAYS))
@@ -148,7 +117,7 @@ def march(
     known_px: FloatImage,
     depth_m: FloatImage,
     focal_baseline_px_m: float,
-    border: Places,
+    pixels: Places,
     place_number: npt.NDArray[np.int32],
     working_steps: FloatImage,
     # output
@@ -159,9 +128,9 @@ def march(
     for ray in range(len(rays.steps)):
         sign = 1 if ray < AXES else -1
         down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
-        for k in range(len(border)):
+        for k in range(len(pixels)):
             steps = max(1, 2 * int64(min(working_steps[ray, place_number[k]], FAR_STEPS)) - 1)
-            v, u, end_px = border[k, 0] + steps * down, border[k, 1] + steps * right, float32(0)
+            v, u, end_px = pixels[k, 0] + steps * down, pixels[k, 1] + steps * right, float32(0)
             while 0 <= v < height and 0 <= u < width:
                 surface_px, surface_m = known_px[np.uintp(v >> 1), np.uintp(u >> 1)], depth_m[np.uintp(v), np.uintp(u)]
                 if surface_px > 0 and surface_m > 0:

@@ -1,4 +1,4 @@
-"""Relocalisation: a keyframe is recognised by its features after a motion that is too large to track."""
+"""Relocalisation: a view is recognised by its features after a motion that is too large to track."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -30,7 +30,7 @@ MIN_DEPTH_AGREEMENT = 0.7
 
 
 class Landmarks(NamedTuple):
-    """The features of a keyframe that have a depth."""
+    """The features of a view that have a depth."""
 
     features: Features
     """Their pixels are those of the tracking image."""
@@ -39,7 +39,7 @@ class Landmarks(NamedTuple):
 
 
 class Relocaliser:
-    """Matches the ORB features of a frame with those of a keyframe (Rublee et al. 2011), and compares their depth."""
+    """Matches the ORB features of a frame with those of a view (Rublee et al. 2011), and compares their depth."""
 
     def __init__(self, camera: TrackingCamera) -> None:
         self._camera = camera
@@ -59,16 +59,16 @@ class Relocaliser:
         return replace(features, points_px=np.stack(points_px, axis=-1).astype(np.float32))
 
     def landmarks(self, gray: GrayImage, memory: Memory) -> Landmarks:
-        """The features of a keyframe for which its memory has a depth."""
+        """The features of a view for which its memory has a depth."""
         features = self.describe(gray)
         points_m, known = self._camera.points(features.points_px, memory.disparity_px)
         with_depth = Features(points_px=features.points_px[known], descriptors=features.descriptors[known])
         return Landmarks(with_depth, points_m)
 
     def match(self, landmarks: Landmarks, features: Features) -> tuple[FloatArray, FloatArray]:
-        """Points of a keyframe, shape (N, 3), and the pixels where a frame seems to show them, shape (N, 2)."""
-        in_keyframe, in_frame = good_matches(landmarks.features, features, MAX_DISTANCE)
-        return landmarks.points_m[in_keyframe], features.points_px[in_frame].astype(np.float64)
+        """Points of a view, shape (N, 3), and the pixels where a frame seems to show them, shape (N, 2)."""
+        in_view, in_frame = good_matches(landmarks.features, features, MAX_DISTANCE)
+        return landmarks.points_m[in_view], features.points_px[in_frame].astype(np.float64)
 
     def depth_agrees(self, memory: Memory, depth_m: FloatImage, T_frame_memory: FloatArray) -> bool:
         """Whether a frame measures the remembered surfaces at the depth that a motion gives them.

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import cycle, islice
-from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -50,11 +49,11 @@ def camera_of(width_px: int, height_px: int) -> Intrinsics:
     return Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=HFOV_DEG, baseline_m=BASELINE_M)
 
 
-def measure(camera: Intrinsics, frames: int, others: Mapping[str, Method] = MappingProxyType({})) -> Latencies:
+def measure(camera: Intrinsics, frames: int, others: Mapping[str, Method] | None = None) -> Latencies:
     """Correct each drawn frame with each method in turn, after `WARM_UP_FRAMES` frames: with others, then ours."""
     with one_core():
         correctors = _correctors(camera)
-        methods = {**others, "realsense": _timed(RealSenseChain(camera))}
+        methods = {**(others or {}), "realsense": _timed(RealSenseChain(camera))}
         methods |= {name: _timed(each) for name, each in correctors.items()}
         times_s: Latencies = {name: defaultdict(list) for name in methods}
         for k, frame in enumerate(played(list(walk(N_IMAGES, camera)), WARM_UP_FRAMES + frames)):

@@ -12,16 +12,7 @@ from ..colors import FAR_M, far_end_m
 from ..datasets import Dataset
 from ..types import CorrectedDepth, Frame
 from .files import atomic
-from .stream import (
-    RecordingFile,
-    layout,
-    log_depth,
-    log_frame,
-    log_warped,
-    new_template,
-    source_labels,
-    voxel_cloud,
-)
+from .stream import RecordingFile, layout, log_depth, log_frame, log_warped, new_template, source_labels, voxel_cloud
 
 VIEWS = ("gray", "colors/raw", "colors/corrected", "source", "confidence")
 TEMPLATE_VIEWS = ("colors/template", "colors/warped")

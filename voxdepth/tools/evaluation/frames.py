@@ -32,11 +32,6 @@ class Reference:
     is_true: bool
     """Whether it is the true depth, and not a measurement, which flickers itself."""
 
-    @property
-    def independent(self) -> str:
-        """Mask of the pixels whose reference is not what the methods were given."""
-        return ALL if self.hidden == HOLES else self.hidden
-
 
 TRUTH = Reference(name="the truth", is_true=True)
 

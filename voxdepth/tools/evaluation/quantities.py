@@ -12,11 +12,7 @@ from .frames import HOLES, MEASURED
 from .intervals import CLOSE, LEAD
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames, select
 from .recordings import HELD_OUT
-from .scoring import (
-    GHOSTS,
-    STATIC,
-    SURVIVAL,
-)
+from .scoring import GHOSTS, STATIC, SURVIVAL
 from .suite import Evaluation
 
 HIDDEN = "hidden"
@@ -81,7 +77,7 @@ def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
     masks = HIDDEN_MASKS if selector.mask == HIDDEN else (selector.mask,)
     found = pd.concat([select(evaluation.measurements, selector._replace(mask=mask)) for mask in masks])
     if selector.mask in ("all", "measured") and selector.metric != "coverage":
-        true = [info.name for info in evaluation.sequences.values() if info.reference.independent == "all"]
+        true = [info.name for info in evaluation.sequences.values() if info.reference.hidden == HOLES]
         return found[found.index.isin(true, level="sequence")]
     return found
 

@@ -57,7 +57,9 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
     measured = [name for name in texts if not texts[name].isin([MISSING, FAILED]).all()] or list(texts)
     rows = [[registry.title(method), *texts.loc[method, measured]] for method in texts.index]
     ends = counts.stack().groupby("sequence").agg(["min", "max"]).astype(int)
-    sizes = {name: range_text(low, high) for name, low, high in ends.itertuples(name=None)}
+    sizes = {
+        name: f"{low:,}" if low == high else f"{low:,} to {high:,}" for name, low, high in ends.itertuples(name=None)
+    }
     rows.append(["n", *(sizes.get(name, MISSING) for name in measured)])
     return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note)
 
@@ -122,8 +124,3 @@ def _sequence_table(evaluation: Evaluation) -> Table:
         for info in evaluation.sequences.values()
     ]  # fmt: skip
     return Table.of_frame("Sequences", pd.DataFrame(rows, dtype=object))
-
-
-def range_text(low: int, high: int) -> str:
-    """Write the smallest and the largest of some numbers of pixels."""
-    return f"{low:,}" if low == high else f"{low:,} to {high:,}"

@@ -53,14 +53,19 @@ class Score:
         self._add_shares(frame, depth_m)
         self._add_settled(frame, completed_m)
 
-    def measurements(self) -> list[Measurement]:
-        """Return everything that is known after the last frame; measurements of no pixel are left out."""
-        return [
-            *(m for mask in (ALL, *self._sums[FILLED]) for m in self._measured_errors(mask)),
-            *self._measured_flicker(),
-            *(Measurement(*of, share.value, "share", share.of) for of, share in self._shares.items() if share.of),
-            *self._measured_settled(),
-        ]
+    def measurements(self) -> Iterator[Measurement]:
+        """Yield everything that is known after the last frame; measurements of no pixel are left out."""
+        for mask in (ALL, *self._sums[FILLED]):
+            yield from self._measured_errors(mask)
+        if n := self._flicker.changes:
+            yield Measurement("flicker", STATIC, NEAR, FILLED, self._flicker.mean_change_m, "m", n)
+        for selector, share in self._shares.items():
+            if share.of:
+                yield Measurement(*selector, share.value, "share", share.of)
+        for selector, sums in self._settled.items():
+            value, unit = (sums.psnr_db(PEAK16_M), "dB") if selector == SETTLED_PSNR else (sums.rmse_m, "m")
+            if sums.pixels:
+                yield Measurement(*selector, value if _is_complete(sums) else None, unit, sums.filled)
 
     def _add_sums(self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage) -> None:
         near = frame.near()
@@ -102,17 +107,6 @@ class Score:
             for metric, (unit, value_of) in METRICS.items():
                 value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
                 yield Measurement(metric, mask, NEAR, on, value, unit, sums.filled)
-
-    def _measured_flicker(self) -> Iterator[Measurement]:
-        if n := self._flicker.changes:
-            yield Measurement("flicker", STATIC, NEAR, FILLED, self._flicker.mean_change_m, "m", n)
-
-    def _measured_settled(self) -> Iterator[Measurement]:
-        """Yield the errors of completed pixels after the warm-up."""
-        for selector, sums in self._settled.items():
-            value, unit = (sums.psnr_db(PEAK16_M), "dB") if selector == SETTLED_PSNR else (sums.rmse_m, "m")
-            if sums.pixels:
-                yield Measurement(*selector, value if _is_complete(sums) else None, unit, sums.filled)
 
 
 def _is_complete(sums: Sums) -> bool:
