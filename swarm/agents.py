@@ -11,8 +11,6 @@ from .config import MissionConfig
 from .controllers import Agent, Role
 from .mapping_pilot import MappingPilot
 from .pilot import Decision, Pilot, Situation
-from .rules import Corridor, RuleWeights
-from .team import Team
 from .vectors import length
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -42,7 +40,6 @@ class Leader:
         self._pilot = pilot
         self._team = role.team
         self._weights = config.rules
-        self._corridor = corridor_of(role.team, config.rules)
         self._cruise_speed_m_s = config.cruise_speed_m_s
         self._track = Track(role.team.start_m, config.rules.separation_radius_m)
 
@@ -52,7 +49,7 @@ class Leader:
         self._track.add(own.position_m)
         wanted = rules.migration(own.position_m, self._team.goal_m, np.zeros(3), w.migration_per_s)
         wanted = rules.limit(wanted, self._cruise_speed_m_s * self._lag_speed_factor(situation))
-        wanted = wanted + rules.confinement(own.position_m, self._corridor, w.confinement_per_s)
+        wanted = wanted + rules.confinement(own.position_m, self._team, w)
         return self._pilot.fly(rules.limit(wanted, self._cruise_speed_m_s), situation, self._team.goal_m)
 
     def _lag_speed_factor(self, situation: Situation) -> float:
@@ -62,10 +59,10 @@ class Leader:
         waited for.
         """
         mates, offsets_m = situation.mates, self._team.offsets_m
-        if len(mates) < len(offsets_m) - situation.mates_dropped:
+        if len(mates) < len(offsets_m) - 1 - situation.mates_dropped:
             return 0.0
         lags_m = (
-            np.linalg.norm(at_m - self._track.places_m(situation.own.position_m + offsets_m[n - 1], n), axis=1).min()
+            np.linalg.norm(at_m - self._track.places_m(situation.own.position_m + offsets_m[n], n), axis=1).min()
             for n, at_m in zip(mates.drone - self._team.leader, mates.position_m, strict=True)
         )
         return rules.lag_speed_factor(float(max(lags_m, default=0.0)))
@@ -77,11 +74,10 @@ class Follower:
     def __init__(self, role: Role, config: MissionConfig, pilot: Pilot) -> None:
         self._pilot = pilot
         self._weights = config.rules
-        self._corridor = corridor_of(role.team, config.rules)
+        self._team = role.team
         self._offset_m = role.offset_m
         self._number = role.drone - role.team.leader
         self._track = Track(role.team.start_m, config.rules.separation_radius_m)
-        self._members = role.team.members
         self._max_speed_m_s = config.follower_speed_m_s
 
     def decide(self, situation: Situation) -> Decision:
@@ -96,13 +92,13 @@ class Follower:
     def wanted(self, situation: Situation, slot_m: FloatArray) -> FloatArray:
         """Return the sum of the rules, shape (3,); cohesion and alignment use the own swarm only."""
         w, own, near = self._weights, situation.own, situation.neighbours
-        flock = near.among(self._members)
+        flock = near.among(self._team.members)
         return (
             rules.migration(own.position_m, slot_m, situation.leader.velocity_m_s, w.migration_per_s)
             + rules.cohesion(own.position_m, flock, w.cohesion_per_s)
             + rules.separation(own.position_m, near, w.separation_per_s, w.separation_radius_m)
             + rules.alignment(own.velocity_m_s, flock, w.alignment)
-            + rules.confinement(own.position_m, self._corridor, w.confinement_per_s)
+            + rules.confinement(own.position_m, self._team, w)
         )
 
 
@@ -134,10 +130,3 @@ class Track:
     def behind(self, distance_m: float) -> FloatArray:
         """Return a point of the way at a distance from its end, measured along it; its start if it is shorter."""
         return self._points_m[max(bisect_right(self._lengths_m, self._lengths_m[-1] - distance_m) - 1, 0)]
-
-
-def corridor_of(team: Team, weights: RuleWeights) -> Corridor:
-    """Return the corridor of the drones of a swarm: a band of altitudes along its route."""
-    along = np.array([np.cos(team.heading_rad), np.sin(team.heading_rad)])
-    low_m, high_m = weights.min_altitude_m, weights.max_altitude_m
-    return Corridor(low_m, high_m, weights.max_aside_m, team.start_m[:2], along)

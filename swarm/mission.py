@@ -122,9 +122,20 @@ class Mission:
         """End the mission from outside."""
         self._end(Outcome.INTERRUPTED)
 
-    def situation(self, drone: int) -> Situation:
-        """Return what a drone knows before the next tick; the call changes nothing."""
-        return self._situation(drone, self.world.states[drone])
+    def situation(self, drone: int, own: DroneState | None = None) -> Situation:
+        """Return what a drone knows before the next tick, with its state if that is read already; nothing changes."""
+        heard = self._link.heard_by(drone, self.time_s)
+        perception = self._perceptions[drone]
+        members = self._team_of[drone].members
+        return Situation(
+            time_s=self.time_s,
+            own=own or self.world.states[drone],
+            percept=perception.latest(self.time_s),
+            leader=self._link.leader_of(drone, self.time_s),
+            mates=heard.among(members),
+            neighbours=perception.neighbours(heard, self.time_s),
+            mates_dropped=int(np.count_nonzero(~self.world.flying[members.start : members.stop])),
+        )
 
     def result(self) -> MissionResult:
         """Return the result of a mission that has ended.
@@ -159,7 +170,7 @@ class Mission:
 
     def _decide(self, states: Sequence[DroneState]) -> list[Decision]:
         return [
-            agent.decide(self._situation(i, states[i])) if flies else DROPPED
+            agent.decide(self.situation(i, states[i])) if flies else DROPPED
             for i, (agent, flies) in enumerate(zip(self._agents, self.world.flying, strict=True))
         ]
 
@@ -181,20 +192,6 @@ class Mission:
                 if self.world.flying[member]:
                     self.world.remove(member)
                     self._link.drop(member)
-
-    def _situation(self, drone: int, own: DroneState) -> Situation:
-        heard = self._link.heard_by(drone, self.time_s)
-        perception = self._perceptions[drone]
-        members = self._team_of[drone].members
-        return Situation(
-            time_s=self.time_s,
-            own=own,
-            percept=perception.latest(self.time_s),
-            leader=self._link.leader_of(drone, self.time_s),
-            mates=heard.among(members),
-            neighbours=perception.neighbours(heard, self.time_s),
-            mates_dropped=int(np.count_nonzero(~self.world.flying[members.start : members.stop])),
-        )
 
     def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
         step, time_s = self.world.steps, self.time_s

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
+from scipy.ndimage import shift
 
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, FloatImage, MaskImage
@@ -293,7 +294,7 @@ class VoxelMap:
             if (np.abs(moved) < self._slack).all():
                 return
             for values in (self._misses, self._missed_s, self._occupancy, self._unobserved):
-                _shift(values, moved[::-1])
+                values[...] = shift(values, -moved[::-1], order=0)  # Voxels that come in are 0.
         self._origin = wanted
 
 
@@ -301,16 +302,3 @@ class VoxelMap:
 def _window(*reach: int) -> Indices:
     """Return the offsets up to a reach along each axis, shape (n, 3)."""
     return np.moveaxis(np.indices([2 * each + 1 for each in reach]), 0, -1).reshape(-1, len(reach)) - reach
-
-
-def _shift(array: npt.NDArray[np.generic], by: npt.NDArray[np.int64]) -> None:
-    """Move the content of an array against its axes, in place, and fill up with zeros."""
-    before = array.copy()
-    array[...] = 0
-    to, of = [], []
-    for n, d in zip(array.shape, by.tolist(), strict=True):
-        if abs(d) >= n:
-            return
-        to.append(slice(max(-d, 0), n - max(d, 0)))
-        of.append(slice(max(d, 0), n - max(-d, 0)))
-    array[tuple(to)] = before[tuple(of)]
