@@ -58,20 +58,6 @@ class Mission:
         self._config = config
         self._rig = rig
         self._recorder = recorder
-        radius_m, drone_ids = world.airframe.radius_m, world.drone_ids
-        self._perceptions = [
-            Perception(
-                corrector,
-                config,
-                rig.intrinsics,
-                drone_ids,
-                radius_m=radius_m,
-                latency_s=latency_s,
-                seed=seed,
-                drone=drone,
-            )
-            for drone, corrector in enumerate(correctors)
-        ]
         self._team_of = [team for team in self._teams for _ in team.members]
         leaders = [team.leader for team in self._team_of]
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
@@ -79,6 +65,10 @@ class Mission:
         roles = [
             Role(drone=i, team=team, airframe=world.airframe, camera=rig.intrinsics)
             for i, team in enumerate(self._team_of)
+        ]
+        self._perceptions = [
+            Perception(role, config, corrector, world.drone_ids, latency_s=latency_s, seed=seed)
+            for role, corrector in zip(roles, correctors, strict=True)
         ]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)

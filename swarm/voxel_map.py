@@ -75,48 +75,6 @@ class MapConfig(Model):
         return 2 * int(np.ceil(HEIGHT_M / 2 / VOXEL_M + 0.5)), side, side
 
 
-def find_in_view(
-    sensor: InverseSensorModel,
-    origin_m: FloatArray,
-    shape: tuple[int, int, int],
-    T_map_cam: FloatArray,
-    farthest_m: float,
-) -> tuple[Indices, Indices, FloatVector]:
-    """Find the voxels whose middle is in view, up to a range: index, that of the cell, and squared range [m^2] of each.
-
-    `origin_m` is the corner of the first voxel. Columns wholly to the left or to the right of the view, or beyond the
-    range, are left out first: the distance of a voxel to either side of the view, times the focal length, is linear in
-    its height, so that the ends of a column decide. All arithmetic is of 32 bits.
-    """
-    T, side_m = T_map_cam[:3].astype(np.float32), np.float32(VOXEL_M)
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = T[:, :3].T
-    c = sensor.camera
-    fx, fy, cx, cy = (np.float32(px) for px in (c.fx_px, c.fy_px, c.cx_px + 0.5, c.cy_px + 0.5))
-    height, width = np.float32(c.height_px), np.float32(c.width_px)
-    corner_m = origin_m.astype(np.float32) - T[:, 3]
-    east_m, north_m, up_m = (
-        first_m + side_m * (np.arange(n, dtype=np.float32) + np.float32(0.5))
-        for first_m, n in zip(corner_m, shape[::-1], strict=True)
-    )
-    north_m = north_m[:, None]
-    flat_m2 = east_m * east_m + north_m * north_m
-    x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
-    ends_m = corner_m[2] + side_m * np.array([0, shape[0]], np.float32)
-    from_left = fx * x0 + cx * z0 + (ends_m * (fx * xz + cx * zz)).max()
-    from_right = (width - cx) * z0 - fx * x0 + (ends_m * ((width - cx) * zz - fx * xz)).max()
-    column = np.flatnonzero((flat_m2 <= np.float32(farthest_m**2)) & (from_left >= -SLACK) & (from_right >= -SLACK))
-    x0, y0, z0, flat_m2 = (values.ravel()[column, None] for values in (x0, y0, z0, flat_m2))
-    z = z0 + zz * up_m
-    with np.errstate(divide="ignore", invalid="ignore"):
-        per_z = 1 / z
-        u, v = fx * (x0 + xz * up_m) * per_z + cx, fy * (y0 + yz * up_m) * per_z + cy
-    seen = np.flatnonzero((z > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height))
-    row_px, col_px = v.ravel()[seen].astype(np.int64), u.ravel()[seen].astype(np.int64)
-    voxel = seen % shape[0] * (shape[1] * shape[2]) + column[seen // shape[0]]
-    cell = sensor.cell_of_row[row_px] * (sensor.cell_of_col[-1] + 1) + sensor.cell_of_col[col_px]
-    return voxel, cell, (flat_m2 + up_m * up_m).ravel()[seen]
-
-
 class VoxelMap:
     """Collects the evidence of the images of one camera, whose cells are those of `sensor`."""
 
@@ -187,9 +145,7 @@ class VoxelMap:
         self._follow(T_odom_cam[:3, 3])
         (free_m, surface_m), half_m = evidence, np.float32(VOXEL_M / 2)
         is_exact, points_m = self._surfaces(surface_m, T_odom_cam, drones_m)
-        voxel, cell, squared_m2 = find_in_view(
-            self._sensor, self.origin_m, self._misses.shape, T_odom_cam, max(NEAR_M, float(free_m.max()))
-        )  # fmt: skip
+        voxel, cell, squared_m2 = self._in_view(T_odom_cam, max(NEAR_M, float(free_m.max())))
         free_m2, from_m2, to_m2 = (
             np.square(np.maximum(range_m, 0)).ravel()[cell]
             for range_m in (free_m - half_m, surface_m - half_m, surface_m + half_m)
@@ -223,6 +179,44 @@ class VoxelMap:
         """Return whether voxels, by their index, have enough misses that are not too long ago."""
         is_recent = self._missed_s[voxels] >= time_s - self._config.memory_s
         return np.asarray((self._misses[voxels] >= self._config.min_passed) & is_recent)
+
+    def _in_view(self, T_map_cam: FloatArray, farthest_m: float) -> tuple[Indices, Indices, FloatVector]:
+        """Find the voxels whose middle is in view, up to a range: their indices, cells and squared ranges [m^2].
+
+        Columns wholly to the left or to the right of the view, or beyond the range, are left out first. The distance of
+        a voxel to either side of the view, times the focal length, is linear in its height, so that the ends of a
+        column decide. All arithmetic is of 32 bits.
+        """
+        c, side_m, (layers, rows, cols) = self._sensor.camera, np.float32(VOXEL_M), self._misses.shape
+        fx, fy, cx, cy = (np.float32(px) for px in (c.fx_px, c.fy_px, c.cx_px + 0.5, c.cy_px + 0.5))
+        height, width = np.float32(c.height_px), np.float32(c.width_px)
+        # Axes of the camera, and middles of the voxels along the axes of the map, as seen from the camera.
+        T = T_map_cam[:3].astype(np.float32)
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = T[:, :3].T
+        corner_m = self.origin_m.astype(np.float32) - T[:, 3]
+        east_m, north_m, up_m = (
+            first_m + side_m * (np.arange(n, dtype=np.float32) + np.float32(0.5))
+            for first_m, n in zip(corner_m, (cols, rows, layers), strict=True)
+        )
+        north_m = north_m[:, None]
+        # Columns: their squared distance, and what their height does not change of their place in the camera's frame.
+        flat_m2 = east_m * east_m + north_m * north_m
+        x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
+        ends_m = corner_m[2] + side_m * np.array([0, layers], np.float32)
+        from_left = fx * x0 + cx * z0 + (ends_m * (fx * xz + cx * zz)).max()
+        from_right = (width - cx) * z0 - fx * x0 + (ends_m * ((width - cx) * zz - fx * xz)).max()
+        column = np.flatnonzero((flat_m2 <= np.float32(farthest_m**2)) & (from_left >= -SLACK) & (from_right >= -SLACK))
+        x0, y0, z0, flat_m2 = (values.ravel()[column, None] for values in (x0, y0, z0, flat_m2))
+        # Voxels of these columns, in pixels.
+        z = z0 + zz * up_m
+        with np.errstate(divide="ignore", invalid="ignore"):
+            per_z = 1 / z
+            u, v = fx * (x0 + xz * up_m) * per_z + cx, fy * (y0 + yz * up_m) * per_z + cy
+        seen = np.flatnonzero((z > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height))
+        row_px, col_px = v.ravel()[seen].astype(np.int64), u.ravel()[seen].astype(np.int64)
+        voxel = seen % layers * (rows * cols) + column[seen // layers]
+        cell = self._sensor.cell_of_row[row_px] * (self._sensor.cell_of_col[-1] + 1) + self._sensor.cell_of_col[col_px]
+        return voxel, cell, (flat_m2 + up_m * up_m).ravel()[seen]
 
     def _surfaces(
         self, surface_m: FloatImage, T_odom_cam: FloatArray, drones_m: FloatArray
