@@ -39,18 +39,17 @@ class Leader:
     def __init__(self, role: Role, config: MissionConfig, pilot: Pilot) -> None:
         self._pilot = pilot
         self._team = role.team
-        self._weights = config.rules
-        self._cruise_speed_m_s = config.cruise_speed_m_s
+        self._config = config
         self._track = Track(role.team.start_m, config.rules.separation_radius_m)
 
     def decide(self, situation: Situation) -> Decision:
         """Fly straight to the goal, slower near it and while a follower lags behind."""
-        w, own = self._weights, situation.own
+        w, own, cruise_speed_m_s = self._config.rules, situation.own, self._config.cruise_speed_m_s
         self._track.add(own.position_m)
         wanted = rules.migration(own.position_m, self._team.goal_m, np.zeros(3), w.migration_per_s)
-        wanted = rules.limit(wanted, self._cruise_speed_m_s * self._lag_speed_factor(situation))
+        wanted = rules.limit(wanted, cruise_speed_m_s * self._lag_speed_factor(situation))
         wanted = wanted + rules.confinement(own.position_m, self._team, w)
-        return self._pilot.fly(rules.limit(wanted, self._cruise_speed_m_s), situation, self._team.goal_m)
+        return self._pilot.fly(rules.limit(wanted, cruise_speed_m_s), situation, self._team.goal_m)
 
     def _lag_speed_factor(self, situation: Situation) -> float:
         """Return the share of the cruise speed that lets followers catch up; 0 if one of them is not heard.
@@ -73,32 +72,29 @@ class Follower:
 
     def __init__(self, role: Role, config: MissionConfig, pilot: Pilot) -> None:
         self._pilot = pilot
-        self._weights = config.rules
-        self._team = role.team
-        self._offset_m = role.offset_m
-        self._number = role.drone - role.team.leader
+        self._role = role
+        self._config = config
         self._track = Track(role.team.start_m, config.rules.separation_radius_m)
-        self._max_speed_m_s = config.follower_speed_m_s
 
     def decide(self, situation: Situation) -> Decision:
         """Fly at the sum of the rules to the slot, or to the first place where the drone fits."""
         self._track.add(situation.leader.position_m)
-        slot_m = situation.leader.position_m + self._offset_m
-        places_m = self._track.places_m(slot_m, self._number)
+        slot_m = situation.leader.position_m + self._role.offset_m
+        places_m = self._track.places_m(slot_m, self._role.drone - self._role.team.leader)
         first = self._pilot.first_free(places_m)
-        wanted = rules.limit(self.wanted(situation, places_m[first]), self._max_speed_m_s)
+        wanted = rules.limit(self.wanted(situation, places_m[first]), self._config.follower_speed_m_s)
         return self._pilot.fly(wanted, situation, places_m[first], look_at_m=slot_m if first > 0 else None)
 
     def wanted(self, situation: Situation, slot_m: FloatArray) -> FloatArray:
         """Return the sum of the rules, shape (3,); cohesion and alignment use the own swarm only."""
-        w, own, near = self._weights, situation.own, situation.neighbours
-        flock = near.among(self._team.members)
+        w, own, near = self._config.rules, situation.own, situation.neighbours
+        flock = near.among(self._role.team.members)
         return (
             rules.migration(own.position_m, slot_m, situation.leader.velocity_m_s, w.migration_per_s)
             + rules.cohesion(own.position_m, flock, w.cohesion_per_s)
             + rules.separation(own.position_m, near, w.separation_per_s, w.separation_radius_m)
             + rules.alignment(own.velocity_m_s, flock, w.alignment)
-            + rules.confinement(own.position_m, self._team, w)
+            + rules.confinement(own.position_m, self._role.team, w)
         )
 
 

@@ -188,8 +188,8 @@ class CostMap:
     def _blocked(self) -> npt.NDArray[np.uint8]:
         """Worst state within reach of a drone in each cell of a path, which are fewer than those of the map."""
         blocked = cv2.dilate(self._taken, _disc(self._half_width + 0.5))
-        pairs = np.maximum(blocked[::2], blocked[1::2])
-        return np.asarray(np.maximum(pairs[:, ::2], pairs[:, 1::2]))
+        rows, cols = blocked.shape
+        return np.asarray(blocked.reshape(rows // 2, 2, cols // 2, 2).max(axis=(1, 3)))
 
     def _cells(self, places_m: FloatArray) -> FloatArray:
         """Return positions (x, y), shape (..., 2), in cells, whose middles have whole numbers."""

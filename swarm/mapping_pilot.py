@@ -80,14 +80,6 @@ class Intent(NamedTuple):
         return float(self.target_m[2] - self.at_m[2])
 
 
-class Rotation(NamedTuple):
-    """A turn by which a drone looks around."""
-
-    at_m: FloatArray
-    """Its position (x, y, z) at the beginning."""
-    ends_s: float
-
-
 class MappingPilot(Pilot):
     """Flies within known-free space only, and explores what it must know to go on."""
 
@@ -111,10 +103,10 @@ class MappingPilot(Pilot):
         self._path: PlannedPath | None = None
         """The path by the newest image; None until one is needed."""
         self._path_before: PlannedPath | None = None
-        self._progress: tuple[float, FloatArray] = -np.inf, NOWHERE_M
-        """When the drone made progress last, and where it was."""
-        self._rotation = Rotation(NOWHERE_M, -np.inf)
-        """The last turn by which it looked around."""
+        self._progress_m, self._progress_s = NOWHERE_M, -np.inf
+        """Where and when the drone made progress last."""
+        self._rotated_m, self._rotates_until_s = NOWHERE_M, -np.inf
+        """Where it turned last to look around, and until when."""
 
     def fly(
         self,
@@ -250,19 +242,18 @@ class MappingPilot(Pilot):
         Its camera shows little of what is near and beside it.
         """
         path, at_m = self._path, intent.at_m
-        since_s, from_m = self._progress
-        if path is None or intent.speed_m_s <= WANTS_TO_FLY_M_S or _apart_m(at_m, from_m) > PROGRESS_M:
-            self._progress = time_s, at_m
-        elif time_s - since_s >= PATIENCE_S and not self._is_rotating(at_m, time_s):
-            if _apart_m(at_m, self._rotation.at_m) > ROTATES_AGAIN_M:
-                self._rotation = Rotation(at_m, time_s + 2 * np.pi / self._config.yaw_rate_rad_s)
-                self._progress = self._rotation.ends_s, at_m
+        if path is None or intent.speed_m_s <= WANTS_TO_FLY_M_S or _apart_m(at_m, self._progress_m) > PROGRESS_M:
+            self._progress_m, self._progress_s = at_m, time_s
+        elif time_s - self._progress_s >= PATIENCE_S and not self._is_rotating(at_m, time_s):
+            if _apart_m(at_m, self._rotated_m) > ROTATES_AGAIN_M:
+                self._rotated_m, self._rotates_until_s = at_m, time_s + 2 * np.pi / self._config.yaw_rate_rad_s
+                self._progress_m, self._progress_s = at_m, self._rotates_until_s
             elif self._blacklist(path, at_m, time_s):
-                self._progress = time_s, at_m
+                self._progress_m, self._progress_s = at_m, time_s
 
     def _is_rotating(self, at_m: FloatArray, time_s: float) -> bool:
         """Return whether the drone still looks around where it stands."""
-        return time_s < self._rotation.ends_s and _apart_m(at_m, self._rotation.at_m) <= PROGRESS_M
+        return time_s < self._rotates_until_s and _apart_m(at_m, self._rotated_m) <= PROGRESS_M
 
     def _blacklist(self, path: PlannedPath, at_m: FloatArray, time_s: float) -> bool:
         """Blacklist what is unknown at the next points of a path, if they are near; return whether they are."""

@@ -196,8 +196,8 @@ class MissionMetrics:
             "formation_error_mean_m": float(np.mean(errors_m)) if errors_m else None,
             "path_deviation_max_m": max(self._values("path_deviation_m"), default=None),
             "dropped_frames": dropped_frames,
-            **_depth_metrics("raw", sum(self._raw_errors, start=DepthErrors())),
-            **_depth_metrics("corrected", sum(self._corrected_errors, start=DepthErrors())),
+            **_depth_metrics("raw", self._raw_errors),
+            **_depth_metrics("corrected", self._corrected_errors),
             **CorrectorWork(self._work).metrics(),
         }
 
@@ -249,9 +249,9 @@ def touched(contacts: Sequence[Contact]) -> list[int]:
     return sorted({drone for contact in contacts for drone in contact.drones})
 
 
-def _depth_metrics(depth: str, errors: DepthErrors) -> dict[str, MetricValue]:
-    names = ("mae_m", "too_far_share", "hole_share")
-    return {f"depth_{depth}_{name}": getattr(errors, name) for name in names}
+def _depth_metrics(depth: str, parts: Iterable[DepthErrors]) -> dict[str, MetricValue]:
+    errors = sum(parts, start=DepthErrors())
+    return {f"depth_{depth}_{name}": getattr(errors, name) for name in ("mae_m", "too_far_share", "hole_share")}
 
 
 def _min_gap_m(sampled_m: float, *, touched: bool) -> float | None:

@@ -97,7 +97,9 @@ class Mission:
             self._perceive()
         states = self.world.states
         decisions = self._decide(states)
-        self._log(states, decisions)
+        metrics = self._metrics.sample(states, decisions)
+        self._recorder.tick(self.world.steps, self.time_s, states, decisions)
+        self._recorder.metrics(self.world.steps, self.time_s, metrics)
         self._move(decisions)
         moved = self.world.states
         self._link.broadcast(moved, self.time_s)
@@ -183,12 +185,6 @@ class Mission:
                     self.world.remove(member)
                     self._link.drop(member)
 
-    def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
-        step, time_s = self.world.steps, self.time_s
-        metrics = self._metrics.sample(states, decisions)
-        self._recorder.tick(step, time_s, states, decisions)
-        self._recorder.metrics(step, time_s, metrics)
-
     def _end(self, outcome: Outcome) -> None:
         self.outcome = outcome
         self._recorder.outcome(self.world.steps, self.time_s, outcome)
@@ -210,7 +206,7 @@ class TerminationConditions:
     def __init__(self, config: MissionConfig, teams: Sequence[Team]) -> None:
         self._config = config
         self._teams = teams
-        self._arrived = [False] * len(teams)
+        self._arrived = np.zeros(len(teams), np.bool_)
         self._least_left_m = np.full((len(teams), 2), np.inf)
         self._followers = np.array([len(team.members) - 1 for team in teams])
         self._progress_at_s = 0.0
@@ -229,11 +225,8 @@ class TerminationConditions:
 
     def _ended(self, time_s: float, positions_m: FloatArray) -> Outcome | None:
         """Return how the swarms that are left have ended the mission; None if they have not."""
-        self._arrived = [
-            before or self._has_arrived(team, positions_m)
-            for before, team in zip(self._arrived, self._teams, strict=True)
-        ]
-        if all(arrived or t.is_over(positions_m) for arrived, t in zip(self._arrived, self._teams, strict=True)):
+        self._arrived |= [self._has_arrived(team, positions_m) for team in self._teams]
+        if (self._arrived | [team.is_over(positions_m) for team in self._teams]).all():
             return Outcome.SUCCESS
         if any(team.stray_m(positions_m) > self._config.lost_m for team in self._teams):
             return Outcome.LOST

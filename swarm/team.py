@@ -22,6 +22,11 @@ class Route(Model):
     goal_m: Point = Field(default=(76.0, 0.0, 6.0), strict=False)
     """Goal of the leader."""
 
+    @property
+    def heading_rad(self) -> float:
+        """Direction from start to goal in the horizontal plane."""
+        return float(np.arctan2(self.goal_m[1] - self.start_m[1], self.goal_m[0] - self.start_m[0]))
+
 
 class FormationConfig(Model):
     """A column behind the leader, two abreast and staggered."""
@@ -57,26 +62,23 @@ class Team:
     """Start of the leader, shape (3,)."""
     goal_m: FloatArray
     """Goal of the leader, shape (3,)."""
+    heading_rad: float
+    """Direction from start to goal in the horizontal plane."""
     offsets_m: FloatArray
     """Slots of its drones relative to the leader, who comes first, shape (n, 3), in the world frame."""
 
     @classmethod
     def of(cls, route: Route, members: range, config: FormationConfig) -> "Team":
         """Create the swarm that flies a route, in a formation that is aligned with the route."""
-        start_m, goal_m = np.array(route.start_m), np.array(route.goal_m)
-        rotation = rotation_from_yaw(heading_rad(start_m, goal_m))
-        offsets_m = np.vstack([np.zeros(3), config.offsets_m(len(members) - 1) @ rotation.T])
-        return cls(members=members, start_m=start_m, goal_m=goal_m, offsets_m=offsets_m)
+        start_m, goal_m, heading_rad = np.array(route.start_m), np.array(route.goal_m), route.heading_rad
+        of_followers_m = config.offsets_m(len(members) - 1) @ rotation_from_yaw(heading_rad).T
+        offsets_m = np.vstack([np.zeros(3), of_followers_m])
+        return cls(members=members, start_m=start_m, goal_m=goal_m, heading_rad=heading_rad, offsets_m=offsets_m)
 
     @property
     def leader(self) -> int:
         """Number of the leader."""
         return self.members[0]
-
-    @property
-    def heading_rad(self) -> float:
-        """Direction from start to goal in the horizontal plane."""
-        return heading_rad(self.start_m, self.goal_m)
 
     @property
     def starts_m(self) -> FloatArray:
@@ -129,8 +131,3 @@ def positions_of(states: Sequence[DroneState], flying: MaskImage) -> FloatArray:
     positions_m: FloatArray = np.array([state.position_m for state in states])
     positions_m[~flying] = np.nan
     return positions_m
-
-
-def heading_rad(start_m: FloatArray, goal_m: FloatArray) -> float:
-    """Return the direction from one point to another in the horizontal plane."""
-    return float(np.arctan2(goal_m[1] - start_m[1], goal_m[0] - start_m[0]))

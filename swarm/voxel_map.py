@@ -132,10 +132,9 @@ class VoxelMap:
 
         What the map does not reach is not free.
         """
-        (x, y, _), (first, last) = ((at_m - self.origin_m) / VOXEL_M).tolist(), self._layers(low_m, high_m)
-        row, col = floor(y) - 1, floor(x) - 1
-        is_free = self._is_free(np.s_[first:last, row : row + 3, col : col + 3], time_s)
-        return min(first, row, col) >= 0 and is_free.shape == (last - first, 3, 3) and bool(is_free.all())
+        col, row, _ = np.floor((at_m - self.origin_m) / VOXEL_M).astype(int).tolist()
+        around = self.layer(low_m, high_m, time_s, np.s_[row - 1 : row + 2, col - 1 : col + 2])
+        return min(row, col) >= 1 and around.shape == (3, 3) and bool((around == FREE).all())
 
     def update(self, evidence: Evidence, T_odom_cam: FloatArray, drones_m: FloatArray, time_s: float) -> None:
         """Add the evidence of an image; surfaces near the other drones `drones_m`, shape (n, 3), are these drones.
@@ -161,18 +160,19 @@ class VoxelMap:
         self._count_unobserved(voxel[~is_miss & is_before & (squared_m2 < NEAR_M**2) & is_other])
         self._count_hits(np.concatenate([hit, voxel[is_hit & is_other]]))
 
-    def layer(self, low_m: float, high_m: float, time_s: float) -> Bytes:
+    def layer(self, low_m: float, high_m: float, time_s: float, columns: Any = np.s_[:, :]) -> Bytes:
         """Return the worst state of each column of voxels between two heights, shape (rows along y, columns along x).
 
-        What the map does not reach is unknown.
+        `columns` are the slices of rows and columns that count. What the map does not reach is unknown.
         """
-        first, last = self._layers(low_m, high_m)
-        layers = slice(max(first, 0), min(last, self._misses.shape[0]))
-        count = self._unobserved[layers]
+        bottom_m = float(self.origin_m[2])
+        first, last = floor((low_m - bottom_m) / VOXEL_M), ceil((high_m - bottom_m) / VOXEL_M)
+        voxels = np.s_[max(first, 0) : last, *columns]
+        count = self._unobserved[voxels]
         state = np.uint8(UNKNOWN) + (count >= self._config.min_vain) + (count == BLACKLISTED_COUNT)
-        state[self._is_free(layers, time_s)] = FREE
-        state[self._occupancy[layers] >= OCCUPIED_FROM] = OCCUPIED
-        reaches = first >= 0 and last <= self._misses.shape[0]
+        state[self._is_free(voxels, time_s)] = FREE
+        state[self._occupancy[voxels] >= OCCUPIED_FROM] = OCCUPIED
+        reaches = first >= 0 and last <= len(self._misses)
         return np.asarray(state.max(axis=0, initial=FREE if reaches else UNKNOWN), np.uint8)
 
     def _is_free(self, voxels: Any, time_s: float) -> npt.NDArray[np.bool_]:
@@ -274,11 +274,6 @@ class VoxelMap:
         inside = (x_m * x_m + y_m * y_m <= radius_m**2) & (np.abs(z_m) < half_height_m + VOXEL_M / 2)
         inside &= ((voxel >= 0) & (voxel < self._misses.shape)).all(axis=-1)
         return tuple(voxel[inside].T)
-
-    def _layers(self, low_m: float, high_m: float) -> tuple[int, int]:
-        """Return the first layer between two heights, and the one after the last; the map may not have all of them."""
-        bottom_m = float(self.origin_m[2])
-        return floor((low_m - bottom_m) / VOXEL_M), ceil((high_m - bottom_m) / VOXEL_M)
 
     def _follow(self, at_m: FloatArray) -> None:
         """Move the map, by whole voxels, so that a position is near its middle."""
