@@ -272,9 +272,11 @@ def _clearance(state: npt.NDArray[np.uint8]) -> FloatImage:
 
     Beyond the map, no cell is free.
     """
-    is_free = np.pad(state == FREE, 1).astype(np.uint8)
-    distance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5)
-    return np.pad(distance[1:-1, 1:-1] - np.float32(0.5), 1)
+    is_free = np.zeros((state.shape[0] + 2, state.shape[1] + 2), np.uint8)
+    is_free[1:-1, 1:-1] = state == FREE
+    clearance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5) - np.float32(0.5)
+    clearance[[0, -1]] = clearance[:, [0, -1]] = 0
+    return clearance
 
 
 def _look_up(clearance: FloatImage, cells: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
-from scipy.ndimage import shift
 
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, FloatImage, MaskImage
@@ -283,7 +282,7 @@ class VoxelMap:
             if (np.abs(moved) < self._slack).all():
                 return
             for values in (self._misses, self._missed_s, self._occupancy, self._unobserved):
-                values[...] = shift(values, -moved[::-1], order=0)  # Voxels that come in are 0.
+                values[...] = _shifted(values, moved[::-1])
         self._origin = wanted
 
 
@@ -291,3 +290,11 @@ class VoxelMap:
 def _window(*reach: int) -> Indices:
     """Return the offsets up to a reach along each axis, shape (n, 3)."""
     return np.moveaxis(np.indices([2 * each + 1 for each in reach]), 0, -1).reshape(-1, len(reach)) - reach
+
+
+def _shifted(array: npt.NDArray[Any], by: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    """Return an array whose content moved against its axes, filled up with zeros."""
+    by = np.clip(by, np.negative(array.shape), array.shape)
+    first = np.maximum(by, 0)
+    padded = np.pad(array, np.stack([first - by, first], axis=1))
+    return padded[tuple(slice(start, start + n) for start, n in zip(first, array.shape, strict=True))]
