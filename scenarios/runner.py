@@ -15,7 +15,6 @@ import numpy as np
 
 from swarm.recorder import Recorder
 from voxdepth.interrupts import kept_back
-from voxdepth.registry import PAPER
 from voxdepth.tools.files import as_tool_error, to_toml, write
 from voxdepth.tools.provenance import machine, versions
 from voxdepth.tools.viewer import PARTIAL_RECORDING, RECORDING
@@ -42,7 +41,11 @@ def fly_and_write(
     be written is a `ToolError`.
     """
     with ExitStack() as until_written, _new_folder(out, run) as folder:
-        recorder = _make_recorder(run, folder / PARTIAL_RECORDING) if record else Recorder()
+        recorder = Recorder()
+        if record:
+            from .rerun.mission import MissionRecorder
+
+            recorder = MissionRecorder(folder / PARTIAL_RECORDING, run)
         try:
             with flying(run, recorder, recorded=record) as mission:
                 hand_on = until_written.enter_context(kept_back())
@@ -93,20 +96,6 @@ def folder_name(run: Run) -> str:
     depth = f"noisy{rig.noise.scale.theta:g}" if rig.depth == "noisy" else rig.depth
     corrector = re.sub(r"[^A-Za-z0-9._-]+", "-", str(run.scenario.corrector))[:LONGEST_CORRECTOR].strip("-.")
     return f"{run.scenario.name}-{run.seed}-{depth}-{corrector}"
-
-
-def _make_recorder(run: Run, path: Path) -> Recorder:
-    from .rerun.mission import MissionRecorder
-
-    scenario = run.scenario
-    return MissionRecorder(
-        path,
-        scenario.rig,
-        recording_id=f"{scenario.name}-{run.seed}-{scenario.rig.depth}-{scenario.corrector}",
-        title=run.title,
-        image_every=scenario.recording.image_every,
-        has_stages=scenario.corrector.name == PAPER,
-    )
 
 
 @contextmanager

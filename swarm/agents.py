@@ -11,8 +11,6 @@ from .config import MissionConfig
 from .controllers import Agent, Role
 from .mapping_pilot import MappingPilot
 from .pilot import Decision, Pilot, Situation
-from .rules import Corridor, RuleWeights
-from .team import Team
 from .vectors import length
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -41,19 +39,17 @@ class Leader:
     def __init__(self, role: Role, config: MissionConfig, pilot: Pilot) -> None:
         self._pilot = pilot
         self._team = role.team
-        self._weights = config.rules
-        self._corridor = corridor_of(role.team, config.rules)
-        self._cruise_speed_m_s = config.cruise_speed_m_s
+        self._config = config
         self._track = Track(role.team.start_m, config.rules.separation_radius_m)
 
     def decide(self, situation: Situation) -> Decision:
         """Fly straight to the goal, slower near it and while a follower lags behind."""
-        w, own = self._weights, situation.own
+        w, own, cruise_speed_m_s = self._config.rules, situation.own, self._config.cruise_speed_m_s
         self._track.add(own.position_m)
         wanted = rules.migration(own.position_m, self._team.goal_m, np.zeros(3), w.migration_per_s)
-        wanted = rules.limit(wanted, self._cruise_speed_m_s * self._lag_speed_factor(situation))
-        wanted = wanted + rules.confinement(own.position_m, self._corridor, w.confinement_per_s)
-        return self._pilot.fly(rules.limit(wanted, self._cruise_speed_m_s), situation, self._team.goal_m)
+        wanted = rules.limit(wanted, cruise_speed_m_s * self._lag_speed_factor(situation))
+        wanted = wanted + rules.confinement(own.position_m, self._team, w)
+        return self._pilot.fly(rules.limit(wanted, cruise_speed_m_s), situation, self._team.goal_m)
 
     def _lag_speed_factor(self, situation: Situation) -> float:
         """Return the share of the cruise speed that lets followers catch up; 0 if one of them is not heard.
@@ -62,10 +58,10 @@ class Leader:
         waited for.
         """
         mates, offsets_m = situation.mates, self._team.offsets_m
-        if len(mates) < len(offsets_m) - situation.mates_dropped:
+        if len(mates) < len(offsets_m) - 1 - situation.mates_dropped:
             return 0.0
         lags_m = (
-            np.linalg.norm(at_m - self._track.places_m(situation.own.position_m + offsets_m[n - 1], n), axis=1).min()
+            np.linalg.norm(at_m - self._track.places_m(situation.own.position_m + offsets_m[n], n), axis=1).min()
             for n, at_m in zip(mates.drone - self._team.leader, mates.position_m, strict=True)
         )
         return rules.lag_speed_factor(float(max(lags_m, default=0.0)))
@@ -76,33 +72,29 @@ class Follower:
 
     def __init__(self, role: Role, config: MissionConfig, pilot: Pilot) -> None:
         self._pilot = pilot
-        self._weights = config.rules
-        self._corridor = corridor_of(role.team, config.rules)
-        self._offset_m = role.offset_m
-        self._number = role.drone - role.team.leader
+        self._role = role
+        self._config = config
         self._track = Track(role.team.start_m, config.rules.separation_radius_m)
-        self._members = role.team.members
-        self._max_speed_m_s = config.follower_speed_m_s
 
     def decide(self, situation: Situation) -> Decision:
         """Fly at the sum of the rules to the slot, or to the first place where the drone fits."""
         self._track.add(situation.leader.position_m)
-        slot_m = situation.leader.position_m + self._offset_m
-        places_m = self._track.places_m(slot_m, self._number)
+        slot_m = situation.leader.position_m + self._role.offset_m
+        places_m = self._track.places_m(slot_m, self._role.drone - self._role.team.leader)
         first = self._pilot.first_free(places_m)
-        wanted = rules.limit(self.wanted(situation, places_m[first]), self._max_speed_m_s)
+        wanted = rules.limit(self.wanted(situation, places_m[first]), self._config.follower_speed_m_s)
         return self._pilot.fly(wanted, situation, places_m[first], look_at_m=slot_m if first > 0 else None)
 
     def wanted(self, situation: Situation, slot_m: FloatArray) -> FloatArray:
         """Return the sum of the rules, shape (3,); cohesion and alignment use the own swarm only."""
-        w, own, near = self._weights, situation.own, situation.neighbours
-        flock = near.among(self._members)
+        w, own, near = self._config.rules, situation.own, situation.neighbours
+        flock = near.among(self._role.team.members)
         return (
             rules.migration(own.position_m, slot_m, situation.leader.velocity_m_s, w.migration_per_s)
             + rules.cohesion(own.position_m, flock, w.cohesion_per_s)
             + rules.separation(own.position_m, near, w.separation_per_s, w.separation_radius_m)
             + rules.alignment(own.velocity_m_s, flock, w.alignment)
-            + rules.confinement(own.position_m, self._corridor, w.confinement_per_s)
+            + rules.confinement(own.position_m, self._role.team, w)
         )
 
 
@@ -134,10 +126,3 @@ class Track:
     def behind(self, distance_m: float) -> FloatArray:
         """Return a point of the way at a distance from its end, measured along it; its start if it is shorter."""
         return self._points_m[max(bisect_right(self._lengths_m, self._lengths_m[-1] - distance_m) - 1, 0)]
-
-
-def corridor_of(team: Team, weights: RuleWeights) -> Corridor:
-    """Return the corridor of the drones of a swarm: a band of altitudes along its route."""
-    along = np.array([np.cos(team.heading_rad), np.sin(team.heading_rad)])
-    low_m, high_m = weights.min_altitude_m, weights.max_altitude_m
-    return Corridor(low_m, high_m, weights.max_aside_m, team.start_m[:2], along)

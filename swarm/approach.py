@@ -77,20 +77,19 @@ def neighbour_limits(
     return ApproachLimits(towards, np.where(may_stop, np.sqrt(speed_m_s**2 + away_m_s**2), speed_m_s + away_m_s))
 
 
-def clamp_to_limits(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatArray:
+def clamp_to_limits(velocity_m_s: FloatArray, limits: ApproachLimits) -> FloatArray:
     """Return the velocity, shape (3,) or (2,), clamped to all limits.
 
     The velocity is projected onto the most violated limit, repeatedly, since one projection can violate another limit.
     A violation remains in acute corners and between limits that contradict each other.
     """
-    towards, allowed_m_s = limits[0] if len(limits) == 1 else map(np.concatenate, zip(*limits, strict=True))
     clamped = np.array(velocity_m_s)
-    for _ in range(MAX_PROJECTIONS if len(towards) else 0):
-        excess_m_s = (towards * clamped).sum(axis=1) - allowed_m_s
+    for _ in range(MAX_PROJECTIONS if len(limits.towards) else 0):
+        excess_m_s = (limits.towards * clamped).sum(axis=1) - limits.speed_m_s
         worst = excess_m_s.argmax()
         if excess_m_s[worst] <= 1e-6:
             break
-        clamped -= excess_m_s[worst] * towards[worst]
+        clamped -= excess_m_s[worst] * limits.towards[worst]
     return clamped
 
 

@@ -46,8 +46,7 @@ class Role:
     @property
     def offset_m(self) -> FloatArray:
         """Slot relative to the leader, shape (3,), world frame; 0 for the leader itself."""
-        offset_m: FloatArray = self.team.slots_m(np.zeros(3))[self.drone - self.team.leader]
-        return offset_m
+        return np.asarray(self.team.offsets_m[self.drone - self.team.leader])
 
 
 Factory = Callable[[Role, MissionConfig], Agent]

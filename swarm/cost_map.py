@@ -13,12 +13,12 @@ from scipy.sparse.csgraph import dijkstra
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 from .approach import DECEL_M_S2, ApproachLimits, stopping_speed_m_s
-from .voxel_map import BLACKLISTED, FREE, OCCUPIED, UNKNOWN, UNOBSERVABLE, VOXEL_M
+from .voxel_map import FREE, OCCUPIED, UNKNOWN, VOXEL_M
 
 Indices = npt.NDArray[np.signedinteger]
 NO_DISCS: FloatArray = np.empty((0, 3))
-COSTS = {FREE: 1.0, UNKNOWN: 2.5, UNOBSERVABLE: 12.0, BLACKLISTED: 30.0, OCCUPIED: 30.0}
-"""Cost of a path per metre through space of each state."""
+COSTS = np.array([1.0, 2.5, 12.0, 30.0, 30.0])
+"""Cost of a path per metre through space of each state, in the order of `voxel_map.STATES`."""
 BEYOND_COST = 1.5
 """Cost of a path per metre beyond the map."""
 HYSTERESIS = 0.7
@@ -40,8 +40,8 @@ ESCAPE_SLOPE = 0.5
 """Growth of the clearance per distance that a drone keeps on its way out of a place that is too narrow."""
 STEP_CELLS = 0.5
 """Distance between the places at which a direction is tested."""
-PATH_CELLS = 2
-"""Side of a cell of a path, in cells of the map."""
+PATH_CELL_M = 2 * VOXEL_M
+"""Side of a cell of a path, which covers two by two cells of the map."""
 
 
 class PlannedPath(NamedTuple):
@@ -53,19 +53,19 @@ class PlannedPath(NamedTuple):
     """Index of the last point, of those nearby, to which the straight line is free for the whole width of the drone."""
 
     def direction(self, at_m: FloatArray, otherwise: FloatArray) -> FloatArray:
-        """Return the direction (x, y) to the last clear point, or to the one after it where that is reached."""
-        reached = np.hypot(*(self.points_m[self.clear] - at_m)) < REACHED_M
-        return self._towards(self.clear + int(reached), at_m, otherwise)
+        """Return the direction to the last clear point, or to the one after it where that is reached."""
+        is_reached = np.hypot(*(self.points_m[self.clear] - at_m[:2])) < REACHED_M
+        return self._towards(self.clear + int(is_reached), at_m, otherwise)
 
     def look(self, at_m: FloatArray, otherwise: FloatArray) -> FloatArray:
-        """Return the direction (x, y) to a point beyond the clear part of the path."""
+        """Return the direction to a point beyond the clear part of the path."""
         return self._towards(self.clear + LOOK_AHEAD, at_m, otherwise)
 
     def _towards(self, index: int, at_m: FloatArray, otherwise: FloatArray) -> FloatArray:
-        """Return the direction to a point, or another one if the drone is there."""
-        offset_m = self.points_m[min(index, len(self.points_m) - 1)] - at_m
+        """Return the level direction to a point, shape (3,), or another one if the drone is there."""
+        offset_m = self.points_m[min(index, len(self.points_m) - 1)] - at_m[:2]
         distance_m = np.hypot(*offset_m)
-        return offset_m / distance_m if distance_m > 1e-6 else otherwise
+        return np.array([*offset_m / distance_m, 0.0]) if distance_m > 1e-6 else otherwise
 
 
 class CostMap:
@@ -136,8 +136,8 @@ class CostMap:
     ) -> FloatArray:
         """Turn and shorten a velocity (x, y) so that a drone at a position can stop within free space.
 
-        Directions beside the wanted one also respect the limits towards other drones, which the wanted one does
-        already. A direction that keeps `GOOD_ENOUGH` of the speed is not compared with further ones.
+        The first direction that keeps `GOOD_ENOUGH` of the speed is taken, or else the first that keeps most of it.
+        Those beside the wanted one also respect the limits towards other drones, which the wanted one does already.
         """
         speed = math.sqrt(float(wanted_m_s[0]) ** 2 + float(wanted_m_s[1]) ** 2)
         x, y = (wanted_m_s / max(speed, 1e-9)).tolist()
@@ -149,13 +149,8 @@ class CostMap:
             approach_m_s = np.where(share > 1e-3, np.maximum(limits.speed_m_s / share, 0), np.inf)
         allowed_m_s[1:] = np.minimum(allowed_m_s[1:], approach_m_s[1:].min(axis=1, initial=np.inf))
         kept_m_s = allowed_m_s * SIDESTEPS[:, 0]
-        best = None
-        for k, kept in enumerate(kept_m_s.tolist()):
-            if kept > (0.0 if best is None else kept_m_s[best]) + 1e-6:
-                best = k
-                if kept >= GOOD_ENOUGH * speed:
-                    break
-        return np.zeros(2) if best is None else allowed_m_s[best] * directions[best]
+        first = (kept_m_s >= min(GOOD_ENOUGH * speed, kept_m_s.max() - 1e-6)).argmax()
+        return np.asarray(allowed_m_s[first] * directions[first])
 
     def way_out(self, at_m: FloatArray) -> FloatArray:
         """Return what a drone misses to its width at a position, as a vector (x, y) to a more open side if one is."""
@@ -173,26 +168,28 @@ class CostMap:
         The path that was chosen `before` is a little cheaper, so that a drone does not hesitate between two paths. That
         of a drone beyond the map, where a storm may carry it, begins in the nearest cell.
         """
-        shape, side_m = self._blocked.shape, PATH_CELLS * VOXEL_M
-        cost = np.array([COSTS[state] for state in range(len(COSTS))])[self._blocked]
+        cost = COSTS[self._blocked]
         if before is not None:
-            rows, cols = np.floor((before.points_m - self.origin_m) / side_m).astype(np.intp).T[::-1]
-            inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
-            cost[rows[inside], cols[inside]] *= HYSTERESIS
-        cell = np.floor((at_m[:2] - self.origin_m) / side_m).astype(int)
-        col, row = np.clip(cell, 0, [shape[1] - 1, shape[0] - 1]).tolist()
-        rows, cols = _cheapest_path(cost, self._cost_to_go(target_m), row, col)
-        points_m = self.origin_m + side_m * (np.column_stack([cols, rows]) + 0.5)
-        nearby = min(len(rows) - 1, round(CLEAR_M / side_m))
-        is_clear = (_is_free_between(self._blocked, rows[0], cols[0], rows[k], cols[k]) for k in range(nearby, 0, -1))
-        return PlannedPath(points_m, next((nearby - n for n, clear in enumerate(is_clear) if clear), 0))
+            cells = self._path_cells(before.points_m)
+            row, col = cells[((cells >= 0) & (cells < cost.shape)).all(axis=1)].T
+            cost[row, col] *= HYSTERESIS
+        start = np.clip(self._path_cells(at_m), 0, np.array(cost.shape) - 1)
+        path = _cheapest_path(cost, self._cost_to_go(target_m), *start.tolist())
+        nearby = path[1 : 1 + round(CLEAR_M / PATH_CELL_M)]
+        clear = [n for n, cell in enumerate(nearby, start=1) if _is_free_between(self._blocked, path[0], cell)]
+        return PlannedPath(self.origin_m + PATH_CELL_M * (path[:, ::-1] + 0.5), max(clear, default=0))
+
+    def _path_cells(self, places_m: FloatArray) -> Indices:
+        """Return row and column of the cell of a path at each position (x, y), shape (..., 2)."""
+        cells: Indices = np.floor((places_m[..., :2] - self.origin_m) / PATH_CELL_M).astype(np.intp)
+        return cells[..., ::-1]
 
     @cached_property
     def _blocked(self) -> npt.NDArray[np.uint8]:
         """Worst state within reach of a drone in each cell of a path, which are fewer than those of the map."""
         blocked = cv2.dilate(self._taken, _disc(self._half_width + 0.5))
-        pairs = np.maximum(blocked[::2], blocked[1::2])
-        return np.asarray(np.maximum(pairs[:, ::2], pairs[:, 1::2]))
+        rows, cols = blocked.shape
+        return np.asarray(blocked.reshape(rows // 2, 2, cols // 2, 2).max(axis=(1, 3)))
 
     def _cells(self, places_m: FloatArray) -> FloatArray:
         """Return positions (x, y), shape (..., 2), in cells, whose middles have whole numbers."""
@@ -214,9 +211,9 @@ class CostMap:
 
     def _cost_to_go(self, target_m: FloatArray) -> FloatImage:
         """Return the cost that is left at the target, or at each cell of the sides if it lies beyond them."""
-        (rows, cols), side_m = self._blocked.shape, PATH_CELLS * VOXEL_M
+        rows, cols = self._blocked.shape
         left = np.full((rows, cols), np.inf, np.float32)
-        x, y = (target_m[:2] - self.origin_m) / side_m - 0.5
+        x, y = (target_m[:2] - self.origin_m) / PATH_CELL_M - 0.5
         if -0.5 <= x < cols - 0.5 and -0.5 <= y < rows - 0.5:
             left[int(y + 0.5), int(x + 0.5)] = 0
             return left
@@ -226,8 +223,8 @@ class CostMap:
         return left
 
 
-def _cheapest_path(cost: FloatArray, cost_to_go: FloatImage, row: int, col: int) -> tuple[Indices, Indices]:
-    """Return rows and columns of the cheapest path from a cell, by Dijkstra's algorithm from the end back.
+def _cheapest_path(cost: FloatArray, cost_to_go: FloatImage, row: int, col: int) -> Indices:
+    """Return the cells (row, column) of the cheapest path from one, shape (n, 2), by Dijkstra's algorithm from its end.
 
     A step costs the mean of its two cells, `cost` per side of a cell, and the end of the path what is left to go there:
     it is a step from one more cell, whose cost is raised by 1, since steps must not be free.
@@ -242,8 +239,7 @@ def _cheapest_path(cost: FloatArray, cost_to_go: FloatImage, row: int, col: int)
     path = [row * cost.shape[1] + col]
     while towards[path[-1]] != beyond:
         path.append(int(towards[path[-1]]))
-    rows, cols = np.divmod(np.array(path), cost.shape[1])
-    return rows, cols
+    return np.column_stack(np.divmod(path, cost.shape[1]))
 
 
 @cache
@@ -264,12 +260,11 @@ def _steps(
     return a.astype(np.int32), b.astype(np.int32), starts.astype(np.int32), np.hypot(*offset[which].T)
 
 
-def _is_free_between(state: npt.NDArray[np.uint8], row: int, col: int, to_row: int, to_col: int) -> bool:
-    """Return whether all cells on the straight line between two cells are free."""
-    n = 2 * max(abs(to_row - row), abs(to_col - col))
-    share = np.arange(n + 1) / max(n, 1)
-    rows, cols = (np.floor(a + (b - a) * share + 0.5).astype(np.intp) for a, b in ((row, to_row), (col, to_col)))
-    return bool((state[rows, cols] == FREE).all())
+def _is_free_between(state: npt.NDArray[np.uint8], start: Indices, end: Indices) -> bool:
+    """Return whether all cells on the straight line between two different cells (row, column) are free."""
+    n = 2 * np.abs(end - start).max()
+    row, col = np.floor(start + np.arange(n + 1)[:, None] / n * (end - start) + 0.5).astype(np.intp).T
+    return bool((state[row, col] == FREE).all())
 
 
 def _clearance(state: npt.NDArray[np.uint8]) -> FloatImage:
@@ -277,10 +272,10 @@ def _clearance(state: npt.NDArray[np.uint8]) -> FloatImage:
 
     Beyond the map, no cell is free.
     """
-    is_free, clearance = (np.zeros((state.shape[0] + 2, state.shape[1] + 2), kind) for kind in (np.uint8, np.float32))
+    is_free = np.zeros((state.shape[0] + 2, state.shape[1] + 2), np.uint8)
     is_free[1:-1, 1:-1] = state == FREE
-    distance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5)
-    clearance[1:-1, 1:-1] = distance[1:-1, 1:-1] - np.float32(0.5)
+    clearance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5) - np.float32(0.5)
+    clearance[[0, -1]] = clearance[:, [0, -1]] = 0
     return clearance
 
 

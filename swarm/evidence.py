@@ -1,5 +1,6 @@
 """What one depth image proves: how far each direction is free, and where it shows a surface."""
 
+from itertools import zip_longest
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -77,7 +78,7 @@ class InverseSensorModel:
         """Row or column of cells to which each row or column of pixels belongs, shape (H,) or (W,)."""
         narrowest_px = min(np.diff(edges).min() for edges in (self.row_edges, self.col_edges))
         self._step = int(max(1, min(i.height_px // SAMPLED_ROWS, narrowest_px)))
-        self._pixels = self._pixels_of_cells(i)
+        self._pixels = self._pixels_of_cells()
         self._n_pixels = np.count_nonzero(self._pixels >= 0, axis=-1)
         y = ((self.row_edges[1:] + self.row_edges[:-1] - 1) / 2 - i.cy_px) / i.fy_px
         x = ((self.col_edges[1:] + self.col_edges[:-1] - 1) / 2 - i.cx_px) / i.fx_px
@@ -110,12 +111,12 @@ class InverseSensorModel:
         free_m /= 1 + free_m * np.float32(self._disparity_error_px / self.camera.focal_baseline_px_m)
         return Evidence(free_m * self._ray_length, surface_m * self._ray_length)
 
-    def _pixels_of_cells(self, camera: Intrinsics) -> npt.NDArray[np.int64]:
+    def _pixels_of_cells(self) -> npt.NDArray[np.int64]:
         """Return the indices of the sampled pixels of each cell, filled up with -1 to shape (rows, cols, n)."""
-        row, col = (_members(-(-edges // self._step)) for edges in (self.row_edges, self.col_edges))
-        row, col = row[:, None, :, None], col[None, :, None, :]
-        pixels = np.where((row >= 0) & (col >= 0), row * -(-camera.width_px // self._step) + col, -1)
-        return pixels.reshape(*pixels.shape[:2], -1)
+        n_rows, n_cols = len(self.row_edges) - 1, len(self.col_edges) - 1
+        cell = n_cols * self.cell_of_row[:: self._step, None] + self.cell_of_col[:: self._step]
+        pixels = [np.flatnonzero(cell == n) for n in range(n_rows * n_cols)]
+        return np.array(list(zip_longest(*pixels, fillvalue=-1))).T.reshape(n_rows, n_cols, -1)
 
     def _quantile(self, depth_m: FloatImage, share: float) -> tuple[FloatImage, npt.NDArray[np.int64]]:
         """Return the quantile of a share of the depths of each cell, +inf without any, and how many it has."""
@@ -135,9 +136,3 @@ def _edges(n_px: int, focal_px: float) -> npt.NDArray[np.int64]:
 def _cells(edges: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Return the number of the cell of each pixel along a side of the image."""
     return np.repeat(np.arange(len(edges) - 1), np.diff(edges))
-
-
-def _members(edges: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return the pixels from each edge to the next one, filled up with -1 to shape (cells, n)."""
-    pixels = edges[:-1, None] + np.arange(np.diff(edges).max())
-    return np.where(pixels < edges[1:, None], pixels, -1)

@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.drone import AirframeConfig
 from sim.types import VelocityCommand
-from voxdepth.geometry import inverse_rigid
+from voxdepth.geometry import inverse_rigid, transform
 from voxdepth.types import FloatArray, Intrinsics
 
 from .approach import (
@@ -31,6 +31,7 @@ from .types import Percept
 from .vectors import length
 from .voxel_map import HEIGHT_M, VoxelMap
 
+NOWHERE_M: FloatArray = np.full(3, np.inf)
 START_RADIUS_M = 1.6
 """Space around the start that counts as free."""
 KEEP_ABOVE_M = 0.15
@@ -59,12 +60,24 @@ STANDS_M_S, WANTS_TO_FLY_M_S = 0.15, 0.4
 """A drone stands if it is slower than the first and wants to be faster than the second."""
 
 
-class Rotation(NamedTuple):
-    """A turn by which a drone looks around."""
+class Intent(NamedTuple):
+    """Where a drone is and what it wants, in the frame of its odometry; all of shape (3,)."""
 
     at_m: FloatArray
-    """Its position (x, y, z) at the beginning."""
-    ends_s: float
+    wanted_m_s: FloatArray
+    """Wanted velocity."""
+    target_m: FloatArray
+    """Where it wants to get."""
+
+    @property
+    def speed_m_s(self) -> float:
+        """Wanted horizontal speed."""
+        return length(self.wanted_m_s[:2])
+
+    @property
+    def climb_m(self) -> float:
+        """Climb that is left to the target."""
+        return float(self.target_m[2] - self.at_m[2])
 
 
 class MappingPilot(Pilot):
@@ -90,10 +103,10 @@ class MappingPilot(Pilot):
         self._path: PlannedPath | None = None
         """The path by the newest image; None until one is needed."""
         self._path_before: PlannedPath | None = None
-        self._progress: tuple[float, FloatArray] | None = None
-        """When the drone made progress last, and where it was."""
-        self._rotation: Rotation | None = None
-        """The last turn by which it looked around."""
+        self._progress_m, self._progress_s = NOWHERE_M, -np.inf
+        """Where and when the drone made progress last."""
+        self._rotated_m, self._rotates_until_s = NOWHERE_M, -np.inf
+        """Where it turned last to look around, and until when."""
 
     def fly(
         self,
@@ -105,30 +118,28 @@ class MappingPilot(Pilot):
         """Return the command for a wanted velocity, shape (3,); the drone hovers before the first percept.
 
         What a new image proves changes the map; a way through the map is chosen, and a speed from which the drone can
-        stop on it. All but the situation and the command is in the frame of the odometry, in which the map is.
+        stop on it.
         """
-        percept, own, time_s = situation.percept, situation.own, situation.time_s
-        if percept is None:
+        if situation.percept is None:
             hover = VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=self._heading.yaw_rad)
             return Decision(command=hover, state="waiting")
-        if self._costs is None or percept.stamp_s > self._mapped_s:
-            self._costs, self._path = self._mapped(percept, situation), None
-        costs = self._costs
-        at_m, wanted = costs.place(own.position_m), costs.to_odom(wanted_m_s)
+        costs = self._map(situation.percept, situation)
+        at_m, wanted = costs.place(situation.own.position_m), costs.to_odom(wanted_m_s)
         target = at_m + TARGET_AHEAD_S * wanted if target_m is None else costs.place(target_m)
-        direction, look = self._directions(costs, at_m, wanted, target)
-        velocity = self._safe_velocity(costs, situation, at_m, direction, wanted, target)
-        self._recover(time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
-        if look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
-            look_along, speed = look_at_m - own.position_m, np.inf
+        intent = Intent(at_m, wanted, target)
+        direction, look = self._directions(costs, intent)
+        velocity = self._safe_velocity(costs, intent, direction, situation)
+        self._recover(intent, situation.time_s)
+        if self._is_rotating(at_m, situation.time_s):
+            yaw_rad = self._heading.turn()
+        elif look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
+            yaw_rad = self._heading.turn_towards(look_at_m - situation.own.position_m, np.inf)
         else:
-            look_along, speed = costs.to_world(np.array([*look, 0.0])), length(wanted_m_s)
-        is_rotating = self._is_rotating(time_s, at_m)
-        yaw_rad = self._heading.turn() if is_rotating else self._heading.turn_towards(look_along, speed)
+            yaw_rad = self._heading.turn_towards(costs.to_world(look), length(wanted_m_s))
         return Decision(
             command=VelocityCommand(velocity_m_s=costs.to_world(velocity), yaw_rad=yaw_rad),
-            state=_state(wanted, direction, velocity),
-            direction=costs.to_world(np.array([*direction, 0.0])),
+            state=_state(intent, direction, velocity),
+            direction=costs.to_world(direction),
             view=costs,
         )
 
@@ -139,27 +150,29 @@ class MappingPilot(Pilot):
         fits = self._costs.fits(self._costs.place(places_m))
         return int(fits.argmax()) if fits.any() else len(places_m) - 1
 
-    def _mapped(self, percept: Percept, situation: Situation) -> CostMap:
-        """Add the evidence of an image to the voxel map, and return the map at the height at which the drone flies."""
-        own, others, stamp_s = situation.own, situation.neighbours, percept.stamp_s
+    def _map(self, percept: Percept, situation: Situation) -> CostMap:
+        """Return the map at the height at which the drone flies, with the evidence of an image if that is new."""
+        others, stamp_s = situation.neighbours, percept.stamp_s
+        if self._costs is not None and stamp_s <= self._mapped_s:
+            return self._costs
         T = percept.T_odom_cam @ inverse_rigid(percept.T_world_cam)
-        age_s = situation.time_s - stamp_s
-        now_m, then_m = np.vstack([own.position_m, others.position_m]), others.position_m - age_s * others.velocity_m_s
-        places_m, in_image_m = (world_m @ T[:3, :3].T + T[:3, 3] for world_m in (now_m, then_m))
-        at_m = places_m[0]
+        drones_m = transform(T, np.vstack([situation.own.position_m, others.position_m]))
+        others_in_image_m = transform(T, others.position_m - (situation.time_s - stamp_s) * others.velocity_m_s)
+        at_m = drones_m[0]
         if self._costs is None:
             self._voxels.start(at_m, START_RADIUS_M, stamp_s)
-        self._voxels.update(self._sensor.read(percept.corrected), percept.T_odom_cam, in_image_m, stamp_s)
-        self._voxels.mark_free(places_m, self._airframe.radius_m, self._half_height_m, stamp_s)
-        self._mapped_s = stamp_s
-        return CostMap(
+        self._voxels.update(self._sensor.read(percept.corrected), percept.T_odom_cam, others_in_image_m, stamp_s)
+        self._voxels.mark_free(drones_m, self._airframe.radius_m, self._half_height_m, stamp_s)
+        self._mapped_s, self._path = stamp_s, None
+        self._costs = CostMap(
             self._voxels.layer(*self._band(at_m), stamp_s),
             self._voxels.origin_m[:2],
             self._half_width_m,
             reach_m=self._config.map.reach_m,
             T_odom_world=T,
-            drones_m=self._slow_drones(at_m, places_m[1:], others.velocity_m_s),
+            drones_m=self._slow_drones(at_m, drones_m[1:], others.velocity_m_s),
         )
+        return self._costs
 
     def _slow_drones(self, at_m: FloatArray, drones_m: FloatArray, velocities_m_s: FloatArray) -> FloatArray:
         """Return the discs (x, y, radius) that slow drones take at the height of this one, shape (n, 3).
@@ -173,58 +186,49 @@ class MappingPilot(Pilot):
         radius_m = np.sqrt(np.maximum(kept_m**2 - (slow_m[:, 2] - at_m[2]) ** 2, 0)) - self._half_width_m
         return np.asarray(np.column_stack([slow_m[:, :2], radius_m])[radius_m > 0])
 
-    def _directions(
-        self, costs: CostMap, at_m: FloatArray, wanted: FloatArray, target_m: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the directions (x, y) to fly and to look: straight ahead if that is free, or along a path."""
-        speed, left_m = length(wanted[:2]), length(target_m[:2] - at_m[:2])
-        if speed < 1e-3:
-            return np.zeros(2), np.zeros(2)
-        straight = wanted[:2] / speed
-        needed_m = RESPONSE_S * speed + speed**2 / (2 * self._decel_m_s2) + AHEAD_M
+    def _directions(self, costs: CostMap, intent: Intent) -> tuple[FloatArray, FloatArray]:
+        """Return the level directions, shape (3,), to fly and to look: straight ahead if that is free, or on a path."""
+        at_m, speed_m_s = intent.at_m, intent.speed_m_s
+        if speed_m_s < 1e-3:
+            return np.zeros(3), np.zeros(3)
+        straight = np.array([*intent.wanted_m_s[:2] / speed_m_s, 0.0])
+        needed_m = RESPONSE_S * speed_m_s + speed_m_s**2 / (2 * self._decel_m_s2) + AHEAD_M
+        left_m = length(intent.target_m[:2] - at_m[:2])
         if costs.free_length_m(at_m, straight, needed_m) >= min(needed_m, left_m):
             return straight, straight
         if self._path is None:
-            self._path = self._path_before = costs.plan(at_m, target_m, self._path_before)
-        return self._path.direction(at_m[:2], straight), self._path.look(at_m[:2], straight)
+            self._path = self._path_before = costs.plan(at_m, intent.target_m, self._path_before)
+        return self._path.direction(at_m, straight), self._path.look(at_m, straight)
 
-    def _safe_velocity(
-        self,
-        costs: CostMap,
-        situation: Situation,
-        at_m: FloatArray,
-        direction: FloatArray,
-        wanted: FloatArray,
-        target: FloatArray,
-    ) -> FloatArray:
-        """Return a velocity along a direction (x, y) from which the drone can stop in free space, shape (3,).
+    def _safe_velocity(self, costs: CostMap, intent: Intent, direction: FloatArray, situation: Situation) -> FloatArray:
+        """Return a velocity along a level direction from which the drone can stop in free space, shape (3,).
 
-        It leads out of narrow places, and no nearer to other drones than they allow. All but the situation is in the
-        frame of the odometry.
+        It leads out of narrow places, and no nearer to other drones than they allow. The direction is in the frame of
+        the odometry, and so is the velocity.
         """
-        drones, left_m = self._drone_limits(situation), target[2] - at_m[2]
+        drones = self._drone_limits(situation)
         all_limits = ApproachLimits(costs.to_odom(drones.towards), drones.speed_m_s)
-        level = _making_room(length(wanted[:2]) * direction, costs.way_out(at_m))
-        velocity = clamp_to_limits(np.array([*level, _climb(wanted[2], left_m)]), all_limits)
-        climb_m_s = self._safe_climb(at_m, velocity[2], left_m)
+        velocity = _making_room(intent.speed_m_s * direction[:2], costs.way_out(intent.at_m))
+        velocity = clamp_to_limits(np.array([*velocity, _climb(intent)]), all_limits)
+        climb_m_s = self._safe_climb(intent, velocity[2])
         limits = level_limits(all_limits, climb_m_s)
         level = clamp_to_limits(velocity[:2], limits)
-        reacted_m = at_m + RESPONSE_S * costs.to_odom(situation.own.velocity_m_s)
+        reacted_m = intent.at_m + RESPONSE_S * costs.to_odom(situation.own.velocity_m_s)
         level = costs.safe_velocity(level, reacted_m, limits, self._decel_m_s2)
         return shortened(np.array([*level, climb_m_s]), all_limits)
 
-    def _safe_climb(self, at_m: FloatArray, climb_m_s: float, left_m: float) -> float:
+    def _safe_climb(self, intent: Intent, climb_m_s: float) -> float:
         """Return a climb, or a descent, if the space where the drone gets within a second is free, or else 0.
 
-        The map is low: on the way to its target, with `left_m` to climb, a drone may also be slower.
+        The map is low: on the way to its target, a drone may also be slower.
         """
         if abs(climb_m_s) < STANDS_UP_M_S:
             return climb_m_s
-        here_m = self._band(at_m)
-        for share in CLIMB_SHARES if climb_m_s * left_m > 0 else CLIMB_SHARES[:1]:
+        low_m, high_m = self._band(intent.at_m)
+        for share in CLIMB_SHARES if climb_m_s * intent.climb_m > 0 else CLIMB_SHARES[:1]:
             slower_m_s = share * climb_m_s
-            low_m, high_m = here_m[0] + min(slower_m_s, 0), here_m[1] + max(slower_m_s, 0)
-            if self._voxels.is_column_free(at_m, low_m, high_m, self._mapped_s):
+            ends_m = low_m + min(slower_m_s, 0), high_m + max(slower_m_s, 0)
+            if self._voxels.is_column_free(intent.at_m, *ends_m, self._mapped_s):
                 return slower_m_s
         return 0.0
 
@@ -232,25 +236,24 @@ class MappingPilot(Pilot):
         """Return the heights between which the air must be free, so that a drone may fly there."""
         return at_m[2] - self._half_height_m, at_m[2] + self._half_height_m
 
-    def _recover(self, time_s: float, at_m: FloatArray, wants_to_fly: bool) -> None:
+    def _recover(self, intent: Intent, time_s: float) -> None:
         """Rotate, or blacklist what is unknown on the path, if the drone wants to fly and makes no progress.
 
         Its camera shows little of what is near and beside it.
         """
-        path, before = self._path, self._progress
-        if before is None or path is None or not wants_to_fly or length(at_m[:2] - before[1][:2]) > PROGRESS_M:
-            self._progress = time_s, at_m
-        elif time_s - before[0] >= PATIENCE_S and not self._is_rotating(time_s, at_m):
-            if self._rotation is None or length(at_m[:2] - self._rotation.at_m[:2]) > ROTATES_AGAIN_M:
-                self._rotation = Rotation(at_m, time_s + 2 * np.pi / self._config.yaw_rate_rad_s)
-                self._progress = self._rotation.ends_s, at_m
+        path, at_m = self._path, intent.at_m
+        if path is None or intent.speed_m_s <= WANTS_TO_FLY_M_S or _apart_m(at_m, self._progress_m) > PROGRESS_M:
+            self._progress_m, self._progress_s = at_m, time_s
+        elif time_s - self._progress_s >= PATIENCE_S and not self._is_rotating(at_m, time_s):
+            if _apart_m(at_m, self._rotated_m) > ROTATES_AGAIN_M:
+                self._rotated_m, self._rotates_until_s = at_m, time_s + 2 * np.pi / self._config.yaw_rate_rad_s
+                self._progress_m, self._progress_s = at_m, self._rotates_until_s
             elif self._blacklist(path, at_m, time_s):
-                self._progress = time_s, at_m
+                self._progress_m, self._progress_s = at_m, time_s
 
-    def _is_rotating(self, time_s: float, at_m: FloatArray) -> bool:
+    def _is_rotating(self, at_m: FloatArray, time_s: float) -> bool:
         """Return whether the drone still looks around where it stands."""
-        r = self._rotation
-        return r is not None and time_s < r.ends_s and length(at_m[:2] - r.at_m[:2]) <= PROGRESS_M
+        return time_s < self._rotates_until_s and _apart_m(at_m, self._rotated_m) <= PROGRESS_M
 
     def _blacklist(self, path: PlannedPath, at_m: FloatArray, time_s: float) -> bool:
         """Blacklist what is unknown at the next points of a path, if they are near; return whether they are."""
@@ -262,14 +265,19 @@ class MappingPilot(Pilot):
         return True
 
 
-def _state(wanted: FloatArray, direction: FloatArray, velocity: FloatArray) -> str:
+def _apart_m(one_m: FloatArray, other_m: FloatArray) -> float:
+    """Return the horizontal distance of two places."""
+    return length(one_m[:2] - other_m[:2])
+
+
+def _state(intent: Intent, direction: FloatArray, velocity: FloatArray) -> str:
     """Return `free`, `avoiding`, `exploring` or `blocked`."""
-    speed, flown = length(wanted[:2]), length(velocity[:2])
-    if speed > WANTS_TO_FLY_M_S and flown < STANDS_M_S:
+    speed_m_s, flown_m_s = intent.speed_m_s, length(velocity[:2])
+    if speed_m_s > WANTS_TO_FLY_M_S and flown_m_s < STANDS_M_S:
         return "blocked"
-    if flown < 0.9 * speed:
+    if flown_m_s < 0.9 * speed_m_s:
         return "exploring"
-    return "free" if float(direction @ wanted[:2]) >= 0.97 * speed else "avoiding"
+    return "free" if float(direction[:2] @ intent.wanted_m_s[:2]) >= 0.97 * speed_m_s else "avoiding"
 
 
 def _making_room(level: FloatArray, way_out: FloatArray) -> FloatArray:
@@ -281,8 +289,8 @@ def _making_room(level: FloatArray, way_out: FloatArray) -> FloatArray:
     return np.asarray(level - min(float(level @ out), 0.0) * out + MAKE_ROOM_PER_S * way_out)
 
 
-def _climb(wanted_m_s: float, left_m: float) -> float:
-    """Return the climb for a wanted one, with `left_m` to climb to the target."""
-    low_m_s = 0.0 if left_m > HEIGHT_BAND_M else -MAX_CLIMB_M_S
-    high_m_s = 0.0 if left_m < -HEIGHT_BAND_M else MAX_CLIMB_M_S
-    return min(max(wanted_m_s, low_m_s), high_m_s)
+def _climb(intent: Intent) -> float:
+    """Return the wanted climb, limited, and 0 if it leads farther out of the band around the height of the target."""
+    low_m_s = 0.0 if intent.climb_m > HEIGHT_BAND_M else -MAX_CLIMB_M_S
+    high_m_s = 0.0 if intent.climb_m < -HEIGHT_BAND_M else MAX_CLIMB_M_S
+    return float(np.clip(intent.wanted_m_s[2], low_m_s, high_m_s))

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from enum import StrEnum
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from sim.types import Capture, Contact, DroneState
 from sim.world import World
@@ -28,12 +29,8 @@ NO_EVENT = "none"
 
 def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
     """Return the smallest gap between the collision spheres of two drones [m]; +inf for fewer than two drones."""
-    positions = np.array([s.position_m for s in states])
-    if len(positions) < 2:
-        return float("inf")
-    first, second = np.triu_indices(len(positions), 1)
-    distance: FloatArray = np.linalg.norm(positions[first] - positions[second], axis=1)
-    return float(distance.min()) - 2 * radius_m
+    apart_m = pdist(np.array([s.position_m for s in states]).reshape(-1, 3))
+    return float(apart_m.min(initial=np.inf)) - 2 * radius_m
 
 
 class UnsafeCommitments:
@@ -118,7 +115,7 @@ class MissionMetrics:
         self._samples: list[list[DroneState]] = []
         self._times_s: list[float] = []
         self._sampled: list[dict[str, float]] = []
-        self._min_clearances_m = [float("inf")] * world.n_drones
+        self._min_clearances_m = np.full(world.n_drones, np.inf)
         self._raw_errors = [DepthErrors()] * world.n_drones
         self._corrected_errors = [DepthErrors()] * world.n_drones
         self._work = [CorrectorWork() for _ in range(world.n_drones)]
@@ -128,7 +125,9 @@ class MissionMetrics:
         self._commitments.add(states, decisions)
         flying = self._world.flying
         positions_m = positions_of(states, flying)
-        now = self._clearances(np.flatnonzero(flying).tolist())
+        clearances_m = [self._world.clearance_m(drone) if flies else np.inf for drone, flies in enumerate(flying)]
+        self._min_clearances_m = np.minimum(self._min_clearances_m, clearances_m)
+        now = {"clearance_m": min(clearances_m)} if flying.any() else {}
         teams = [team for team in self._teams if not team.is_over(positions_m)]
         if teams:
             now["path_deviation_m"] = max(team.cross_track_error_m(positions_m) for team in teams)
@@ -143,13 +142,6 @@ class MissionMetrics:
         self._times_s.append(self._world.time_s)
         self._sampled.append(now)
         return now
-
-    def _clearances(self, flying: Sequence[int]) -> dict[str, float]:
-        """Keep the clearances of the drones that fly, and return the smallest one by its name, if there is one."""
-        clearances_m = {drone: self._world.clearance_m(drone) for drone in flying}
-        for drone, clearance_m in clearances_m.items():
-            self._min_clearances_m[drone] = min(self._min_clearances_m[drone], clearance_m)
-        return {"clearance_m": min(clearances_m.values())} if clearances_m else {}
 
     def follow_leaders(self, positions_m: FloatArray) -> None:
         """Keep how far every leader came at the end of a control tick, by the positions of all drones, shape (N, 3).
@@ -204,8 +196,8 @@ class MissionMetrics:
             "formation_error_mean_m": float(np.mean(errors_m)) if errors_m else None,
             "path_deviation_max_m": max(self._values("path_deviation_m"), default=None),
             "dropped_frames": dropped_frames,
-            **_depth_metrics("raw", sum(self._raw_errors, start=DepthErrors())),
-            **_depth_metrics("corrected", sum(self._corrected_errors, start=DepthErrors())),
+            **_depth_metrics("raw", self._raw_errors),
+            **_depth_metrics("corrected", self._corrected_errors),
             **CorrectorWork(self._work).metrics(),
         }
 
@@ -257,12 +249,12 @@ def touched(contacts: Sequence[Contact]) -> list[int]:
     return sorted({drone for contact in contacts for drone in contact.drones})
 
 
-def _depth_metrics(depth: str, errors: DepthErrors) -> dict[str, MetricValue]:
-    names = ("mae_m", "too_far_share", "hole_share")
-    return {f"depth_{depth}_{name}": getattr(errors, name) for name in names}
+def _depth_metrics(depth: str, parts: Iterable[DepthErrors]) -> dict[str, MetricValue]:
+    errors = sum(parts, start=DepthErrors())
+    return {f"depth_{depth}_{name}": getattr(errors, name) for name in ("mae_m", "too_far_share", "hole_share")}
 
 
 def _min_gap_m(sampled_m: float, *, touched: bool) -> float | None:
     """Return the smallest gap of all ticks; at most 0 after a contact, which may fall between two ticks."""
     gap_m = min(sampled_m, 0.0) if touched else sampled_m
-    return gap_m if np.isfinite(gap_m) else None
+    return float(gap_m) if np.isfinite(gap_m) else None

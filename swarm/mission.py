@@ -58,20 +58,6 @@ class Mission:
         self._config = config
         self._rig = rig
         self._recorder = recorder
-        radius_m, drone_ids = world.airframe.radius_m, world.drone_ids
-        self._perceptions = [
-            Perception(
-                corrector,
-                config,
-                rig.intrinsics,
-                drone_ids,
-                radius_m=radius_m,
-                latency_s=latency_s,
-                seed=seed,
-                drone=drone,
-            )
-            for drone, corrector in enumerate(correctors)
-        ]
         self._team_of = [team for team in self._teams for _ in team.members]
         leaders = [team.leader for team in self._team_of]
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
@@ -79,6 +65,10 @@ class Mission:
         roles = [
             Role(drone=i, team=team, airframe=world.airframe, camera=rig.intrinsics)
             for i, team in enumerate(self._team_of)
+        ]
+        self._perceptions = [
+            Perception(role, config, corrector, world.drone_ids, latency_s=latency_s, seed=seed)
+            for role, corrector in zip(roles, correctors, strict=True)
         ]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)
@@ -107,7 +97,9 @@ class Mission:
             self._perceive()
         states = self.world.states
         decisions = self._decide(states)
-        self._log(states, decisions)
+        metrics = self._metrics.sample(states, decisions)
+        self._recorder.tick(self.world.steps, self.time_s, states, decisions)
+        self._recorder.metrics(self.world.steps, self.time_s, metrics)
         self._move(decisions)
         moved = self.world.states
         self._link.broadcast(moved, self.time_s)
@@ -122,9 +114,20 @@ class Mission:
         """End the mission from outside."""
         self._end(Outcome.INTERRUPTED)
 
-    def situation(self, drone: int) -> Situation:
-        """Return what a drone knows before the next tick; the call changes nothing."""
-        return self._situation(drone, self.world.states[drone])
+    def situation(self, drone: int, own: DroneState | None = None) -> Situation:
+        """Return what a drone knows before the next tick, with its state if that is read already; nothing changes."""
+        heard = self._link.heard_by(drone, self.time_s)
+        perception = self._perceptions[drone]
+        members = self._team_of[drone].members
+        return Situation(
+            time_s=self.time_s,
+            own=own or self.world.states[drone],
+            percept=perception.latest(self.time_s),
+            leader=self._link.leader_of(drone, self.time_s),
+            mates=heard.among(members),
+            neighbours=perception.neighbours(heard, self.time_s),
+            mates_dropped=int(np.count_nonzero(~self.world.flying[members.start : members.stop])),
+        )
 
     def result(self) -> MissionResult:
         """Return the result of a mission that has ended.
@@ -159,7 +162,7 @@ class Mission:
 
     def _decide(self, states: Sequence[DroneState]) -> list[Decision]:
         return [
-            agent.decide(self._situation(i, states[i])) if flies else DROPPED
+            agent.decide(self.situation(i, states[i])) if flies else DROPPED
             for i, (agent, flies) in enumerate(zip(self._agents, self.world.flying, strict=True))
         ]
 
@@ -182,26 +185,6 @@ class Mission:
                     self.world.remove(member)
                     self._link.drop(member)
 
-    def _situation(self, drone: int, own: DroneState) -> Situation:
-        heard = self._link.heard_by(drone, self.time_s)
-        perception = self._perceptions[drone]
-        members = self._team_of[drone].members
-        return Situation(
-            time_s=self.time_s,
-            own=own,
-            percept=perception.latest(self.time_s),
-            leader=self._link.leader_of(drone, self.time_s),
-            mates=heard.among(members),
-            neighbours=perception.neighbours(heard, self.time_s),
-            mates_dropped=int(np.count_nonzero(~self.world.flying[members.start : members.stop])),
-        )
-
-    def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
-        step, time_s = self.world.steps, self.time_s
-        metrics = self._metrics.sample(states, decisions)
-        self._recorder.tick(step, time_s, states, decisions)
-        self._recorder.metrics(step, time_s, metrics)
-
     def _end(self, outcome: Outcome) -> None:
         self.outcome = outcome
         self._recorder.outcome(self.world.steps, self.time_s, outcome)
@@ -223,7 +206,7 @@ class TerminationConditions:
     def __init__(self, config: MissionConfig, teams: Sequence[Team]) -> None:
         self._config = config
         self._teams = teams
-        self._arrived = [False] * len(teams)
+        self._arrived = np.zeros(len(teams), np.bool_)
         self._least_left_m = np.full((len(teams), 2), np.inf)
         self._followers = np.array([len(team.members) - 1 for team in teams])
         self._progress_at_s = 0.0
@@ -242,11 +225,8 @@ class TerminationConditions:
 
     def _ended(self, time_s: float, positions_m: FloatArray) -> Outcome | None:
         """Return how the swarms that are left have ended the mission; None if they have not."""
-        self._arrived = [
-            before or self._has_arrived(team, positions_m)
-            for before, team in zip(self._arrived, self._teams, strict=True)
-        ]
-        if all(arrived or t.is_over(positions_m) for arrived, t in zip(self._arrived, self._teams, strict=True)):
+        self._arrived |= [self._has_arrived(team, positions_m) for team in self._teams]
+        if (self._arrived | [team.is_over(positions_m) for team in self._teams]).all():
             return Outcome.SUCCESS
         if any(team.stray_m(positions_m) > self._config.lost_m for team in self._teams):
             return Outcome.LOST

@@ -8,9 +8,10 @@ of theirs have dropped out, and the pose prior `true` passes the true pose to th
 from collections import deque
 
 from sim.types import Capture
-from voxdepth.types import DepthCorrector, FloatArray, Frame, Intrinsics
+from voxdepth.types import DepthCorrector, FloatArray, Frame
 
 from .config import MissionConfig
+from .controllers import Role
 from .neighbours import Detector, NeighbourTracker
 from .odometry import Odometry
 from .types import Neighbours, Percept
@@ -28,35 +29,33 @@ class Perception:
     never depend on the speed of the machine.
 
     Args:
-        corrector: Corrector of its images; None for a drone without a camera.
+        role: The drone.
         config: Quality of the detector, drift, and the poses that the corrector gets.
-        camera: Intrinsics of the images.
+        corrector: Corrector of its images; None for a drone without a camera.
         drone_ids: Body ids of all drones, in ascending order.
-        radius_m: Radius of every drone.
         latency_s: Time from a capture until the percept is known.
         seed: Master seed of what is missed and of what drifts.
-        drone: Number of the drone.
     """
 
     def __init__(
         self,
-        corrector: DepthCorrector | None,
+        role: Role,
         config: MissionConfig,
-        camera: Intrinsics,
+        corrector: DepthCorrector | None,
         drone_ids: list[int],
         *,
-        radius_m: float,
         latency_s: float,
         seed: int,
-        drone: int,
     ) -> None:
         self._corrector = corrector
         self._prior = config.pose_prior.kind
         self._latency_s = latency_s
-        miss_rate = config.neighbours.miss_rate
-        self._detector = Detector(miss_rate, camera, drone_ids, radius_m=radius_m, seed=seed, drone=drone)
-        self._tracker = NeighbourTracker(config.neighbours, camera, len(drone_ids))
-        self._odometry = Odometry(config.pose_prior, seed=seed, drone=drone)
+        of_drone = {"seed": seed, "drone": role.drone}
+        self._detector = Detector(
+            config.neighbours.miss_rate, role.camera, drone_ids, radius_m=role.airframe.radius_m, **of_drone
+        )
+        self._tracker = NeighbourTracker(config.neighbours, role.camera, len(drone_ids))
+        self._odometry = Odometry(config.pose_prior, **of_drone)
         self._busy_until_s = 0.0
         self._pending: deque[Percept] = deque()
         self._latest: Percept | None = None

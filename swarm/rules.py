@@ -4,8 +4,6 @@ Their names are those of SmrtSwarm (Drones 2023, 7(9), 573); its weights are not
 shape (3,) in m/s. Its arguments are positions [m] and velocities [m/s] of that shape, or (n, 3) for several drones.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 import pydantic
 from pydantic import Field
@@ -13,6 +11,7 @@ from pydantic import Field
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
+from .team import Team
 from .types import Neighbours
 from .vectors import length
 
@@ -77,28 +76,14 @@ def alignment(velocity_m_s: FloatArray, neighbours: Neighbours, gain: float) -> 
     return gain * (mean_m_s - velocity_m_s)
 
 
-class Corridor(NamedTuple):
-    """The space in which drones may fly: a band of altitudes along a straight line."""
-
-    low_m: float
-    """Lowest altitude."""
-    high_m: float
-    """Highest altitude."""
-    half_width_m: float
-    """Largest distance from the line in the horizontal plane."""
-    start_m: FloatArray
-    """A point (x, y) of the line."""
-    along: FloatArray
-    """Direction (x, y) of the line, of length 1."""
-
-
-def confinement(position_m: FloatArray, corridor: Corridor, gain: float) -> FloatArray:
-    """Fly back into a corridor, in proportion to the distance outside of it."""
-    (x, y, z), (start_x, start_y), (along_x, along_y) = position_m.tolist(), corridor.start_m, corridor.along
-    up_m = max(0.0, corridor.low_m - z) - max(0.0, z - corridor.high_m)
-    left_m = (y - start_y) * along_x - (x - start_x) * along_y
-    back_m = min(0.0, corridor.half_width_m - left_m) - min(0.0, corridor.half_width_m + left_m)
-    return gain * np.array([-along_y * back_m, along_x * back_m, up_m])
+def confinement(position_m: FloatArray, team: Team, weights: RuleWeights) -> FloatArray:
+    """Fly back into the band of altitudes along the route of a swarm, in proportion to the distance outside of it."""
+    along_x, along_y = np.cos(team.heading_rad), np.sin(team.heading_rad)
+    x, y, _ = (position_m - team.start_m).tolist()
+    left_m, altitude_m = y * along_x - x * along_y, float(position_m[2])
+    back_m = min(0.0, weights.max_aside_m - left_m) - min(0.0, weights.max_aside_m + left_m)
+    up_m = max(0.0, weights.min_altitude_m - altitude_m) - max(0.0, altitude_m - weights.max_altitude_m)
+    return weights.confinement_per_s * np.array([-along_y * back_m, along_x * back_m, up_m])
 
 
 def lag_speed_factor(lag_m: float, *, free_m: float = 3.0, stop_m: float = 8.0) -> float:

@@ -22,6 +22,11 @@ class Route(Model):
     goal_m: Point = Field(default=(76.0, 0.0, 6.0), strict=False)
     """Goal of the leader."""
 
+    @property
+    def heading_rad(self) -> float:
+        """Direction from start to goal in the horizontal plane."""
+        return float(np.arctan2(self.goal_m[1] - self.start_m[1], self.goal_m[0] - self.start_m[0]))
+
 
 class FormationConfig(Model):
     """A column behind the leader, two abreast and staggered."""
@@ -57,16 +62,18 @@ class Team:
     """Start of the leader, shape (3,)."""
     goal_m: FloatArray
     """Goal of the leader, shape (3,)."""
+    heading_rad: float
+    """Direction from start to goal in the horizontal plane."""
     offsets_m: FloatArray
-    """Slots of the followers relative to the leader, shape (n - 1, 3), in the world frame."""
+    """Slots of its drones relative to the leader, who comes first, shape (n, 3), in the world frame."""
 
     @classmethod
     def of(cls, route: Route, members: range, config: FormationConfig) -> "Team":
         """Create the swarm that flies a route, in a formation that is aligned with the route."""
-        start_m, goal_m = np.array(route.start_m), np.array(route.goal_m)
-        rotation = rotation_from_yaw(heading_rad(start_m, goal_m))
-        offsets_m = config.offsets_m(len(members) - 1) @ rotation.T
-        return cls(members=members, start_m=start_m, goal_m=goal_m, offsets_m=offsets_m)
+        start_m, goal_m, heading_rad = np.array(route.start_m), np.array(route.goal_m), route.heading_rad
+        of_followers_m = config.offsets_m(len(members) - 1) @ rotation_from_yaw(heading_rad).T
+        offsets_m = np.vstack([np.zeros(3), of_followers_m])
+        return cls(members=members, start_m=start_m, goal_m=goal_m, heading_rad=heading_rad, offsets_m=offsets_m)
 
     @property
     def leader(self) -> int:
@@ -74,18 +81,9 @@ class Team:
         return self.members[0]
 
     @property
-    def heading_rad(self) -> float:
-        """Direction from start to goal in the horizontal plane."""
-        return heading_rad(self.start_m, self.goal_m)
-
-    @property
     def starts_m(self) -> FloatArray:
         """Start positions of its drones, shape (n, 3)."""
-        return self.slots_m(self.start_m)
-
-    def slots_m(self, leader_m: FloatArray) -> FloatArray:
-        """Return the slots of its drones for a position of the leader, who comes first, shape (n, 3)."""
-        return leader_m + np.vstack([np.zeros(3), self.offsets_m])
+        return self.start_m + self.offsets_m
 
     def is_over(self, positions_m: FloatArray) -> bool:
         """Return whether the leader has dropped out, so that there is nobody to follow."""
@@ -94,7 +92,7 @@ class Team:
     def slot_errors_m(self, positions_m: FloatArray) -> FloatArray:
         """Return the distance from its slot of each follower that has not dropped out, shape (n,)."""
         own_m = self._own_m(positions_m)
-        errors_m: FloatArray = np.linalg.norm(own_m[1:] - own_m[0] - self.offsets_m, axis=1)
+        errors_m: FloatArray = np.linalg.norm(own_m[1:] - own_m[0] - self.offsets_m[1:], axis=1)
         return errors_m[~np.isnan(errors_m)]
 
     def distance_to_goal_m(self, positions_m: FloatArray) -> float:
@@ -133,8 +131,3 @@ def positions_of(states: Sequence[DroneState], flying: MaskImage) -> FloatArray:
     positions_m: FloatArray = np.array([state.position_m for state in states])
     positions_m[~flying] = np.nan
     return positions_m
-
-
-def heading_rad(start_m: FloatArray, goal_m: FloatArray) -> float:
-    """Return the direction from one point to another in the horizontal plane."""
-    return float(np.arctan2(goal_m[1] - start_m[1], goal_m[0] - start_m[0]))

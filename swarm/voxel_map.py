@@ -74,48 +74,6 @@ class MapConfig(Model):
         return 2 * int(np.ceil(HEIGHT_M / 2 / VOXEL_M + 0.5)), side, side
 
 
-def find_in_view(
-    sensor: InverseSensorModel,
-    origin_m: FloatArray,
-    shape: tuple[int, int, int],
-    T_map_cam: FloatArray,
-    farthest_m: float,
-) -> tuple[Indices, Indices, FloatVector]:
-    """Find the voxels whose middle is in view, up to a range: index, that of the cell, and squared range [m^2] of each.
-
-    `origin_m` is the corner of the first voxel. Columns wholly to the left or to the right of the view, or beyond the
-    range, are left out first: the distance of a voxel to either side of the view, times the focal length, is linear in
-    its height, so that the ends of a column decide. All arithmetic is of 32 bits.
-    """
-    T, side_m = T_map_cam[:3].astype(np.float32), np.float32(VOXEL_M)
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = T[:, :3].T
-    c = sensor.camera
-    fx, fy, cx, cy = (np.float32(px) for px in (c.fx_px, c.fy_px, c.cx_px + 0.5, c.cy_px + 0.5))
-    height, width = np.float32(c.height_px), np.float32(c.width_px)
-    corner_m = origin_m.astype(np.float32) - T[:, 3]
-    east_m, north_m, up_m = (
-        first_m + side_m * (np.arange(n, dtype=np.float32) + np.float32(0.5))
-        for first_m, n in zip(corner_m, shape[::-1], strict=True)
-    )
-    north_m = north_m[:, None]
-    flat_m2 = east_m * east_m + north_m * north_m
-    x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
-    ends_m = corner_m[2] + side_m * np.array([0, shape[0]], np.float32)
-    from_left = fx * x0 + cx * z0 + (ends_m * (fx * xz + cx * zz)).max()
-    from_right = (width - cx) * z0 - fx * x0 + (ends_m * ((width - cx) * zz - fx * xz)).max()
-    column = np.flatnonzero((flat_m2 <= np.float32(farthest_m**2)) & (from_left >= -SLACK) & (from_right >= -SLACK))
-    x0, y0, z0, flat_m2 = (values.ravel()[column, None] for values in (x0, y0, z0, flat_m2))
-    z = z0 + zz * up_m
-    with np.errstate(divide="ignore", invalid="ignore"):
-        per_z = 1 / z
-        u, v = fx * (x0 + xz * up_m) * per_z + cx, fy * (y0 + yz * up_m) * per_z + cy
-    seen = np.flatnonzero((z > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height))
-    row_px, col_px = v.ravel()[seen].astype(np.int64), u.ravel()[seen].astype(np.int64)
-    voxel = seen % shape[0] * (shape[1] * shape[2]) + column[seen // shape[0]]
-    cell = sensor.cell_of_row[row_px] * (sensor.cell_of_col[-1] + 1) + sensor.cell_of_col[col_px]
-    return voxel, cell, (flat_m2 + up_m * up_m).ravel()[seen]
-
-
 class VoxelMap:
     """Collects the evidence of the images of one camera, whose cells are those of `sensor`."""
 
@@ -173,10 +131,9 @@ class VoxelMap:
 
         What the map does not reach is not free.
         """
-        (x, y, _), (first, last) = ((at_m - self.origin_m) / VOXEL_M).tolist(), self._layers(low_m, high_m)
-        row, col = floor(y) - 1, floor(x) - 1
-        is_free = self._is_free(np.s_[first:last, row : row + 3, col : col + 3], time_s)
-        return min(first, row, col) >= 0 and is_free.shape == (last - first, 3, 3) and bool(is_free.all())
+        col, row, _ = np.floor((at_m - self.origin_m) / VOXEL_M).astype(int).tolist()
+        around = self.layer(low_m, high_m, time_s, np.s_[row - 1 : row + 2, col - 1 : col + 2])
+        return min(row, col) >= 1 and around.shape == (3, 3) and bool((around == FREE).all())
 
     def update(self, evidence: Evidence, T_odom_cam: FloatArray, drones_m: FloatArray, time_s: float) -> None:
         """Add the evidence of an image; surfaces near the other drones `drones_m`, shape (n, 3), are these drones.
@@ -186,9 +143,7 @@ class VoxelMap:
         self._follow(T_odom_cam[:3, 3])
         (free_m, surface_m), half_m = evidence, np.float32(VOXEL_M / 2)
         is_exact, points_m = self._surfaces(surface_m, T_odom_cam, drones_m)
-        voxel, cell, squared_m2 = find_in_view(
-            self._sensor, self.origin_m, self._misses.shape, T_odom_cam, max(NEAR_M, float(free_m.max()))
-        )  # fmt: skip
+        voxel, cell, squared_m2 = self._in_view(T_odom_cam, max(NEAR_M, float(free_m.max())))
         free_m2, from_m2, to_m2 = (
             np.square(np.maximum(range_m, 0)).ravel()[cell]
             for range_m in (free_m - half_m, surface_m - half_m, surface_m + half_m)
@@ -204,24 +159,63 @@ class VoxelMap:
         self._count_unobserved(voxel[~is_miss & is_before & (squared_m2 < NEAR_M**2) & is_other])
         self._count_hits(np.concatenate([hit, voxel[is_hit & is_other]]))
 
-    def layer(self, low_m: float, high_m: float, time_s: float) -> Bytes:
+    def layer(self, low_m: float, high_m: float, time_s: float, columns: Any = np.s_[:, :]) -> Bytes:
         """Return the worst state of each column of voxels between two heights, shape (rows along y, columns along x).
 
-        What the map does not reach is unknown.
+        `columns` are the slices of rows and columns that count. What the map does not reach is unknown.
         """
-        first, last = self._layers(low_m, high_m)
-        layers = slice(max(first, 0), min(last, self._misses.shape[0]))
-        count = self._unobserved[layers]
+        bottom_m = float(self.origin_m[2])
+        first, last = floor((low_m - bottom_m) / VOXEL_M), ceil((high_m - bottom_m) / VOXEL_M)
+        voxels = np.s_[max(first, 0) : last, *columns]
+        count = self._unobserved[voxels]
         state = np.uint8(UNKNOWN) + (count >= self._config.min_vain) + (count == BLACKLISTED_COUNT)
-        state[self._is_free(layers, time_s)] = FREE
-        state[self._occupancy[layers] >= OCCUPIED_FROM] = OCCUPIED
-        reaches = first >= 0 and last <= self._misses.shape[0]
+        state[self._is_free(voxels, time_s)] = FREE
+        state[self._occupancy[voxels] >= OCCUPIED_FROM] = OCCUPIED
+        reaches = first >= 0 and last <= len(self._misses)
         return np.asarray(state.max(axis=0, initial=FREE if reaches else UNKNOWN), np.uint8)
 
     def _is_free(self, voxels: Any, time_s: float) -> npt.NDArray[np.bool_]:
         """Return whether voxels, by their index, have enough misses that are not too long ago."""
         is_recent = self._missed_s[voxels] >= time_s - self._config.memory_s
         return np.asarray((self._misses[voxels] >= self._config.min_passed) & is_recent)
+
+    def _in_view(self, T_map_cam: FloatArray, farthest_m: float) -> tuple[Indices, Indices, FloatVector]:
+        """Find the voxels whose middle is in view, up to a range: their indices, cells and squared ranges [m^2].
+
+        Columns wholly to the left or to the right of the view, or beyond the range, are left out first. The distance of
+        a voxel to either side of the view, times the focal length, is linear in its height, so that the ends of a
+        column decide. All arithmetic is of 32 bits.
+        """
+        c, side_m, (layers, rows, cols) = self._sensor.camera, np.float32(VOXEL_M), self._misses.shape
+        fx, fy, cx, cy = (np.float32(px) for px in (c.fx_px, c.fy_px, c.cx_px + 0.5, c.cy_px + 0.5))
+        height, width = np.float32(c.height_px), np.float32(c.width_px)
+        # Axes of the camera, and middles of the voxels along the axes of the map, as seen from the camera.
+        T = T_map_cam[:3].astype(np.float32)
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = T[:, :3].T
+        corner_m = self.origin_m.astype(np.float32) - T[:, 3]
+        east_m, north_m, up_m = (
+            first_m + side_m * (np.arange(n, dtype=np.float32) + np.float32(0.5))
+            for first_m, n in zip(corner_m, (cols, rows, layers), strict=True)
+        )
+        north_m = north_m[:, None]
+        # Columns: their squared distance, and what their height does not change of their place in the camera's frame.
+        flat_m2 = east_m * east_m + north_m * north_m
+        x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
+        ends_m = corner_m[2] + side_m * np.array([0, layers], np.float32)
+        from_left = fx * x0 + cx * z0 + (ends_m * (fx * xz + cx * zz)).max()
+        from_right = (width - cx) * z0 - fx * x0 + (ends_m * ((width - cx) * zz - fx * xz)).max()
+        column = np.flatnonzero((flat_m2 <= np.float32(farthest_m**2)) & (from_left >= -SLACK) & (from_right >= -SLACK))
+        x0, y0, z0, flat_m2 = (values.ravel()[column, None] for values in (x0, y0, z0, flat_m2))
+        # Voxels of these columns, in pixels.
+        z = z0 + zz * up_m
+        with np.errstate(divide="ignore", invalid="ignore"):
+            per_z = 1 / z
+            u, v = fx * (x0 + xz * up_m) * per_z + cx, fy * (y0 + yz * up_m) * per_z + cy
+        seen = np.flatnonzero((z > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height))
+        row_px, col_px = v.ravel()[seen].astype(np.int64), u.ravel()[seen].astype(np.int64)
+        voxel = seen % layers * (rows * cols) + column[seen // layers]
+        cell = self._sensor.cell_of_row[row_px] * (self._sensor.cell_of_col[-1] + 1) + self._sensor.cell_of_col[col_px]
+        return voxel, cell, (flat_m2 + up_m * up_m).ravel()[seen]
 
     def _surfaces(
         self, surface_m: FloatImage, T_odom_cam: FloatArray, drones_m: FloatArray
@@ -280,11 +274,6 @@ class VoxelMap:
         inside &= ((voxel >= 0) & (voxel < self._misses.shape)).all(axis=-1)
         return tuple(voxel[inside].T)
 
-    def _layers(self, low_m: float, high_m: float) -> tuple[int, int]:
-        """Return the first layer between two heights, and the one after the last; the map may not have all of them."""
-        bottom_m = float(self.origin_m[2])
-        return floor((low_m - bottom_m) / VOXEL_M), ceil((high_m - bottom_m) / VOXEL_M)
-
     def _follow(self, at_m: FloatArray) -> None:
         """Move the map, by whole voxels, so that a position is near its middle."""
         wanted = np.round(at_m / VOXEL_M).astype(np.int64) - self._half
@@ -293,7 +282,7 @@ class VoxelMap:
             if (np.abs(moved) < self._slack).all():
                 return
             for values in (self._misses, self._missed_s, self._occupancy, self._unobserved):
-                _shift(values, moved[::-1])
+                values[...] = _shifted(values, moved[::-1])
         self._origin = wanted
 
 
@@ -303,14 +292,9 @@ def _window(*reach: int) -> Indices:
     return np.moveaxis(np.indices([2 * each + 1 for each in reach]), 0, -1).reshape(-1, len(reach)) - reach
 
 
-def _shift(array: npt.NDArray[np.generic], by: npt.NDArray[np.int64]) -> None:
-    """Move the content of an array against its axes, in place, and fill up with zeros."""
-    before = array.copy()
-    array[...] = 0
-    to, of = [], []
-    for n, d in zip(array.shape, by.tolist(), strict=True):
-        if abs(d) >= n:
-            return
-        to.append(slice(max(-d, 0), n - max(d, 0)))
-        of.append(slice(max(d, 0), n - max(-d, 0)))
-    array[tuple(to)] = before[tuple(of)]
+def _shifted(array: npt.NDArray[Any], by: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    """Return an array whose content moved against its axes, filled up with zeros."""
+    by = np.clip(by, np.negative(array.shape), array.shape)
+    first = np.maximum(by, 0)
+    padded = np.pad(array, np.stack([first - by, first], axis=1))
+    return padded[tuple(slice(start, start + n) for start, n in zip(first, array.shape, strict=True))]

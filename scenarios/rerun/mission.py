@@ -15,7 +15,6 @@ import rerun.blueprint as rrb
 from sim.bodies import Body
 from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw, rotation_from_quaternion, rotation_from_yaw
 from sim.render.meshes import mesh_of_shape, moved, normals
-from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
 from swarm.cost_map import CostMap
@@ -27,6 +26,7 @@ from swarm.types import Outcome
 from swarm.voxel_map import STATES, VOXEL_M
 from voxdepth.colors import FAR_M
 from voxdepth.geometry import back_project, transform
+from voxdepth.registry import PAPER
 from voxdepth.tools.files import as_tool_error
 from voxdepth.tools.stream import (
     RecordingFile,
@@ -42,6 +42,7 @@ from voxdepth.tools.stream import (
 )
 from voxdepth.types import CorrectedDepth, FloatArray
 
+from ..config import Run
 from ..errors import ScenarioError
 from ..images import drone_color
 from .columns import ColumnWriter
@@ -91,26 +92,15 @@ CELL_COLORS = ((225, 235, 225), (140, 140, 150), (230, 140, 50), (150, 70, 20), 
 class MissionRecorder(Recorder):
     """Writes one `.rrd` file of one flight, with a blueprint; a second flight is a `ScenarioError`.
 
-    The same run gives the same data, without wall-clock times.
-
-    Args:
-        path: File to write; created when the mission starts.
-        rig: Cameras of the drones.
-        recording_id: Equal for runs of the same scenario and seed, so that they can be compared.
-        title: Name of the recording in the viewer.
-        image_every: Every n-th capture of a drone is recorded with its images and its map.
-        has_stages: Whether the correctors are the paper's method, whose stages the layout shows.
+    The file is created when the mission starts. The same run gives the same data, without wall-clock times, and runs of
+    the same scenario and seed have the same id, so that they can be compared.
     """
 
-    def __init__(
-        self, path: Path, rig: RigConfig, *, recording_id: str, title: str, image_every: int, has_stages: bool = False
-    ) -> None:
+    def __init__(self, path: Path, run: Run) -> None:
         self._path = path
-        self._rig = rig
-        self._recording_id = recording_id
-        self._title = title
-        self._image_every = image_every
-        self._has_stages = has_stages
+        self._run = run
+        self._has_stages = run.scenario.corrector.name == PAPER
+        """Whether the correctors are the paper's method, whose stages the layout shows."""
         self._seen: Counter[str] = Counter()
         """How often something was there that is recorded every n-th time."""
         self._views: dict[int, CostMap] = {}
@@ -136,10 +126,12 @@ class MissionRecorder(Recorder):
         # Chunks end by size and by simulated time: ending them by the clock would make two runs differ.
         batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
         views = blueprint(world.n_drones, self._leaders, self._has_stages)
+        scenario = self._run.scenario
+        recording_id = f"{scenario.name}-{self._run.seed}-{scenario.rig.depth}-{scenario.corrector}"
         with as_tool_error(f"cannot write {self._path}"):
-            self._file = RecordingFile("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
+            self._file = RecordingFile("voxdepth", self._path, recording_id, views, batcher_config=batching)
         self._stream = self._file.stream
-        self._stream.send_recording_name(self._title)
+        self._stream.send_recording_name(self._run.title)
         self._columns = ColumnWriter(self._stream)
         self._log_static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         cells = [(index, *cell) for index, cell in enumerate(zip(STATES, CELL_COLORS, strict=True))]
@@ -227,7 +219,7 @@ class MissionRecorder(Recorder):
     def _is_due(self, what: str) -> bool:
         """Count something, and return whether this is the first or another n-th time."""
         self._seen[what] += 1
-        return (self._seen[what] - 1) % self._image_every == 0
+        return (self._seen[what] - 1) % self._run.scenario.recording.image_every == 0
 
     def _at(self, step: int, time_s: float) -> None:
         self._stream.set_time("step", sequence=step)
@@ -270,7 +262,8 @@ class MissionRecorder(Recorder):
 
     def _log_camera(self, drone: int) -> None:
         """Record intrinsics and mount, once per drone: the camera is fixed to the airframe."""
-        i = self._rig.intrinsics
+        rig = self._run.scenario.rig
+        i = rig.intrinsics
         pinhole = rr.Pinhole(
             focal_length=[i.fx_px, i.fy_px],
             principal_point=[i.cx_px + 0.5, i.cy_px + 0.5],
@@ -278,7 +271,7 @@ class MissionRecorder(Recorder):
             camera_xyz=rr.ViewCoordinates.RDF,
             image_plane_distance=0.8,
         )
-        mount = rr.Transform3D(translation=self._rig.left_mount_m, mat3x3=R_BODY_CAM)
+        mount = rr.Transform3D(translation=rig.left_mount_m, mat3x3=R_BODY_CAM)
         # One row, since the order of several chunks of one entity in the file is random.
         self._log_static(f"world/drone/{drone}/cam", pinhole, mount, source_labels())
 

@@ -19,8 +19,7 @@ from sim.types import Contact
 from swarm.environments.gym_env import LeaderFollowerEnv
 from swarm.recorder import CaptureRecorder
 from tests.helpers import promised_entities
-from tests.learning import QUICK_RIG, quick
-from voxdepth.registry import PAPER
+from tests.learning import quick
 from voxdepth.tools.stream import REPLACED, depth_png
 from voxdepth.types import Source
 
@@ -29,10 +28,9 @@ IMAGE_EVERY = 2
 
 def planned(path: Path, **changes: Any) -> tuple[Run, MissionRecorder]:
     """A flight of two drones for a second, and what records it."""
-    run = load_run("city", 0, {"mission.drones": 2, "mission.duration_s": 1.0, **images_of(96, 54), **changes})
-    settings: Any = {"recording_id": "test", "title": "a test", "image_every": IMAGE_EVERY}
-    has_stages = run.scenario.corrector.name == PAPER
-    return run, MissionRecorder(path, run.scenario.rig, **settings, has_stages=has_stages)
+    short = {"mission.drones": 2, "mission.duration_s": 1.0, "recording.image_every": IMAGE_EVERY, **images_of(96, 54)}
+    run = load_run("city", 0, {**short, **changes})
+    return run, MissionRecorder(path, run)
 
 
 def recorded(path: Path, **changes: Any) -> Path:
@@ -118,8 +116,7 @@ def test_a_recording_opens_at_the_first_contact(tmp_path: Path, drone: int | Non
 
 
 def test_a_second_episode_needs_a_recorder_of_its_own(tmp_path: Path) -> None:
-    settings: Any = {"recording_id": "test", "title": "a test", "image_every": IMAGE_EVERY}
-    recorder = MissionRecorder(tmp_path / "run.rrd", QUICK_RIG, **settings)
+    _, recorder = planned(tmp_path / "run.rrd")
     with closing(recorder), closing(LeaderFollowerEnv(recorder=recorder, **quick())) as env:
         env.reset(seed=0)
         with pytest.raises(ScenarioError, match=r"run\.rrd is of an earlier flight"):

@@ -15,8 +15,7 @@ from swarm.config import MissionConfig
 from swarm.odometry import Odometry, OdometryConfig, PosePriorName
 from swarm.perception import Perception
 from tests import swarm_scenes
-from tests.helpers import CAMERA
-from tests.swarm_scenes import RADIUS_M
+from tests.swarm_scenes import role_of
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, Frame
 
@@ -98,7 +97,7 @@ class Listener(Raw):
 def test_a_corrector_is_given_the_pose_that_was_asked_for_and_a_map_that_of_the_odometry(kind: PosePriorName) -> None:
     listener, seen = Listener(), [capture(0.0), capture(1.0, 2.0)]
     config = MissionConfig(pose_prior=OdometryConfig(kind=kind))
-    eyes = Perception(listener, config, CAMERA, [1], radius_m=RADIUS_M, latency_s=0.0, seed=0, drone=0)
+    eyes = Perception(role_of(0, config), config, listener, [1], latency_s=0.0, seed=0)
     poses = [eyes.see(c).T_odom_cam for c in seen]
     np.testing.assert_array_equal(poses, believed(seen))
     assert 0 < np.abs(poses[1] - seen[1].T_world_cam).max() < 0.5

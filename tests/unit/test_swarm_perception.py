@@ -6,13 +6,13 @@ from swarm.config import MissionConfig
 from swarm.neighbours import NeighbourConfig
 from swarm.perception import Perception, frame_of
 from tests.helpers import CAMERA
-from tests.swarm_scenes import RADIUS_M, capture, flat
+from tests.swarm_scenes import capture, flat, role_of
 from voxdepth.baselines.single_frame import Raw
 
 
 def eyes_with(latency_s: float) -> Perception:
     config = MissionConfig(neighbours=NeighbourConfig(miss_rate=0.0))
-    return Perception(Raw(), config, CAMERA, [7, 8], radius_m=RADIUS_M, latency_s=latency_s, seed=0, drone=0)
+    return Perception(role_of(0, config), config, Raw(), [7, 8], latency_s=latency_s, seed=0)
 
 
 def test_the_truth_is_dropped_before_correction() -> None:

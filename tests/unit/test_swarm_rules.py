@@ -6,13 +6,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm import rules
+from swarm.team import FormationConfig, Route, Team
 from swarm.types import Neighbours
 from tests.swarm_scenes import FORWARD, NOBODY, near, turn
 
-ZONE = rules.Corridor(low_m=2.5, high_m=9.0, half_width_m=30.0, start_m=np.zeros(2), along=np.array([1.0, 0]))
+WEIGHTS = rules.RuleWeights(min_altitude_m=2.5, max_altitude_m=9.0, max_aside_m=30.0)
 STILL = (0.0, 0.0, 0.0)
 ANGLES = st.floats(-np.pi, np.pi)
 SEEDS = st.integers(0, 10_000)
+
+
+def flown_to(goal_m: np.ndarray) -> Team:
+    """The route from the origin to a goal."""
+    return Team.of(Route(start_m=STILL, goal_m=tuple(goal_m.tolist())), range(1), FormationConfig())
 
 
 def random_flock(seed: int, n: int = 5) -> tuple[np.ndarray, np.ndarray, Neighbours]:
@@ -58,7 +64,7 @@ def test_nobody_around_and_somebody_in_the_same_place_change_nothing() -> None:
                          (31, 5, [0, -1, 0])]
 )  # fmt: skip
 def test_confinement_leads_back_into_the_corridor(y: float, z: float, back: object) -> None:
-    np.testing.assert_allclose(rules.confinement(np.array([50.0, y, z]), ZONE, 1.0), back, atol=1e-12)
+    np.testing.assert_allclose(rules.confinement(np.array([50.0, y, z]), flown_to(FORWARD), WEIGHTS), back, atol=1e-12)
 
 
 def test_patience_is_1_while_all_are_near_and_0_when_one_is_far() -> None:

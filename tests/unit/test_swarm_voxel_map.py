@@ -19,7 +19,6 @@ from swarm.voxel_map import (
     VOXEL_M,
     MapConfig,
     VoxelMap,
-    find_in_view,
 )
 from tests.helpers import CAMERA
 from tests.swarm_scenes import flat, measured, turn
@@ -76,13 +75,14 @@ def costs_of(state: np.ndarray, origin_m: FloatArray = HERE[:2], half_width_m: f
 def test_a_voxel_is_in_view_where_its_middle_projects_into_the_image(
     angles_rad: tuple[float, float, float], seed: int
 ) -> None:
-    shape, origin_m = (6, 20, 24), np.random.default_rng(seed).uniform(-50, 50, 3)
-    at_m = origin_m + np.array([3.0, 2.4, 0.8])
+    at_m = np.random.default_rng(seed).uniform(-50, 50, 3)
     T = pose(rotation_from_quaternion(quaternion_from_angles(*angles_rad)) @ R_BODY_CAM, at_m)
     camera = Intrinsics(width_px=160, height_px=90, fx_px=85, fy_px=85, cx_px=79.5, cy_px=44.5, baseline_m=0.1)
     sensor = InverseSensorModel(camera)
-    voxel, cell, squared_m2 = find_in_view(sensor, origin_m, shape, T, 2.5)
-    middles_m = origin_m + VOXEL_M * (np.argwhere(np.ones(shape))[:, ::-1] + 0.5) - T[:3, 3]
+    voxels = VoxelMap(config := MapConfig(reach_m=2.1), sensor)
+    voxels.start(at_m, 0.0, 0.0)
+    voxel, cell, squared_m2 = voxels._in_view(T, 2.5)
+    middles_m = voxels.origin_m + VOXEL_M * (np.argwhere(np.ones(config.shape))[:, ::-1] + 0.5) - at_m
     x, y, z = (middles_m @ T[:3, :3]).T
     u, v = 85.0 * x / z + 80.0, 85.0 * y / z + 45.0
     flat_m = np.hypot(middles_m[:, 0], middles_m[:, 1])
@@ -107,7 +107,7 @@ def test_no_path_costs_less_than_the_planned_one(seed: int) -> None:
     cost, goal[4, 7] = rng.choice([1, 2.5, 12, 30], goal.shape), 0.0
 
     def paid(row: int, col: int) -> float:
-        rows, cols = _cheapest_path(cost, goal, row, col)
+        rows, cols = _cheapest_path(cost, goal, row, col).T
         assert (rows[0], cols[0], rows[-1], cols[-1]) == (row, col, 4, 7)
         step = np.hypot(np.diff(rows), np.diff(cols))
         return float((step * (cost[rows[:-1], cols[:-1]] + cost[rows[1:], cols[1:]]) / 2).sum())
