@@ -87,14 +87,14 @@ def test_limit_keeps_the_direction_and_leaves_the_slow_alone(seed: int, most_m_s
 @given(SEEDS, ANGLES)
 def test_the_rules_do_not_know_north(seed: int, angle: float) -> None:
     at, speed, others = random_flock(seed)
-    r, there, narrow = turn(angle), turned(others, turn(angle)), ZONE._replace(half_width_m=1.0)
-    turned_zone = narrow._replace(along=r[:2, :2] @ narrow.along)
+    r, there, far = turn(angle), turned(others, turn(angle)), 20 * at
+    ways = flown_to(FORWARD), flown_to(turn(angle) @ FORWARD)
     pairs = [
         (rules.migration(at, speed, FORWARD, 0.9), rules.migration(r @ at, r @ speed, r @ FORWARD, 0.9)),
         (rules.cohesion(at, others, 0.7), rules.cohesion(r @ at, there, 0.7)),
         (rules.separation(at, others, 1.5, 3.0), rules.separation(r @ at, there, 1.5, 3.0)),
         (rules.alignment(speed, others, 0.3), rules.alignment(r @ speed, there, 0.3)),
-        (rules.confinement(at, narrow, 0.8), rules.confinement(r @ at, turned_zone, 0.8)),
+        (rules.confinement(far, ways[0], WEIGHTS), rules.confinement(r @ far, ways[1], WEIGHTS)),
     ]
     for here, elsewhere in pairs:
         np.testing.assert_allclose(elsewhere, r @ here, atol=1e-9)
