@@ -23,6 +23,7 @@ from scenarios.config import load_run
 from scenarios.evaluation import SimulatedSource
 from scenarios.files import shipped_names
 from scenarios.flight import fly
+from scenarios.report import summary_tables
 from scenarios.runner import fly_and_write
 from scenarios.sequences import load_sequence, record, simulation
 from scenarios.study.diagnose import CollisionProbe
@@ -190,10 +191,12 @@ class Watch(Recorder):
 def flight_figures(name: str, **changes: Any) -> Figures:
     """How a mission goes, and what the drones see and decide."""
     watch = Watch()
-    result = fly(load_run(name, 1, FLOWN | changes), recorder=watch, threads=1).result
+    planned = load_run(name, 1, FLOWN | changes)
+    finished = fly(planned, recorder=watch, threads=1)
+    result, tables = finished.result, [table.markdown() for table in summary_tables(finished, planned)]
     at_end = np.array([trajectory.position_m[-1] for trajectory in result.trajectories])
     seen = {"commands": np.concatenate(watch.commands), "depths": np.array(watch.depths), "at_end_m": at_end}
-    return figures_of([result.outcome, result.contacts, result.metrics, result.drones, watch.states, seen])
+    return figures_of([result.outcome, result.contacts, result.metrics, result.drones, watch.states, seen, tables])
 
 
 def recording_figures(name: str) -> Figures:

@@ -60,6 +60,10 @@ def test_every_arm_flies_every_level_of_the_axis_unless_it_names_its_own_and_see
         ({"axis": None}, "arm 'full' has levels of an axis, which the study lacks"),
         ({"axis": AXIS | {"levels": [-1, -2, -3]}}, "arm 'full' flies 0, which is no level of the axis"),
         ({"changes": {"rig.light_stops": -1}}, "the axis rig.light_stops must not be set by the study"),
+        (
+            {"arms": [arm("a", changes={"rig.light_stops": -1}), arm("b"), arm("full", levels=[0.0])]},
+            "must not be set by the study or by arm 'a' as well",
+        ),
         ({"declared": DECLARED | {"endpoint": "arrived"}}, "needs arms of one level, or endpoint = 'gain'"),
     ],
 )

@@ -12,6 +12,7 @@ from sim.bodies import Surface
 from sim.frames import pose
 from sim.types import Contact, VelocityCommand
 from swarm.cost_map import CostMap
+from swarm.evidence import Holes
 from swarm.pilot import Decision, PilotConfig
 from swarm.voxel_map import FREE, OCCUPIED, UNOBSERVABLE
 from tests.helpers import wall, world_of
@@ -84,6 +85,19 @@ def test_the_first_collision_alone_is_explained_and_a_surface_may_be_blank(textu
                 probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind=kind, speed_m_s=1.0))
     assert probes[0].diagnosis == Diagnosis(cause=Cause.NOT_IN_VIEW, textureless=texture == 0)
     assert probes[1].diagnosis == Diagnosis(cause=Cause.DRONE)
+
+
+@pytest.mark.parametrize(("holes", "cause"), [("evidenced", Cause.UNTRUSTED), ("free", Cause.CORRECT)])
+def test_a_drone_that_takes_holes_for_free_trusts_every_depth(holes: Holes, cause: Cause) -> None:
+    probe = CollisionProbe(PilotConfig(holes=holes, min_confidence=TRUSTED_FROM))
+    with world_of(wall(2.0, name="hit"), starts_m=[(0, 0, 0)]) as world:
+        probe.start(world, [])
+        (hit,) = (body for body, own in world.described.items() if own.name == "hit")
+        for _ in range(5):
+            capture, corrected = seen(1.0, trusted=False, shows=hit, true_m=0.5)
+            probe.capture(0, capture, corrected)
+        probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
+    assert probe.diagnosis.cause is cause
 
 
 def test_what_the_map_of_the_drone_held_is_told() -> None:

@@ -159,3 +159,15 @@ def test_drones_that_drop_out_are_no_progress(drop: list[int]) -> None:
     positions_m[drop] = NAN
     assert conditions.check(3.0, positions_m, (HIT,)) is None
     assert conditions.check(5.1, positions_m, (HIT,)) is COLLISION
+
+
+def test_followers_who_are_left_make_progress_after_one_has_dropped_out() -> None:
+    task = config(after_contact="drop")
+    conditions, positions_m = TerminationConditions(task, task.teams()), task.starts_m()
+    positions_m[1] += [-9.0, 0, 0]
+    assert conditions.check(0.0, positions_m, ()) is None
+    positions_m[2] = NAN
+    assert conditions.check(3.0, positions_m, (HIT,)) is None
+    positions_m[1] += [3.0, 0, 0]
+    assert conditions.check(6.0, positions_m, (HIT,)) is None
+    assert conditions.check(11.1, positions_m, (HIT,)) is COLLISION
