@@ -65,8 +65,12 @@ def test_dropped_frames_are_counted() -> None:
     assert result.metrics["dropped_frames"] == 3 * 13
 
 
+CITY_IN_OTHER_IMAGES = {"dim", "exposure", "glass", "weak"}
+"""Scenarios that true depth shows as `city`, by which their acceptance is flown; `make acceptance` flies them, too."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", shipped_names("scenarios"))
+@pytest.mark.parametrize("name", [name for name in shipped_names("scenarios") if name not in CITY_IN_OTHER_IMAGES])
 def test_shipped_scenarios_keep_their_promise(name: str, tmp_path: Path) -> None:
     if name == "paper":  # A third of its way, because its stereo images take long to match.
         text = (DATA / "scenarios" / "paper.toml").read_text()
