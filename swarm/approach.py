@@ -16,8 +16,8 @@ DECEL_SHARE = 0.625
 GAIN_PER_S = 1.5
 """Speed per distance in the last, linear part of braking, and of backing off."""
 RESPONSE_S = 1 / VELOCITY_GAIN_PER_S
-"""Delay with which the airframe follows its commands. The distance flown meanwhile is not available
-for braking, which prevents overshoot. More of it brakes earlier."""
+"""Delay with which the airframe follows its commands. The distance flown meanwhile is not available for braking,
+which prevents overshoot. More of it brakes earlier."""
 DRONE_GAP_M = 0.5
 """Gap that is kept between the collision spheres of two drones."""
 DRONE_RANGE_M = 8.0

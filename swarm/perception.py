@@ -66,7 +66,7 @@ class Perception:
         return self._corrector is not None
 
     def is_busy(self, time_s: float) -> bool:
-        """Return whether an earlier capture is still processed at a time, so that one of now is left out."""
+        """Return whether an earlier capture is still processed at a time, so that one that arrives now is left out."""
         return time_s + 1e-9 < self._busy_until_s
 
     def see(self, capture: Capture) -> Percept:

@@ -159,7 +159,14 @@ def test_an_error_blames_the_change_or_the_file_whichever_is_wrong(tmp_path: Pat
     mine.write_text("drons = 3\n" + mine.read_text())
     with pytest.raises(ScenarioError, match=r"^.*mine\.toml: unknown key 'drons' \(did you mean mission\.drones\?\)$"):
         load_run(str(mine), 0, options)
-    for text, message in (("rig = 3", "rig must be a table of keys, got 3"), ("= 3", "is not valid TOML")):
+    for text, message in (
+        ("rig = 3", "rig must be a table of keys, got 3"),
+        ("= 3", "is not valid TOML"),
+        (f"rig = {'[' * 49}{']' * 49}", "rig must be a table of keys"),
+        (f"rig = {'[' * 50}{']' * 50}", "nests tables and arrays more than 50 deep"),
+        (f"{'a.' * 600}a = 1", "nests tables and arrays more than 50 deep"),
+        (f"rig = {'[' * 9999}{']' * 9999}", "is not valid TOML"),
+    ):
         mine.write_text(f"{text}\n")
         with pytest.raises(ToolError, match=message):
             load_run(str(mine), 0, options)

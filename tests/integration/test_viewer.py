@@ -99,6 +99,9 @@ def test_a_folder_of_recordings_of_other_names_is_told_with_them(tmp_path: Path)
         (tmp_path / f"episode-{number}.rrd").touch()
     with pytest.raises(ToolError, match=r"name one of 7 files, such as \S*episode-0\.rrd$"):
         open_viewer(tmp_path / "run.rrd")
+    (tmp_path / "calibration.toml").touch()
+    with pytest.raises(ToolError, match=f"is a recorded sequence: look at it with voxdepth picture {tmp_path}$"):
+        open_viewer(tmp_path / "run.rrd")
 
 
 @pytest.mark.parametrize("there", [["run.part.rrd"], ["run.part.rrd", "run.rrd"]])

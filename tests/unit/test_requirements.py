@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+import voxdepth
 from voxdepth.tools import doctor, requirements
 from voxdepth.tools.requirements import Requirement, bringing
 
@@ -43,3 +44,13 @@ def test_doctor_lists_absent_extras_with_what_they_would_add_and_fails_for_the_l
     assert sim.state == "without no-such-physics, no-such-plots"
     assert re.search(r"for the testbed: .*where python_version", sim.remedy)
     assert findings["extra ros"].ok
+
+
+def test_doctor_fails_where_another_distribution_owns_a_package_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    (alone,) = doctor.own_packages("voxdepth")
+    assert alone.ok
+    assert alone.state == voxdepth.__file__
+    monkeypatch.setattr(doctor, "packages_distributions", lambda: {"voxdepth": ["voxdepth", "other", "other"]})
+    (shadowed,) = doctor.own_packages("voxdepth")
+    assert (shadowed.ok, shadowed.state) == (False, "also owned by other")
+    assert shadowed.remedy == "use a virtual environment without other"

@@ -257,7 +257,7 @@ class VisualOdometry:
     def _relocalise(
         self, views: list[View], describe: Callable[[], Features], depth_m: FloatImage, image: TrackingImage
     ) -> PoseFit | None:
-        """The motion since the first of these views that the frame shows; it becomes the view."""
+        """The motion since the first of these views that the frame shows; it becomes the keyframe."""
         for view in views if self._has_features(image) else ():
             fit = self._fit(*self._relocaliser.match(view.landmarks(), describe()), np.eye(4))
             if fit is None:

@@ -108,8 +108,6 @@ def explained(error: BaseException) -> str | None:
         return "\n".join([str(error), *getattr(error, "__notes__", ())])
     if isinstance(error, ModuleNotFoundError) and (found := bringing(str(error.name).split(".")[0])) is not None:
         return f"this needs the package {found.name}: {found.remedy}"
-    if isinstance(error, RecursionError):
-        return "a file nests tables and lists too deeply: no file of ours does"
     if isinstance(error, OSError) and error.filename is not None:  # A name may be too long, or a folder be locked.
         return f"{error.strerror}: {error.filename!r}"
     return None

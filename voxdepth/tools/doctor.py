@@ -75,8 +75,14 @@ def _finding(what: str, required: Sequence[Requirement], adds: str = "") -> Find
 
 
 def own_packages(*packages: str) -> list[Finding]:
-    """Tell where packages of this project lie, which those of another distribution might shadow."""
-    return [Finding(what=f"package {name}", state=str(import_module(name).__file__), ok=True) for name in packages]
+    """Check that no other distribution owns packages of this project, since one would shadow the other."""
+    owners, findings = packages_distributions(), []
+    for name in packages:
+        foreign = ", ".join(sorted({*owners.get(name, ())} - {"voxdepth"}))
+        state = f"also owned by {foreign}" if foreign else str(import_module(name).__file__)
+        remedy = f"use a virtual environment without {foreign}" if foreign else ""
+        findings.append(Finding(what=f"package {name}", state=state, ok=not foreign, remedy=remedy))
+    return findings
 
 
 def _opencv_wheels() -> Finding:

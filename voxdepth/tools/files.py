@@ -13,6 +13,8 @@ import tomli_w
 
 from .errors import ToolError
 
+DEEPEST = 50
+"""Levels of tables and arrays that a TOML file may have: on more, functions that recurse would fail."""
 LOCK = "write.lock"
 """File on which `locked` holds its lock; it stays empty."""
 
@@ -26,9 +28,16 @@ def read_toml(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:  # A path may hold a null character, and a file bytes that are no text.
         raise ToolError(f"cannot read {path}: {error}") from error
     try:
-        return tomllib.loads(text)
+        content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # Numbers may be too long, and arrays too deep.
         raise ToolError(f"{path} is not valid TOML: {error}") from error
+    level: list[Any] = [content]
+    for _ in range(DEEPEST):
+        level = [value for one in level for value in (one.values() if isinstance(one, dict) else one)]
+        level = [value for value in level if isinstance(value, dict | list)]
+    if level:
+        raise ToolError(f"{path} nests tables and arrays more than {DEEPEST} deep: no file of ours does")
+    return content
 
 
 def to_toml(configuration: pydantic.BaseModel) -> str:

@@ -40,6 +40,8 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
         ToolError: The file is no recording, there is no display, or the viewer failed.
     """
     if not path.is_file():
+        if (path.parent / "calibration.toml").is_file():
+            raise ToolError(f"{path.parent} is a recorded sequence: look at it with voxdepth picture {path.parent}")
         if others := sorted(path.parent.glob("*.rrd")):
             raise ToolError(f"there is no recording at {path}: name one of {len(others)} files, such as {others[0]}")
         raise ToolError(
