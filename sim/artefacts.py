@@ -4,6 +4,7 @@ The terms apply to the depth of any sensor model. A place is a cube in the world
 Its random numbers do not depend on the frame, so that an error comes again wherever the camera sees the place.
 """
 
+import math
 from typing import Annotated, Any, ClassVar, Literal
 
 import cv2
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Field, NonNegativeFloat
 
+from voxdepth.arithmetic import matmul
 from voxdepth.types import FloatImage, MaskImage
 
 from .depth_noise import NoiseTerm, NoisyDepth
@@ -43,7 +45,7 @@ def places(image: NoisyDepth, side_m: float) -> npt.NDArray[np.int64]:
     row, col = np.indices(image.depth_m.shape)
     depth_m = np.where(np.isfinite(image.depth_true_m), image.depth_true_m, 0)
     x_m, y_m = ((col - camera.cx_px) / camera.fx_px * depth_m, (row - camera.cy_px) / camera.fy_px * depth_m)
-    point_m = np.stack([x_m, y_m, depth_m], axis=-1) @ T[:3, :3].T + T[:3, 3]
+    point_m = matmul(np.stack([x_m, y_m, depth_m], axis=-1), T[:3, :3].T) + T[:3, 3]
     x, y, z = np.moveaxis(np.floor(point_m / side_m + 0.37).astype(np.int64) % CELLS_PER_AXIS, -1, 0)
     return np.asarray((x * CELLS_PER_AXIS + y) * CELLS_PER_AXIS + z)
 
@@ -127,8 +129,8 @@ class Specks(NoiseTerm):
     def _draw(self, image: NoisyDepth, area: MaskImage, member: npt.NDArray[np.intp], rng: np.random.Generator) -> None:
         """Draw the speck of a place, around the pixel of the place that is nearest to the mean of its pixels."""
         center = member[np.square(member - member.mean(axis=0)).sum(axis=1).argmin()]
-        low_px, high_px = np.log([self.size_px[0], self.size_px[1] + 1])
-        size, shows_truth = int(np.exp(rng.uniform(low_px, high_px))), rng.random() < self.true_share
+        low_px, high_px = math.log(self.size_px[0]), math.log(self.size_px[1] + 1)
+        size, shows_truth = int(math.exp(rng.uniform(low_px, high_px))), rng.random() < self.true_share
         ratio = 1.0 if shows_truth else rng.uniform(*self.ratio)
         row, col = np.transpose(center + grown(rng, size))
         inside = (row >= 0) & (row < area.shape[0]) & (col >= 0) & (col < area.shape[1])

@@ -1,5 +1,6 @@
 """The bodies of a scene as plain data: their shapes, surfaces and motion, and the weather."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict, Field, model_validator
 
+from voxdepth.arithmetic import length, matmul
 from voxdepth.types import FloatArray
 
 from . import frames
@@ -168,7 +170,7 @@ def shuttle(
     At time 0 it has travelled `travelled_m` since it was at the first one.
     """
     path_m = np.subtract(to_m, from_m)
-    length_m = float(np.linalg.norm(path_m))
+    length_m = length(path_m)
 
     def position_m(time_s: float) -> FloatArray:
         way_m = (travelled_m + speed_m_s * time_s) % (2 * length_m)
@@ -217,7 +219,9 @@ class MovingSphere(Model):
         offset = shuttle(body, np.array(self.from_m), np.array(self.to_m), speed_m_s=self.speed_m_s)
         q_level_xyzw = frames.quaternion_from_yaw(frames.yaw_from_quaternion(start.q_world_body_xyzw))
         R_world_level = frames.rotation_from_quaternion(q_level_xyzw)
-        return Mover(body=body, position_m=lambda time_s: start.position_m + R_world_level @ offset.position_m(time_s))
+        return Mover(
+            body=body, position_m=lambda time_s: start.position_m + matmul(R_world_level, offset.position_m(time_s))
+        )
 
 
 class WindConfig(Model):
@@ -254,8 +258,8 @@ class Weather(Model):
     def to_sun(self) -> tuple[float, float, float]:
         """Unit vector towards the sun in the world frame."""
         azimuth, elevation = np.radians([self.sun_azimuth_deg, self.sun_elevation_deg])
-        flat = np.cos(elevation)
-        return float(np.cos(azimuth) * flat), float(np.sin(azimuth) * flat), float(np.sin(elevation))
+        flat = math.cos(elevation)
+        return math.cos(azimuth) * flat, math.sin(azimuth) * flat, math.sin(elevation)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ References:
     .. [1] Steele, Lea and Flood 2014, Fast splittable pseudorandom number generators, doi:10.1145/2660193.2660195
 """
 
+import math
 from functools import lru_cache
 from statistics import NormalDist
 
@@ -14,6 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from voxdepth.arithmetic import exp, length, matmul
 from voxdepth.types import FloatArray, GrayImage
 
 from .seeds import Purpose, counter_key, stream
@@ -82,6 +84,6 @@ def exposure_gain(sigma: float, drone: int, frame: int, *, seed: int, settling_f
     if not sigma:
         return 1.0
     ages = np.arange(min(frame, int(SETTLED * settling_frames)) + 1)
-    weights = np.exp(-ages / settling_frames) if settling_frames else np.ones(1)
+    weights = exp(-ages / settling_frames) if settling_frames else np.ones(1)
     disturbances = [stream(seed, Purpose.EXPOSURE, drone, frame - int(age)).standard_normal() for age in ages]
-    return float(np.exp(sigma * (weights @ disturbances) / np.linalg.norm(weights)))
+    return math.exp(sigma * float(matmul(weights, np.array(disturbances))) / length(weights))

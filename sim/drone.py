@@ -14,7 +14,7 @@ from .types import Model
 Vector = tuple[float, float, float]
 
 GRAVITY_M_S2 = 9.81
-MAX_SLOPE = float(np.tan(np.radians(30.0)))
+MAX_SLOPE = math.tan(math.radians(30.0))
 """Largest tilt of the thrust, as its horizontal share over its vertical one."""
 MAX_THRUST_TO_WEIGHT = 2.0
 MOTOR_LAG_S = 0.04
@@ -86,8 +86,7 @@ class VelocityController:
         c = self._config
         x, y, z, w = q_world_body_xyzw
         up = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
-        # NumPy's function rounds otherwise than that of `math`, and missions are compared bit by bit.
-        yaw_rad = float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+        yaw_rad = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         wanted_n = self._desired_thrust_n(velocity_m_s, desired_velocity_m_s)
         along_n = min(max(_dot(wanted_n, up), 0.0), MAX_THRUST_TO_WEIGHT * self._weight_n)
         length_n = math.sqrt(_dot(wanted_n, wanted_n))
@@ -121,7 +120,7 @@ class Wind:
         self._gust_m_s = config.gust_m_s
         self._mean_m_s = np.array(config.mean_m_s)
         self._drag_kg_per_s = airframe.mass_kg * DRAG_PER_S
-        self._kept = float(np.exp(-dt_s / config.gust_s))
+        self._kept = math.exp(-dt_s / config.gust_s)
         self._rng = stream(seed, Purpose.WIND)
         self._gust = self._rng.standard_normal(3)
         self._mean_n: list[float] = (self._drag_kg_per_s * self._mean_m_s).tolist()

@@ -1,7 +1,10 @@
 """Rotations and camera poses of the simulator. They are deliberately not shared with the library under test."""
 
+import math
+
 import numpy as np
 
+from voxdepth.arithmetic import cos, matmul, sin
 from voxdepth.types import FloatArray
 
 R_BODY_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -24,12 +27,12 @@ def rotation_from_quaternion(q_xyzw: FloatArray) -> FloatArray:
 
 def quaternion_from_yaw(yaw_rad: float) -> FloatArray:
     """Unit quaternion (xyzw) of a rotation about the vertical."""
-    return np.array([0.0, 0.0, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)])
+    return np.array([0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)])
 
 
 def rotation_from_yaw(yaw_rad: float) -> FloatArray:
     """Rotation matrix, shape (3, 3), of a rotation about the vertical."""
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -38,7 +41,7 @@ def quaternion_from_angles(yaw_rad: float, pitch_rad: float, roll_rad: float) ->
 
     A positive yaw turns the nose to the left, a positive pitch lifts it, and a positive roll lowers the right side.
     """
-    (sy, sp, sr), (cy, cp, cr) = (f(np.array([yaw_rad, -pitch_rad, roll_rad]) / 2) for f in (np.sin, np.cos))
+    (sy, sp, sr), (cy, cp, cr) = (f(np.array([yaw_rad, -pitch_rad, roll_rad]) / 2) for f in (sin, cos))
     x, y = cy * cp * sr - sy * sp * cr, cy * sp * cr + sy * cp * sr
     z, w = sy * cp * cr - cy * sp * sr, cy * cp * cr + sy * sp * sr
     return np.array([x, y, z, w])
@@ -47,7 +50,7 @@ def quaternion_from_angles(yaw_rad: float, pitch_rad: float, roll_rad: float) ->
 def yaw_from_quaternion(q_xyzw: FloatArray) -> float:
     """Heading of the body's x axis in the world [rad]."""
     x, y, z, w = q_xyzw
-    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def pose(rotation: FloatArray, position_m: FloatArray) -> FloatArray:
@@ -68,5 +71,5 @@ def product(q_a_b_xyzw: FloatArray, q_b_c_xyzw: FloatArray) -> FloatArray:
 
 def camera_pose(position_m: FloatArray, q_world_body_xyzw: FloatArray, mount_m: FloatArray) -> FloatArray:
     """`T_world_cam` of a camera that looks along the body's x axis from `mount_m` in the body frame."""
-    at_m = position_m + rotation_from_quaternion(q_world_body_xyzw) @ mount_m
+    at_m = position_m + matmul(rotation_from_quaternion(q_world_body_xyzw), mount_m)
     return pose(rotation_from_quaternion(product(q_world_body_xyzw, Q_BODY_CAM_XYZW)), at_m)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from voxdepth.arithmetic import length
 from voxdepth.types import FloatArray, MaskImage
 
 from . import frames
@@ -305,7 +306,7 @@ class World:
             relative -= velocity_before[self._drone_of_body[other]]
         if other in self.movers:
             relative -= self._mover_velocity[other]
-        drone, speed_m_s = self._drone_of_body[own], float(np.linalg.norm(relative))
+        drone, speed_m_s = self._drone_of_body[own], length(relative)
         return Contact(time_s=self.time_s, drone=drone, other=hit.name, kind=hit.kind, speed_m_s=speed_m_s)
 
     def _nearest_m(self, at_m: FloatArray, radius_m: float, horizon_m: float, *, ignored: Sequence[int]) -> float:

@@ -4,6 +4,7 @@ from bisect import bisect_right
 
 import numpy as np
 
+from voxdepth.arithmetic import length
 from voxdepth.types import FloatArray
 
 from . import rules
@@ -11,7 +12,6 @@ from .config import MissionConfig
 from .controllers import Agent, Role
 from .mapping_pilot import MappingPilot
 from .pilot import Decision, Pilot, Situation
-from .vectors import length
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 """Places that a follower tries, as shares of the way from its slot to its place in single file behind the leader."""

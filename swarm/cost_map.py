@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from voxdepth.arithmetic import cos, matmul, sin
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 from .approach import DECEL_M_S2, ApproachLimits, stopping_speed_m_s
@@ -33,7 +34,7 @@ SIDESTEPS = np.array([[math.cos(a), math.sin(a)] for a in np.radians([0, 20, -20
 """Cosine and sine of the directions, relative to the wanted one, that are tried when that is not free."""
 GOOD_ENOUGH = 0.7
 """Share of the wanted speed with which a direction needs no better one."""
-COMPASS = np.column_stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)])
+COMPASS = np.column_stack([cos(np.arange(8) * np.pi / 4), sin(np.arange(8) * np.pi / 4)])
 ESCAPE_M = 0.5
 """Distance at which a drone that stands too narrow compares directions."""
 ESCAPE_SLOPE = 0.5
@@ -106,11 +107,11 @@ class CostMap:
 
     def to_odom(self, world: FloatArray) -> FloatArray:
         """Return vectors of the world, shape (..., 3), in the frame of the odometry."""
-        return np.asarray(world @ self.T_odom_world[:3, :3].T)
+        return matmul(world, self.T_odom_world[:3, :3].T)
 
     def to_world(self, odom: FloatArray) -> FloatArray:
         """Return vectors in the frame of the odometry, shape (..., 3), in that of the world."""
-        return np.asarray(odom @ self.T_odom_world[:3, :3])
+        return matmul(odom, self.T_odom_world[:3, :3])
 
     def state_at(self, at_m: FloatArray) -> int:
         """Return the state of the cell at a position (x, y); beyond the map, nothing is known."""
@@ -141,10 +142,10 @@ class CostMap:
         """
         speed = math.sqrt(float(wanted_m_s[0]) ** 2 + float(wanted_m_s[1]) ** 2)
         x, y = (wanted_m_s / max(speed, 1e-9)).tolist()
-        directions = SIDESTEPS @ np.array([[x, y], [-y, x]])
+        directions = matmul(SIDESTEPS, np.array([[x, y], [-y, x]]))
         free_m = self._free_lengths_m(self._clearance, at_m, directions, self._reach_m)
         allowed_m_s = np.minimum(stopping_speed_m_s(free_m, decel_m_s2), speed)
-        share = directions @ limits.towards.T
+        share = matmul(directions, limits.towards.T)
         with np.errstate(divide="ignore", invalid="ignore"):
             approach_m_s = np.where(share > 1e-3, np.maximum(limits.speed_m_s / share, 0), np.inf)
         allowed_m_s[1:] = np.minimum(allowed_m_s[1:], approach_m_s[1:].min(axis=1, initial=np.inf))

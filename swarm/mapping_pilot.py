@@ -11,6 +11,7 @@ import numpy as np
 
 from sim.drone import AirframeConfig
 from sim.types import VelocityCommand
+from voxdepth.arithmetic import length, matmul
 from voxdepth.geometry import inverse_rigid, transform
 from voxdepth.types import FloatArray, Intrinsics
 
@@ -28,7 +29,6 @@ from .errors import MissionError
 from .evidence import InverseSensorModel
 from .pilot import Decision, Pilot, PilotConfig, Situation
 from .types import Percept
-from .vectors import length
 from .voxel_map import HEIGHT_M, VoxelMap
 
 NOWHERE_M: FloatArray = np.full(3, np.inf)
@@ -155,7 +155,7 @@ class MappingPilot(Pilot):
         others, stamp_s = situation.neighbours, percept.stamp_s
         if self._costs is not None and stamp_s <= self._mapped_s:
             return self._costs
-        T = percept.T_odom_cam @ inverse_rigid(percept.T_world_cam)
+        T = matmul(percept.T_odom_cam, inverse_rigid(percept.T_world_cam))
         drones_m = transform(T, np.vstack([situation.own.position_m, others.position_m]))
         others_in_image_m = transform(T, others.position_m - (situation.time_s - stamp_s) * others.velocity_m_s)
         at_m = drones_m[0]
@@ -277,7 +277,7 @@ def _state(intent: Intent, direction: FloatArray, velocity: FloatArray) -> str:
         return "blocked"
     if flown_m_s < 0.9 * speed_m_s:
         return "exploring"
-    return "free" if float(direction[:2] @ intent.wanted_m_s[:2]) >= 0.97 * speed_m_s else "avoiding"
+    return "free" if float(matmul(direction[:2], intent.wanted_m_s[:2])) >= 0.97 * speed_m_s else "avoiding"
 
 
 def _making_room(level: FloatArray, way_out: FloatArray) -> FloatArray:
@@ -286,7 +286,7 @@ def _making_room(level: FloatArray, way_out: FloatArray) -> FloatArray:
     if missing_m == 0:
         return level
     out = way_out / missing_m
-    return np.asarray(level - min(float(level @ out), 0.0) * out + MAKE_ROOM_PER_S * way_out)
+    return np.asarray(level - min(float(matmul(level, out)), 0.0) * out + MAKE_ROOM_PER_S * way_out)
 
 
 def _climb(intent: Intent) -> float:

@@ -9,6 +9,7 @@ from scipy.spatial.distance import pdist
 
 from sim.types import Capture, Contact, DroneState
 from sim.world import World
+from voxdepth.arithmetic import length
 from voxdepth.metrics import DepthErrors, depth_errors
 from voxdepth.types import CorrectedDepth, Diagnostics, FloatArray
 
@@ -17,7 +18,6 @@ from .errors import MissionError
 from .pilot import Decision
 from .team import Team, positions_of
 from .types import MetricValue, Trajectory
-from .vectors import length
 
 EVALUATED_RANGE_M = 20.0
 """Depth errors are evaluated on pixels up to this true depth."""

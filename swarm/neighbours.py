@@ -7,11 +7,11 @@ from pydantic import Field
 
 from sim.seeds import Purpose, stream
 from sim.types import Capture
+from voxdepth.arithmetic import length, matmul
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
 from .types import Neighbours, Percept
-from .vectors import length
 
 MIN_PIXELS, DETECTED_WITHIN_M = 6, 12.0
 """Drones of fewer pixels, or farther away, are never found in an image and known by radio only."""
@@ -120,7 +120,7 @@ class NeighbourTracker:
             self._newest_s = percept.stamp_s
             for drone, at_cam_m in percept.detections.items():
                 self._seen_at_s[drone] = percept.stamp_s
-                self._seen_m[drone] = pose[:3, 3] + pose[:3, :3] @ at_cam_m
+                self._seen_m[drone] = pose[:3, 3] + matmul(pose[:3, :3], at_cam_m)
         age_s = time_s - self._seen_at_s
         is_fresh = age_s <= SEEN_FOR_S
         seen = np.flatnonzero(is_fresh[heard.drone] & self._is_in_view(heard.position_m, pose))
@@ -138,6 +138,6 @@ class NeighbourTracker:
 
     def _is_in_view(self, position_m: FloatArray, T_world_cam: FloatArray) -> MaskImage:
         """Return which positions, shape (n, 3), lie in the field of view and within the range of the detector."""
-        x, y, z = ((position_m - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]).T
+        x, y, z = matmul(position_m - T_world_cam[:3, 3], T_world_cam[:3, :3]).T
         in_image = (z > 0) & (np.abs(x) <= self._slope_x * z) & (np.abs(y) <= self._slope_y * z)
         return np.asarray(in_image & (x * x + y * y + z * z <= DETECTED_WITHIN_M**2))

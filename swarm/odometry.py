@@ -8,6 +8,7 @@ from pydantic import Field
 from sim import frames
 from sim.seeds import Purpose, stream
 from sim.types import Capture
+from voxdepth.arithmetic import matmul
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
@@ -55,12 +56,12 @@ class Odometry:
             self._position_m = true_m
         else:
             stamp_s, before_m = self._before
-            self._position_m = self._position_m + self._yaw_error() @ (true_m - before_m)
+            self._position_m = self._position_m + matmul(self._yaw_error(), true_m - before_m)
             steps = np.sqrt(capture.stamp_s - stamp_s) * self._rng.standard_normal(4)
             self._position_m = self._position_m + self._config.drift_m_per_sqrt_s * steps[:3]
             self._yaw_error_rad += float(np.radians(self._config.drift_yaw_deg_per_sqrt_s) * steps[3])
         self._before = (capture.stamp_s, true_m)
-        return frames.pose(self._yaw_error() @ capture.T_world_cam[:3, :3], self._position_m)
+        return frames.pose(matmul(self._yaw_error(), capture.T_world_cam[:3, :3]), self._position_m)
 
     def _yaw_error(self) -> FloatArray:
         return frames.rotation_from_yaw(self._yaw_error_rad)

@@ -1,5 +1,6 @@
 """The control layer of every drone: it turns a wanted velocity into a safe command."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,7 @@ from pydantic import Field
 
 from sim.drone import AirframeConfig
 from sim.types import DroneState, VelocityCommand
+from voxdepth.arithmetic import length
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
@@ -14,7 +16,6 @@ from .approach import ApproachLimits, clamp_to_limits, neighbour_limits
 from .cost_map import CostMap
 from .evidence import MIN_CONFIDENCE, MIN_SURFACE_CONFIDENCE, Holes
 from .types import Motion, Neighbours, Percept
-from .vectors import length
 from .voxel_map import MapConfig
 
 TURNS_ABOVE_M_S = 0.4
@@ -128,7 +129,7 @@ class Heading:
     def turn_towards(self, direction: FloatArray, wanted_speed_m_s: float) -> float:
         """Turn towards a direction, shape (3,), unless the wanted speed is small; return the new heading [rad]."""
         if wanted_speed_m_s > TURNS_ABOVE_M_S and np.hypot(direction[0], direction[1]) >= 0.1:
-            error_rad = np.arctan2(direction[1], direction[0]) - self.yaw_rad
+            error_rad = math.atan2(direction[1], direction[0]) - self.yaw_rad
             error_rad = (error_rad + np.pi) % (2 * np.pi) - np.pi
             self.yaw_rad += float(min(max(error_rad, -self._max_turn_rad), self._max_turn_rad))
         return self.yaw_rad

@@ -4,16 +4,18 @@ Their names are those of SmrtSwarm (Drones 2023, 7(9), 573); its weights are not
 shape (3,) in m/s. Its arguments are positions [m] and velocities [m/s] of that shape, or (n, 3) for several drones.
 """
 
+import math
+
 import numpy as np
 import pydantic
 from pydantic import Field
 
+from voxdepth.arithmetic import length, matmul
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
 from .team import Team
 from .types import Neighbours
-from .vectors import length
 
 
 class RuleWeights(Model):
@@ -64,7 +66,7 @@ def separation(position_m: FloatArray, neighbours: Neighbours, gain: float, radi
     away_m = position_m - neighbours.position_m
     distance_m = np.sqrt((away_m * away_m).sum(axis=1))
     missing = np.where(distance_m > 0, np.maximum(radius_m - distance_m, 0) / np.maximum(distance_m, 1e-9), 0)
-    push: FloatArray = gain * (missing @ away_m)
+    push: FloatArray = gain * matmul(missing, away_m)
     return push
 
 
@@ -78,7 +80,7 @@ def alignment(velocity_m_s: FloatArray, neighbours: Neighbours, gain: float) -> 
 
 def confinement(position_m: FloatArray, team: Team, weights: RuleWeights) -> FloatArray:
     """Fly back into the band of altitudes along the route of a swarm, in proportion to the distance outside of it."""
-    along_x, along_y = np.cos(team.heading_rad), np.sin(team.heading_rad)
+    along_x, along_y = math.cos(team.heading_rad), math.sin(team.heading_rad)
     x, y, _ = (position_m - team.start_m).tolist()
     left_m, altitude_m = y * along_x - x * along_y, float(position_m[2])
     back_m = min(0.0, weights.max_aside_m - left_m) - min(0.0, weights.max_aside_m + left_m)

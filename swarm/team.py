@@ -1,5 +1,6 @@
 """One leader and its followers: their route and their formation."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -8,6 +9,7 @@ from pydantic import Field
 
 from sim.frames import rotation_from_yaw
 from sim.types import DroneState
+from voxdepth.arithmetic import length, matmul
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, MaskImage
 
@@ -25,7 +27,7 @@ class Route(Model):
     @property
     def heading_rad(self) -> float:
         """Direction from start to goal in the horizontal plane."""
-        return float(np.arctan2(self.goal_m[1] - self.start_m[1], self.goal_m[0] - self.start_m[0]))
+        return math.atan2(self.goal_m[1] - self.start_m[1], self.goal_m[0] - self.start_m[0])
 
 
 class FormationConfig(Model):
@@ -71,7 +73,7 @@ class Team:
     def of(cls, route: Route, members: range, config: FormationConfig) -> "Team":
         """Create the swarm that flies a route, in a formation that is aligned with the route."""
         start_m, goal_m, heading_rad = np.array(route.start_m), np.array(route.goal_m), route.heading_rad
-        of_followers_m = config.offsets_m(len(members) - 1) @ rotation_from_yaw(heading_rad).T
+        of_followers_m = matmul(config.offsets_m(len(members) - 1), rotation_from_yaw(heading_rad).T)
         offsets_m = np.vstack([np.zeros(3), of_followers_m])
         return cls(members=members, start_m=start_m, goal_m=goal_m, heading_rad=heading_rad, offsets_m=offsets_m)
 
@@ -97,7 +99,7 @@ class Team:
 
     def distance_to_goal_m(self, positions_m: FloatArray) -> float:
         """Return the distance of the leader from the goal."""
-        return float(np.linalg.norm(positions_m[self.leader] - self.goal_m))
+        return length(positions_m[self.leader] - self.goal_m)
 
     def stray_m(self, positions_m: FloatArray) -> float:
         """Return how far a follower has strayed at most from both its leader and its slot; 0 without followers."""
@@ -108,18 +110,18 @@ class Team:
 
     def progress_m(self, positions_m: FloatArray) -> float:
         """Return how far the leader has come along the straight line from start to goal."""
-        return float((positions_m[self.leader] - self.start_m) @ self._along)
+        return float(matmul(positions_m[self.leader] - self.start_m, self._along))
 
     def cross_track_error_m(self, positions_m: FloatArray) -> float:
         """Return the distance of the leader from the straight line through start and goal."""
         offset_m = positions_m[self.leader] - self.start_m
-        return float(np.linalg.norm(offset_m - (offset_m @ self._along) * self._along))
+        return float(length(offset_m - matmul(offset_m, self._along) * self._along))
 
     @property
     def _along(self) -> FloatArray:
         """Direction from start to goal, shape (3,); 0 if they are one point."""
         route_m = self.goal_m - self.start_m
-        along: FloatArray = route_m / max(float(np.linalg.norm(route_m)), 1e-9)
+        along: FloatArray = route_m / max(length(route_m), 1e-9)
         return along
 
     def _own_m(self, positions_m: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from voxdepth.arithmetic import matmul
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
@@ -222,7 +223,7 @@ class VoxelMap:
     ) -> tuple[MaskImage, FloatArray]:
         """Return which cells show a surface that is exact and no drone, and where these surfaces are, shape (n, 3)."""
         is_exact = surface_m < self._max_surface_m
-        rays = self._sensor.rays_cam[is_exact] @ T_odom_cam[:3, :3].T
+        rays = matmul(self._sensor.rays_cam[is_exact], T_odom_cam[:3, :3].T)
         points_m = surface_m[is_exact, None] * rays + T_odom_cam[:3, 3]
         apart_m2 = ((points_m[:, None] - drones_m) ** 2).sum(axis=2)
         is_surface = (apart_m2 > DRONE_RADIUS_M**2).all(axis=1)

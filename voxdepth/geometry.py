@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import float64
 
+from .arithmetic import matmul
 from .compiled import compiled
 from .types import FloatArray, FloatImage, Intrinsics
 
@@ -60,7 +61,7 @@ class RayMap:
 def transform(T_a_b: FloatArray, points_b: Points) -> Points:
     """Points of frame b in the coordinates of frame a, shape (N, 3), in the precision of the points."""
     kind = points_b.dtype
-    moved: Points = np.ascontiguousarray(points_b @ T_a_b[:3, :3].T.astype(kind) + T_a_b[:3, 3].astype(kind))
+    moved: Points = np.ascontiguousarray(matmul(points_b, T_a_b[:3, :3].T.astype(kind)) + T_a_b[:3, 3].astype(kind))
     return moved
 
 
@@ -68,7 +69,7 @@ def inverse_rigid(T_a_b: FloatArray) -> FloatArray:
     """`T_b_a` of a rigid `T_a_b`, shape (4, 4)."""
     T_b_a = np.eye(4)
     T_b_a[:3, :3] = T_a_b[:3, :3].T
-    T_b_a[:3, 3] = -T_b_a[:3, :3] @ T_a_b[:3, 3]
+    T_b_a[:3, 3] = matmul(-T_b_a[:3, :3], T_a_b[:3, 3])
     return T_b_a
 
 

@@ -3,6 +3,7 @@
 Depth errors are sums over pixels, so that frames, masks and sequences of any size add up to one figure.
 """
 
+import math
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -186,7 +187,7 @@ class Sums(DepthErrors):
         mean_squared_m2 = self.mean(self.squared_error_m2)
         if mean_squared_m2 is None:
             return None
-        return float(10 * np.log10(peak_m**2 / mean_squared_m2)) if mean_squared_m2 > 0 else float("inf")
+        return 10 * math.log10(peak_m**2 / mean_squared_m2) if mean_squared_m2 > 0 else float("inf")
 
 
 @dataclass(frozen=True, kw_only=True)

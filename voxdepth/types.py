@@ -4,6 +4,7 @@ Conventions: `T_a_b` maps coordinates in b to coordinates in a; the camera frame
 z forward; pixel centres lie at integer coordinates; depth is along the optical axis, 0 = invalid.
 """
 
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -119,7 +120,7 @@ class Intrinsics:
         _require_numbers(Real, hfov_deg=hfov_deg)
         if not 0 < hfov_deg < 180:
             raise FrameError(f"the horizontal field of view must lie in (0, 180) degrees, got {hfov_deg}")
-        f = width_px / 2 / float(np.tan(np.radians(hfov_deg) / 2))
+        f = width_px / 2 / math.tan(math.radians(hfov_deg) / 2)
         cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
         return cls(fx_px=f, fy_px=f, cx_px=cx, cy_px=cy, width_px=width_px, height_px=height_px, baseline_m=baseline_m)
 

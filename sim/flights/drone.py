@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from voxdepth.arithmetic import length
 from voxdepth.types import FloatArray
 
 from ..bodies import Scene
@@ -92,7 +93,7 @@ class _PurePursuit:
     def command(self, state: DroneState, time_s: float) -> VelocityCommand:
         """The command that takes the drone towards the target."""
         to_target_m = self._advance_target(state.position_m)
-        direction = to_target_m / np.linalg.norm(to_target_m)
+        direction = to_target_m / length(to_target_m)
         velocity_m_s = self._safe_speed_m_s() * direction + self._gusts_m_s(time_s)
         yaw_rad = self.track.heading_rad(self._target_m - self._lookahead_m)
         return VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
@@ -101,7 +102,7 @@ class _PurePursuit:
         """Move the target to the lookahead distance; returns the vector from the drone to it [m], shape (3,)."""
         while True:
             to_target_m: FloatArray = self.track.position_m(self._target_m) + self.height_m - position_m
-            if not np.linalg.norm(to_target_m) < self._lookahead_m or self.done:
+            if not length(to_target_m) < self._lookahead_m or self.done:
                 return to_target_m
             self._target_m += TARGET_STEP_M
 

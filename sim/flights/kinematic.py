@@ -1,5 +1,6 @@
 """Trajectories in closed form: a hand-held camera, cuts between its takes, and cameras that stay at one place."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal
@@ -7,6 +8,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from voxdepth.arithmetic import length
 from voxdepth.types import FloatArray
 
 from .. import frames
@@ -93,13 +95,13 @@ class Walk(Flight):
             along_m = self.start_m + self.speed_m_s * time_s
             heading_rad = track.heading_rad(along_m)
             step_rad = 2 * np.pi * self.step_hz * time_s + first_step_rad
-            lateral_m, up_m = self.sway_m * np.sin(step_rad / 2), self.height_m + self.bob_m * np.cos(step_rad)
-            offset_m = np.array([-lateral_m * np.sin(heading_rad), lateral_m * np.cos(heading_rad), up_m])
+            lateral_m, up_m = self.sway_m * math.sin(step_rad / 2), self.height_m + self.bob_m * math.cos(step_rad)
+            offset_m = np.array([-lateral_m * math.sin(heading_rad), lateral_m * math.cos(heading_rad), up_m])
             around_rad = look_around(time_s)
             q_world_body_xyzw = frames.quaternion_from_angles(
                 heading_rad + look_rad + around_rad[0],
-                pitch_rad + around_rad[1] + shake_rad * np.sin(step_rad),
-                shake_rad * np.cos(step_rad / 2),
+                pitch_rad + around_rad[1] + shake_rad * math.sin(step_rad),
+                shake_rad * math.cos(step_rad / 2),
             )
             position_m = track.position_m(along_m) + offset_m
             return BodyPose(stamp_s=time_s, position_m=position_m, q_world_body_xyzw=q_world_body_xyzw)
@@ -219,7 +221,7 @@ class Stations(Flight):
                 factor = LARGE if k // HOLD_FRAMES % LARGE_EVERY == 0 else 1.0
                 off_m = off_m + _jump(rng, off_m, 3, REACH_M) * factor * rng.uniform(*JUMP_M)
                 turn = _jump(rng, off_deg - (0, self.pitch_deg), 2, REACH_DEG) * (1.0, PITCH_SHARE)
-                off_deg = off_deg + turn / np.linalg.norm(turn) * factor * rng.uniform(*JUMP_DEG)
+                off_deg = off_deg + turn / length(turn) * factor * rng.uniform(*JUMP_DEG)
             yaw_rad, pitch_rad = np.radians(off_deg)
             q_world_body_xyzw = frames.quaternion_from_angles(heading_rad + yaw_rad, pitch_rad, 0.0)
             yield BodyPose(stamp_s=time_s, position_m=place_m + off_m, q_world_body_xyzw=q_world_body_xyzw)
@@ -229,4 +231,4 @@ def _jump(rng: np.random.Generator, off: FloatArray, axes: int, reach: float) ->
     """A random direction, unit norm, shape (axes,), which leads back along every axis that is beyond half the reach."""
     direction = rng.standard_normal(axes)
     back = (np.abs(off) > reach / 2) & (direction * off > 0)
-    return np.asarray(np.where(back, -direction, direction) / np.linalg.norm(direction))
+    return np.asarray(np.where(back, -direction, direction) / length(direction))

@@ -1,5 +1,6 @@
 """The base of all flights: frame times, smooth noise, and smooth curves through way points."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from itertools import count, takewhile
@@ -7,6 +8,7 @@ from itertools import count, takewhile
 import numpy as np
 import numpy.typing as npt
 
+from voxdepth.arithmetic import cos, matmul, sin
 from voxdepth.types import FloatArray
 
 from ..errors import SceneError
@@ -50,7 +52,7 @@ class SmoothNoise:
 
     def __call__(self, time_s: float) -> FloatArray:
         """Values at a time, shape (c,)."""
-        waves = np.sin(self._rate_rad_s * time_s + self._phase_rad)
+        waves = sin(self._rate_rad_s * time_s + self._phase_rad)
         return np.asarray(self._amplitude * waves.sum(axis=1))
 
 
@@ -77,7 +79,7 @@ class Track:
         legs = np.diff(points, axis=0)
         lengths = np.linalg.norm(legs, axis=1)
         directions = legs / lengths[:, None]
-        headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+        headings = np.unwrap([math.atan2(y, x) for x, y, _ in legs.tolist()])
         self.length_m = float(lengths.sum())
         """Length of the path before rounding."""
         self._rounding_m = rounding_m
@@ -90,16 +92,16 @@ class Track:
     def position_m(self, along_m: float) -> FloatArray:
         """Point of the curve, shape (3,)."""
         ramps_m = self._rounding_m * _ramp((along_m - self._corners_m) / self._rounding_m)
-        return np.asarray(self._start_m + along_m * self._direction + ramps_m @ self._bends)
+        return np.asarray(self._start_m + along_m * self._direction + matmul(ramps_m, self._bends))
 
     def heading_rad(self, along_m: float) -> float:
         """Heading, from the world's x axis towards y, without jumps of a full turn."""
-        return self._heading_rad + float(_step((along_m - self._corners_m) / self._turning_m) @ self._turns_rad)
+        return self._heading_rad + float(matmul(_step((along_m - self._corners_m) / self._turning_m), self._turns_rad))
 
     def curvature_per_m(self, along_m: FloatArray) -> FloatArray:
         """Change of the unit direction per arc length, shape (m,) for m arc lengths."""
         bells = _bell((along_m[:, None] - self._corners_m) / self._rounding_m) / self._rounding_m
-        return np.asarray(np.linalg.norm(bells @ self._bends, axis=1))
+        return np.asarray(np.linalg.norm(matmul(bells, self._bends), axis=1))
 
 
 def _way_points(path_m: FloatArray) -> FloatArray:
@@ -122,16 +124,16 @@ def _way_points(path_m: FloatArray) -> FloatArray:
 
 def _bell(u: FloatArray) -> FloatArray:
     """Raised cosine on -1..1 with unit area."""
-    return np.asarray((1 + np.cos(np.pi * np.clip(u, -1, 1))) / 2)
+    return np.asarray((1 + cos(np.pi * np.clip(u, -1, 1))) / 2)
 
 
 def _step(u: FloatArray) -> FloatArray:
     """Integral of the bell: from 0 before -1 to 1 after 1."""
     c = np.clip(u, -1, 1)
-    return np.asarray((1 + c + np.sin(np.pi * c) / np.pi) / 2)
+    return np.asarray((1 + c + sin(np.pi * c) / np.pi) / 2)
 
 
 def _ramp(u: FloatArray) -> FloatArray:
     """Integral of the step: from 0 before -1 to u after 1."""
     c = np.clip(u, -1, 1)
-    return np.asarray(((1 + c) ** 2 / 2 - (1 + np.cos(np.pi * c)) / np.pi**2) / 2 + np.maximum(u - 1, 0))
+    return np.asarray(((1 + c) ** 2 / 2 - (1 + cos(np.pi * c)) / np.pi**2) / 2 + np.maximum(u - 1, 0))

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from voxdepth.arithmetic import matmul
 from voxdepth.types import FloatArray, Intrinsics
 
 from .. import frames
@@ -158,8 +159,11 @@ def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[flo
 
 def view_matrix(T_world_cam: FloatArray) -> list[float]:
     """OpenGL view matrix, column-major, of a camera pose with any roll."""
-    to_opengl = np.diag([1.0, -1.0, -1.0, 1.0])
-    return list((to_opengl @ np.linalg.inv(T_world_cam)).T.ravel().tolist())
+    R_cam_world = T_world_cam[:3, :3].T
+    T_opengl_world = np.eye(4)
+    T_opengl_world[:3] = np.column_stack([R_cam_world, -matmul(R_cam_world, T_world_cam[:3, 3])])
+    T_opengl_world[1:3] *= -1  # In OpenGL, y points up and z back.
+    return list(T_opengl_world.T.ravel().tolist())
 
 
 def projection_matrix(intrinsics: Intrinsics | Pinhole, engine: Engine) -> list[float]:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from voxdepth.arithmetic import cos, matmul, sin
 from voxdepth.types import FloatArray
 
 from .. import frames
@@ -60,7 +61,7 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
 
 def moved(mesh: Mesh, rotation: FloatArray, position_m: FloatArray) -> Mesh:
     """A mesh after a rigid transformation."""
-    return Mesh(mesh.vertices_m @ rotation.T + position_m, mesh.triangles)
+    return Mesh(matmul(mesh.vertices_m, rotation.T) + position_m, mesh.triangles)
 
 
 def normals(mesh: Mesh) -> FloatArray:
@@ -102,7 +103,7 @@ def cylinder(*, radius_m: float, height_m: float) -> Mesh:
     """A closed cylinder along z with the origin at its centre."""
     n = ROUND_SEGMENTS
     angle = np.arange(n) * 2 * np.pi / n
-    ring = np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle)], axis=1)
+    ring = np.stack([radius_m * cos(angle), radius_m * sin(angle)], axis=1)
     low = np.column_stack([ring, np.full(n, -height_m / 2)])
     high = np.column_stack([ring, np.full(n, height_m / 2)])
     caps = np.array([[0, 0, -height_m / 2], [0, 0, height_m / 2]])
@@ -117,7 +118,7 @@ def sphere(radius_m: float) -> Mesh:
     """A sphere of rings and segments with the origin at its centre."""
     n, rings = ROUND_SEGMENTS, ROUND_SEGMENTS // 2
     polar, around = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.arange(n) * 2 * np.pi / n, indexing="ij")
-    unit = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
+    unit = np.stack([sin(polar) * cos(around), sin(polar) * sin(around), cos(polar)], axis=-1)
     vertices = radius_m * unit.reshape(-1, 3)
     triangles = []
     for ring in range(rings):

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from voxdepth.arithmetic import matmul
 from voxdepth.types import FloatArray, GrayImage, MaskImage
 
 from ..bodies import Mesh
@@ -68,9 +69,9 @@ class Mirrors:
         plane_of_pixel = self._plane_of_triangle[hits.triangle]
         for index in np.unique(plane_of_pixel[plane_of_pixel >= 0]).tolist():
             body, plane, reflectivity = self._planes[index]
-            normal = self._meshes.R_world_body[body] @ plane[:3]
-            offset_m = float(plane[3] - normal @ self._meshes.position_m[body])
-            if normal @ camera.T_world_cam[:3, 3] + offset_m <= 0:  # The camera is inside of the body.
+            normal = matmul(self._meshes.R_world_body[body], plane[:3])
+            offset_m = float(plane[3] - matmul(normal, self._meshes.position_m[body]))
+            if matmul(normal, camera.T_world_cam[:3, 3]) + offset_m <= 0:  # The camera is inside of the body.
                 continue
             mask = plane_of_pixel == index
             if self._pane_m[body] and abs(plane[2]) < UPRIGHT:
@@ -81,7 +82,7 @@ class Mirrors:
             top, left, bottom, right = int(rows[0]), int(cols[0]), int(rows[-1]) + 1, int(cols[-1]) + 1
             i, window = camera.intrinsics, (slice(top, bottom), slice(left, right))
             virtual = Camera(
-                T_world_cam=mirrored(normal, offset_m) @ camera.T_world_cam,
+                T_world_cam=matmul(mirrored(normal, offset_m), camera.T_world_cam),
                 intrinsics=Pinhole(i.fx_px, i.fy_px, i.cx_px - left, i.cy_px - top, right - left, bottom - top),
                 clip_plane=np.append(normal, offset_m - BIAS_M),
             )
@@ -92,9 +93,9 @@ class Mirrors:
         rows, cols = np.nonzero(mask)
         eye, depth_m = camera.intrinsics, hits.depth_m[rows, cols]
         rays = np.column_stack([(cols - eye.cx_px) / eye.fx_px, (rows - eye.cy_px) / eye.fy_px, np.ones(len(rows))])
-        in_world = depth_m[:, None] * rays @ camera.T_world_cam[:3, :3].T + camera.T_world_cam[:3, 3]
-        in_body = (in_world - self._meshes.position_m[body]) @ self._meshes.R_world_body[body]
-        along = in_body @ np.array([-normal[1], normal[0], 0.0])
+        in_world = matmul(depth_m[:, None] * rays, camera.T_world_cam[:3, :3].T) + camera.T_world_cam[:3, 3]
+        in_body = matmul(in_world - self._meshes.position_m[body], self._meshes.R_world_body[body])
+        along = matmul(in_body, np.array([-normal[1], normal[0], 0.0]))
         is_frame = (np.column_stack([along, in_body[:, 2]]) % self._pane_m[body] < FRAME_M).any(axis=1)
         mask[rows[is_frame], cols[is_frame]] = False
 

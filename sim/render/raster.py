@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import float64, int32, int64, types, uint32, void
 
+from voxdepth.arithmetic import matmul
 from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
 from voxdepth.types import FloatArray, Intrinsics, MaskImage
 
@@ -322,16 +323,16 @@ class Rasteriser:
             R, position_m = self._meshes.R_world_body[body], self._meshes.position_m[body]
             vertices_m = bodies.vertices_m[bodies.first_vertex[body] : bodies.first_vertex[body + 1]]
             faces = bodies.faces[bodies.first_triangle[body] : bodies.first_triangle[body + 1]]
-            vertices_m[:] = self._meshes.meshes[body].vertices_m @ R.T + position_m
-            faces[:, :3] = self._normals[body] @ R.T
+            vertices_m[:] = matmul(self._meshes.meshes[body].vertices_m, R.T) + position_m
+            faces[:, :3] = matmul(self._normals[body], R.T)
             faces[:, 3] = -(faces[:, :3] * vertices_m[self._meshes.meshes[body].triangles[:, 0]]).sum(axis=1)
-            self._spheres_m[body, :3] = R @ self._own_spheres_m[body][:3] + position_m
+            self._spheres_m[body, :3] = matmul(R, self._own_spheres_m[body][:3]) + position_m
 
     def _drawn(self, camera: Camera) -> Hits:
         """The bodies whose spheres may be in the image, from the nearest on."""
         view = view_of(camera)
-        center_m, radius_m = (self._spheres_m[:, :3] - view.origin_m) @ view.R_cam_world.T, self._spheres_m[:, 3]
-        is_inward = (center_m @ _inward(camera.intrinsics).T > -radius_m[:, None]).all(axis=1)
+        center_m, radius_m = matmul(self._spheres_m[:, :3] - view.origin_m, view.R_cam_world.T), self._spheres_m[:, 3]
+        is_inward = (matmul(center_m, _inward(camera.intrinsics).T) > -radius_m[:, None]).all(axis=1)
         may_see = (center_m[:, 2] > -radius_m) & is_inward
         order = np.argsort(center_m[:, 2] - radius_m, kind="stable").astype(np.int32)
         is_outside = (center_m**2).sum(axis=1) > radius_m**2
@@ -362,7 +363,7 @@ def view_of(camera: Camera) -> View:
     """A camera as the loops of rasterisation read it."""
     i, T = camera.intrinsics, camera.T_world_cam
     return View(
-        R_cam_world=np.linalg.inv(T[:3, :3]).astype(np.float64),
+        R_cam_world=np.ascontiguousarray(T[:3, :3].T, np.float64),
         origin_m=T[:3, 3].astype(np.float64),
         fx_px=i.fx_px,
         fy_px=i.fy_px,
@@ -379,8 +380,8 @@ def _near_clip(camera: Camera) -> Vector:
     if camera.clip_plane is None:
         return np.inf, 0.0, 0.0
     i, T, normal = camera.intrinsics, camera.T_world_cam, camera.clip_plane[:3]
-    distance_m = -float(normal @ T[:3, 3] + camera.clip_plane[3])
-    x, y, z = (T[:3, :3].T @ normal / distance_m).tolist()
+    distance_m = -float(matmul(normal, T[:3, 3]) + camera.clip_plane[3])
+    x, y, z = (matmul(T[:3, :3].T, normal) / distance_m).tolist()
     return z - x * i.cx_px / i.fx_px - y * i.cy_px / i.fy_px, x / i.fx_px, y / i.fy_px
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from voxdepth.arithmetic import matmul
 from voxdepth.types import FloatImage, Intrinsics
 
 from ..bodies import Mesh
@@ -84,7 +85,7 @@ def rays_of(camera: Camera) -> Rays:
     rays = np.empty((camera.intrinsics.height_px * camera.intrinsics.width_px, 6), np.float32)
     rays[:, :3] = camera.T_world_cam[:3, 3]
     rotation = camera.T_world_cam[:3, :3].astype(np.float32)
-    np.matmul(unit_depth_directions(camera.intrinsics), rotation.T, out=rays[:, 3:])
+    rays[:, 3:] = matmul(unit_depth_directions(camera.intrinsics), rotation.T)
     return rays
 
 

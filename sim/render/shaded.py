@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from voxdepth.arithmetic import matmul
 from voxdepth.compiled import compile_all
 from voxdepth.types import FloatImage
 
@@ -154,5 +155,11 @@ class ShadedRenderer:
         """Pose of a camera in the frame of each body, shape (bodies, 3, 4)."""
         R_body_world = self._meshes.R_world_body.transpose(0, 2, 1)
         offset_m = camera.T_world_cam[:3, 3] - self._meshes.position_m
-        T = np.concatenate([R_body_world @ camera.T_world_cam[:3, :3], R_body_world @ offset_m[:, :, None]], axis=2)
+        T = np.concatenate(
+            [
+                matmul(R_body_world, camera.T_world_cam[:3, :3]),
+                np.einsum("bij,bj->bi", R_body_world, offset_m)[:, :, None],
+            ],
+            axis=2,
+        )
         return T.astype(np.float32)

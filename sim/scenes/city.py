@@ -1,11 +1,13 @@
 """A city of towers, between which the swarm of the paper flies."""
 
+import math
 from itertools import chain
 from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from voxdepth.arithmetic import length
 from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Cylinder, Mover, Scene, SceneSpec, Surface, shuttle, standing_body
@@ -152,9 +154,9 @@ def _wire(spec: CitySpec, rng: np.random.Generator, index: int, towers: list[Bod
     surface = Surface(albedo=float(rng.uniform(0.1, 0.4)))
     wire = Body(
         name=f"wire-{index}",
-        shape=Box((float(np.linalg.norm(pole_m - start_m)), thickness_m, thickness_m)),
+        shape=Box((length(pole_m - start_m), thickness_m, thickness_m)),
         position_m=(float(middle_m[0]), float(middle_m[1]), height_m),
-        yaw_rad=float(np.arctan2(*(pole_m - start_m)[::-1])),
+        yaw_rad=math.atan2(*(pole_m - start_m)[::-1]),
         surface=surface,
     )
     pole = Cylinder(spec.pole_radius_m, height_m + thickness_m)

@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from voxdepth.arithmetic import sin
 from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Surface, standing_body
@@ -67,7 +68,7 @@ def _path(spec: CorridorSpec, rng: np.random.Generator) -> FloatArray:
     swing_m = min(MAX_SWING_M, (spec.width_m / 2 - CLEARANCE_M) / 2)
     to_passage_m = np.abs(x - spec.length_m / 2) - spec.passage_m / 2
     swing = swing_m * np.clip(to_passage_m / 10 - 0.2, 0, 1)
-    y = swing * np.sin(2 * np.pi * (x / rng.uniform(25, 40) + rng.uniform()))
+    y = swing * sin(2 * np.pi * (x / rng.uniform(25, 40) + rng.uniform()))
     return np.stack([x, y, np.zeros_like(x)], axis=1)
 
 

@@ -1,5 +1,6 @@
 """A park at human scale, with bushes, trees, a hedge, a wall and benches along a path."""
 
+import math
 from itertools import pairwise
 from typing import Literal
 
@@ -89,7 +90,7 @@ def _row(
     for i, (start, end) in enumerate(pairwise(line_m)):
         x, y = ((start + end) / 2).tolist()
         dx, dy = end - start
-        length_m, yaw_rad = float(np.hypot(dx, dy)), float(np.arctan2(dy, dx))
+        length_m, yaw_rad = math.hypot(dx, dy), math.atan2(dy, dx)
         layout.reserve(x, y, length_m / 2)
         shape = Box((length_m, depth_m, height_m))
         bodies.append(standing_body(f"{name}-{i}", shape, x, y, surface, yaw_rad=yaw_rad))

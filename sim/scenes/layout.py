@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field, PositiveFloat
 
+from voxdepth.arithmetic import sin
 from voxdepth.types import FloatArray, MaskImage
 
 from ..bodies import Body, Box, Surface
@@ -70,14 +71,15 @@ def distance_to_path_m(points_m: FloatArray, path_m: FloatArray) -> FloatArray:
 def winding_path(rng: np.random.Generator, length_m: float, swing_m: float) -> FloatArray:
     """Way points from x = 0 to `length_m` at height 0, on a sine curve about y = 0 with the amplitude `swing_m`."""
     x = np.linspace(0, length_m, round(length_m / WAY_POINT_STEP_M) + 1)
-    y = swing_m * np.sin(2 * np.pi * (x / rng.uniform(40, 60) + rng.uniform()))
+    y = swing_m * sin(2 * np.pi * (x / rng.uniform(40, 60) + rng.uniform()))
     return np.stack([x, y, np.zeros_like(x)], axis=1)
 
 
 def places_beside(rng: np.random.Generator, path_m: FloatArray, x_m: tuple[float, float], side_m: float) -> FloatArray:
     """Places (x, y), shape (n, 2), in a range of x and up to `side_m` from a path, with a higher density near it."""
     x = rng.uniform(*x_m, TRIES)
-    y = np.interp(x, path_m[:, 0], path_m[:, 1]) + side_m * rng.uniform(-1, 1, TRIES) ** 3
+    side = rng.uniform(-1, 1, TRIES)
+    y = np.interp(x, path_m[:, 0], path_m[:, 1]) + side_m * side * side * side
     return np.stack([x, y], axis=1)
 
 

@@ -1,10 +1,12 @@
 """Hilly ground with trees and bushes."""
 
+import math
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from voxdepth.arithmetic import sin
 from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Heightfield, Scene, SceneSpec, Surface
@@ -105,7 +107,7 @@ def _ground(spec: PlainsSpec, seed: int) -> Body:
     x, y = np.meshgrid(np.arange(columns) * SPACING_M, np.arange(rows) * SPACING_M)
     hills = _hills(rng, x, y)
     to_rim_m = np.minimum(np.minimum(x, x.max() - x), np.minimum(y, y.max() - y))
-    fade = np.sin(np.pi / 2 * np.clip(to_rim_m / RIM_M, 0, 1)) ** 2
+    fade = sin(np.pi / 2 * np.clip(to_rim_m / RIM_M, 0, 1)) ** 2
     height_m = 2 * spec.amplitude_m * fade * (hills - hills.min()) / np.ptp(hills)
     surface = Surface(albedo=spec.albedo, texture=spec.texture, pattern=spec.pattern)
     shape, middle_m = Heightfield(height_m, SPACING_M), (spec.length_m / 2 - RUN_OUT_M, 0.0, 0.0)
@@ -117,6 +119,6 @@ def _hills(rng: np.random.Generator, x_m: FloatArray, y_m: FloatArray) -> FloatA
     total = np.zeros_like(x_m)
     for octave in range(OCTAVES):
         for heading, phase in rng.uniform(0, 2 * np.pi, (WAVES, 2)):
-            along_m = x_m * np.cos(heading) + y_m * np.sin(heading)
-            total += GAIN**octave * np.sin(2 * np.pi * along_m * 2**octave / WAVELENGTH_M + phase)
+            along_m = x_m * math.cos(heading) + y_m * math.sin(heading)
+            total += GAIN**octave * sin(2 * np.pi * along_m * 2**octave / WAVELENGTH_M + phase)
     return total

@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from voxdepth.arithmetic import matmul
 from voxdepth.types import FloatArray
 
 from .. import frames
@@ -79,7 +80,7 @@ def assembled(name: str, parts: list[Part], at_m: tuple[float, float], yaw_rad: 
     rotation = frames.rotation_from_yaw(yaw_rad)
     bodies = []
     for k, (size_m, center_m) in enumerate(parts):
-        x, y, z = (rotation @ np.array(center_m) + (*at_m, 0.0)).tolist()
+        x, y, z = np.add(matmul(rotation, np.array(center_m)), (*at_m, 0.0)).tolist()
         body = Body(name=f"{name}-{k}", shape=Box(size_m), position_m=(x, y, z), yaw_rad=yaw_rad, surface=surface)
         bodies.append(body)
     return bodies

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from voxdepth.arithmetic import exp, length, matmul
 from voxdepth.types import FloatArray
 
 from ..bodies import Body, Cylinder, Mesh, Surface
@@ -130,7 +131,7 @@ def blob(
     directions, triangles = geodesic(fineness)
     lobes = rng.normal(size=(LOBES, 3))
     lobes /= np.linalg.norm(lobes, axis=1, keepdims=True)
-    bulge = np.exp(8 * ((directions @ lobes.T).max(axis=1) - 1)) + rng.uniform(0, 0.4, len(directions))
+    bulge = exp(8 * (matmul(directions, lobes.T).max(axis=1) - 1)) + rng.uniform(0, 0.4, len(directions))
     radii = radius_m * (1 - roughness * (1 - bulge / bulge.max()))
     return Mesh(directions * radii[:, None] * (1, 1, squash), triangles)
 
@@ -147,7 +148,7 @@ def geodesic(fineness: int) -> tuple[FloatArray, npt.NDArray[np.uint32]]:
     points: list[FloatArray] = []
     triangles: list[tuple[int, int, int]] = []
     for face in combinations(corners, 3):
-        if any(np.linalg.norm(p - q) > 2.01 for p, q in combinations(face, 2)):
+        if any(length(p - q) > 2.01 for p, q in combinations(face, 2)):
             continue
         a, b, c = face if np.linalg.det(face) > 0 else face[::-1]
         at = {step: len(points) + k for k, step in enumerate(steps)}

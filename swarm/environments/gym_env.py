@@ -12,6 +12,7 @@ from gymnasium import spaces
 from sim import frames
 from sim.render import create_renderer
 from sim.types import Camera
+from voxdepth.arithmetic import length, matmul
 from voxdepth.types import FloatArray, Intrinsics
 
 from ..agents import create_agent
@@ -23,7 +24,6 @@ from ..mission import Mission
 from ..pilot import Situation
 from ..recorder import Recorder
 from ..types import Outcome
-from ..vectors import length
 from .learner import ACTION_SIZE, Learner, Observation, observe
 from .task import LearningTask
 
@@ -137,7 +137,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
             return None
         pose = self.mission.world.pose(self._drone)
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, self.task.rig.left_mount_m)
-        T_world_cam[:3, 3] += T_world_cam[:3, :3] @ BEHIND_M
+        T_world_cam[:3, 3] += matmul(T_world_cam[:3, :3], BEHIND_M)
         (image,) = self._renderer.render([Camera(T_world_cam=T_world_cam, intrinsics=PICTURE)])
         return np.repeat(image.gray[..., None], 3, axis=2)
 

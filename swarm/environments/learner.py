@@ -11,6 +11,7 @@ import numpy as np
 
 from sim.frames import rotation_from_yaw, yaw_from_quaternion
 from sim.types import VelocityCommand
+from voxdepth.arithmetic import matmul
 from voxdepth.types import FloatArray
 
 from .. import rules
@@ -41,11 +42,11 @@ def observe(situation: Situation, role: Role, task: LearningTask) -> Observation
     assert situation.percept is not None, "an episode begins with an image"
     own, to_own = situation.own, heading_frame(situation).T
     max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
-    leader_m = to_own @ (situation.leader.position_m - own.position_m)
+    leader_m = matmul(to_own, situation.leader.position_m - own.position_m)
     vectors = {
-        "velocity_m_s": np.clip(to_own @ own.velocity_m_s, -max_speed_m_s, max_speed_m_s),
+        "velocity_m_s": np.clip(matmul(to_own, own.velocity_m_s), -max_speed_m_s, max_speed_m_s),
         "leader_m": np.clip(leader_m, -lost_m, lost_m),
-        "slot_m": np.clip(leader_m + to_own @ role.offset_m, -lost_m, lost_m),
+        "slot_m": np.clip(leader_m + matmul(to_own, role.offset_m), -lost_m, lost_m),
     }
     observation = {name: vector.astype(np.float32) for name, vector in vectors.items()}
     depth_m = situation.percept.corrected.depth_m
@@ -71,7 +72,7 @@ class Learner:
 
     def decide(self, situation: Situation) -> Decision:
         """Return the velocity of the action in the world frame, with the heading turned by the action."""
-        velocity_m_s = heading_frame(situation) @ (self._max_speed_m_s * self.action[:3])
+        velocity_m_s = matmul(heading_frame(situation), self._max_speed_m_s * self.action[:3])
         velocity_m_s = rules.limit(velocity_m_s, self._max_speed_m_s)
         self._yaw_rad += float(self.action[3]) * self._max_turn_rad
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=self._yaw_rad)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numba import float32, void
 
+from ..arithmetic import exp
 from ..compiled import FLOAT_IMAGE, compile_all, compiled
 from ..types import FloatImage, Frame, GrayImage, Intrinsics
 from .single_frame import Baseline
@@ -36,7 +37,7 @@ class GlobalSmoother(Baseline):
 
     def __init__(self, intrinsics: Intrinsics) -> None:
         super().__init__(intrinsics)
-        self._weight_of_step = np.maximum(np.exp(-np.arange(256) / SIGMA_GRAY).astype(np.float32), MIN_WEIGHT)
+        self._weight_of_step = np.maximum(exp(-np.arange(256) / SIGMA_GRAY).astype(np.float32), MIN_WEIGHT)
         compile_all()
 
     def _corrected(self, frame: Frame) -> FloatImage:

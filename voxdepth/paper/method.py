@@ -12,6 +12,7 @@ from numba import float32, uint8, void
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compile_all, compiled
 from ..corrector import StreamCorrector, checked_config
 from ..devices import DeviceName, require_device
+from ..geometry import compose
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import VoxDepthConfig
@@ -190,7 +191,12 @@ def poses_in_last(window: Sequence[Frame], odometry: PhotometricOdometry) -> lis
     T = motion_between(window[0], window[1], odometry) if last else None
     if T is None:
         return [*([None] * last), np.eye(4)]
-    return [np.linalg.matrix_power(T, last - i) for i in range(len(window))]
+    powers: list[FloatArray | None] = [np.eye(4)]
+    power = np.eye(4)
+    for _ in range(last):
+        power = compose(power, T)
+        powers.append(power)
+    return powers[::-1]
 
 
 def fuse_window(

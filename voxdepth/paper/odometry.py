@@ -1,11 +1,13 @@
 """Camera motion between two RGB-D frames, its refinement by Gauss-Newton, and checks of its plausibility."""
 
+import math
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
-from ..geometry import PointArray, back_project, exp_se3, inverse_rigid, transform
+from ..arithmetic import length, matmul
+from ..geometry import PointArray, back_project, exp_se3, inverse_rigid, solve_symmetric, transform
 from ..types import FloatArray, FloatImage, Frame, Intrinsics
 
 OPENCV_DEPTH_UNITS_PER_M = 5000.0
@@ -100,15 +102,15 @@ def motion_between(source: Frame, target: Frame, odometry: PhotometricOdometry) 
     """
     if source.T_world_cam is None or target.T_world_cam is None:
         return odometry.estimate(source, target)
-    T = inverse_rigid(target.T_world_cam) @ source.T_world_cam
+    T = matmul(inverse_rigid(target.T_world_cam), source.T_world_cam)
     return T if is_plausible(T) else None
 
 
 def is_plausible(T: FloatArray) -> bool:
     """Whether translation and rotation are within the limits, and not NaN."""
     cos_angle = np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)
-    turned_deg = float(np.degrees(np.arccos(cos_angle)))
-    moved_m = float(np.linalg.norm(T[:3, 3]))
+    turned_deg = math.degrees(math.acos(cos_angle))
+    moved_m = length(T[:3, 3])
     return moved_m <= MAX_TRANSLATION_M and turned_deg <= MAX_ROTATION_DEG
 
 
@@ -146,8 +148,8 @@ class Comparison:
             step = self._step(T)
             if step is None:
                 break
-            T = exp_se3(step) @ T
-            if np.linalg.norm(step) < SETTLED:
+            T = matmul(exp_se3(step), T)
+            if length(step) < SETTLED:
                 break
         return T
 
@@ -189,12 +191,9 @@ class Comparison:
         jz = -(jx * x + jy * y) / z
         jacobian = np.stack([jx, jy, jz, jz * y - jy * z, jx * z - jz * x, jy * x - jx * y])
         weighted = jacobian * _weights(difference)
-        normal = (weighted @ jacobian.T).astype(np.float64)
-        try:
-            step: FloatArray = np.linalg.solve(normal, -(weighted @ difference).astype(np.float64))
-        except np.linalg.LinAlgError:
-            return None
-        return step
+        weighted = weighted.astype(np.float64)
+        step: FloatArray = -solve_symmetric(matmul(weighted, jacobian.T), matmul(weighted, difference))
+        return step if np.isfinite(step).all() else None
 
     def _look_up(self, moved: PointArray) -> tuple[Any, Any]:
         """Gray value and gradient at the projected points, shape (N, 3), and which of them lie in the image."""

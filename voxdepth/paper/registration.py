@@ -1,5 +1,6 @@
 """Aligning the template with the current frame: ORB features and an affine map (paper, Sec. Template Registration)."""
 
+import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import int64, types, uint64, void
 
+from ..arithmetic import matmul
 from ..compiled import compiled, compiled_part
 from ..types import FloatArray, FloatImage, GrayImage, resized
 from .config import VoxDepthConfig
@@ -98,7 +100,7 @@ class OrbRegistration:
         n_inliers = int(np.count_nonzero(inliers))
         if small is None or n_inliers < self._config.min_matches or not self._believable(small):
             return Registration(status=RegistrationStatus.DEGENERATE, n_matches=n_matches)
-        full = self._full_from_small @ np.vstack([small, [0, 0, 1]]) @ self._small_from_full
+        full = matmul(matmul(self._full_from_small, np.vstack([small, [0, 0, 1]])), self._small_from_full)
         return Registration(
             M_frame_template=full[:2], n_matches=n_matches, n_inliers=n_inliers, status=RegistrationStatus.OK
         )
@@ -112,10 +114,13 @@ class OrbRegistration:
 
     def _believable(self, M: FloatArray) -> bool:
         """Whether a map neither mirrors nor scales too much. Any three matches define a map, even wrong ones."""
-        if not np.isfinite(M).all() or np.linalg.det(M[:, :2]) <= 0:
+        (a, b, _), (c, d, _) = M.tolist()
+        if not np.isfinite(M).all() or a * d - b * c <= 0:
             return False
-        largest, smallest = np.linalg.svd(M[:, :2], compute_uv=False)
-        return bool(largest <= MAX_SCALE and smallest >= 1 / MAX_SCALE)
+        # The singular values of [[a, b], [c, d]] are half the sum and half the difference of these two lengths.
+        of_rotation, of_reflection = math.hypot(a + d, c - b), math.hypot(a - d, b + c)
+        smallest, largest = (of_rotation - of_reflection) / 2, (of_rotation + of_reflection) / 2
+        return largest <= MAX_SCALE and smallest >= 1 / MAX_SCALE
 
 
 class ChainedRegistration(OrbRegistration):
@@ -132,7 +137,7 @@ class ChainedRegistration(OrbRegistration):
         step = super().register(self._before, current)
         if not step.ok:
             return step
-        M = np.vstack([step.M_frame_template, [0, 0, 1]]) @ self._M_before
+        M = matmul(np.vstack([step.M_frame_template, [0, 0, 1]]), self._M_before)
         if not self._believable(M[:2]):
             return Registration(status=RegistrationStatus.DEGENERATE, n_matches=step.n_matches)
         self._before, self._M_before = current, M

@@ -10,6 +10,7 @@ from numba import float32, int64, uint32, void
 from numba.types import UniTuple
 from pydantic import Field, model_validator
 
+from ..arithmetic import matmul
 from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled
 from ..geometry import PointArray, RayMap
 from ..model import Model
@@ -81,7 +82,7 @@ class VoxelGrid:
 
         `T_grid_cam`, shape (4, 4), is the pose of its camera in the frame of the grid.
         """
-        rays = RayMap.of(self._intrinsics, self.config.T_cells_m @ T_grid_cam)
+        rays = RayMap.of(self._intrinsics, matmul(self.config.T_cells_m, T_grid_cam))
         _mark(np.ascontiguousarray(depth_m), rays.rows, rays.cols, rays.offset, self.config.shape, self.words)
 
     def project(self) -> FloatImage:

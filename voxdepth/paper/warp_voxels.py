@@ -8,6 +8,7 @@ multiplications, additions and a floor in the order of the loops for the CPU, so
 import numpy as np
 import warp as wp
 
+from ..arithmetic import matmul
 from ..devices import quiet_warp
 from ..geometry import RayMap
 from ..types import FloatArray, FloatImage, Intrinsics
@@ -87,7 +88,7 @@ class WarpVoxelGrid:
 
     def integrate(self, depth_m: FloatImage, T_grid_cam: FloatArray) -> None:
         """See `VoxelGrid`."""
-        rays = RayMap.of(self._intrinsics, self.config.T_cells_m @ T_grid_cam)
+        rays = RayMap.of(self._intrinsics, matmul(self.config.T_cells_m, T_grid_cam))
         images = [wp.array(image, dtype=wp.float32, device=self._device) for image in (depth_m, rays.rows, rays.cols)]
         inputs = [*images, wp.vec3(*rays.offset), wp.vec3i(*self.config.shape)]
         wp.launch(set_bits_of_image, depth_m.shape, inputs, [self._words], device=self._device)

@@ -7,6 +7,7 @@ import numpy as np
 from numba import boolean, float32
 from numba.types import UniTuple
 
+from ..arithmetic import exp
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part
 from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, GrayImage
 from .fusion import PixelClass
@@ -26,7 +27,7 @@ class Exponential(NamedTuple):
 
     def at(self, argument: FloatArray) -> FloatArray:
         """The value at some arguments, same shape."""
-        value: FloatArray = self.limit + (self.start - self.limit) * np.exp(-argument / self.scale)
+        value: FloatArray = self.limit + (self.start - self.limit) * exp(-argument / self.scale)
         return value
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import float32, int32, int64, types, uint8, uint32, void
 
+from ..arithmetic import matmul
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part, named_tuple
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
@@ -52,9 +53,9 @@ def reprojection(resolution: WorkingResolution, T_target_source: FloatArray) -> 
     before, so the new disparity is D divided by it as well. H is the infinite homography `K R K^-1`, shape (3, 3), and
     e is the epipole `K t / (f B)`, shape (3,).
     """
-    K_R = resolution.K @ T_target_source[:3]
+    K_R = matmul(resolution.K, T_target_source[:3])
     matrix = np.empty((3, 4), np.float32)
-    matrix[:, :3] = K_R[:, :3] @ resolution.K_inverse
+    matrix[:, :3] = matmul(K_R[:, :3], resolution.K_inverse)
     matrix[:, 3] = K_R[:, 3] / resolution.focal_baseline_px_m
     return matrix
 

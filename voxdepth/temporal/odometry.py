@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..arithmetic import matmul
 from ..geometry import inverse_rigid, transform
 from ..paper.registration import Features
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
@@ -179,7 +180,7 @@ class VisualOdometry:
         lost = TrackingResult(status=TrackingStatus.LOST, image=image, n_tracks=len(keyframe.corners))
         T_said = None
         if keyframe.T_world_cam is not None and frame.T_world_cam is not None:
-            T_said = inverse_rigid(frame.T_world_cam) @ keyframe.T_world_cam
+            T_said = matmul(inverse_rigid(frame.T_world_cam), keyframe.T_world_cam)
         fit = self._motion(keyframe, frame, image, T_said)
         if fit is not None:
             found = replace(lost, status=TrackingStatus.OK, n_tracks=fit.n_points, n_inliers=fit.n_inliers)

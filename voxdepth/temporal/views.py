@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arithmetic import matmul
 from ..geometry import transform
 from ..types import FloatArray, GrayImage
 from .memory import Memory
@@ -60,7 +61,7 @@ class Views:
             self._leave()
             self._begin_place(view)
         else:
-            self._T_keyframe_first = view.T_view_previous @ self._T_keyframe_first
+            self._T_keyframe_first = matmul(view.T_view_previous, self._T_keyframe_first)
             seen = self._camera.sees(transform(self._T_keyframe_first, self._first.points_m))
             if np.count_nonzero(seen) <= MIN_OVERLAP * len(seen):
                 self._stored.append(view)

@@ -70,7 +70,8 @@ class WorkingResolution:
     @cached_property
     def K_inverse(self) -> FloatArray:  # noqa: N802
         """Inverse of the camera matrix, shape (3, 3)."""
-        return np.asarray(np.linalg.inv(self.K), np.float64)
+        (fx, _, cx), (_, fy, cy), _ = self.K
+        return np.array([[1 / fx, 0, -cx / fx], [0, 1 / fy, -cy / fy], [0, 0, 1]])
 
     def disparity(self, depth_m: FloatImage) -> FloatImage:
         """Disparity [px] of depth [m], both of shape (H, W); 0 = invalid in both."""

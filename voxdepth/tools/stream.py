@@ -1,5 +1,6 @@
 """Streams, images, colours, layouts and stages of the paper's method that all Rerun recordings share."""
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from .. import arithmetic
 from ..colors import FAR_M, SOURCE_COLORS, colored
 from ..geometry import transform
 from ..paper.epochs import Template, VoxDepthDiagnostics
@@ -19,6 +21,12 @@ from ..types import CorrectedDepth, FloatArray, FloatImage, GrayImage, Source
 from .output import encode
 
 CENTIMETRE = 100.0
+NEAREST_M, FARTHEST_M = 0.01, 655.0
+LOWEST_STEP = round(100 * math.log(NEAREST_M))
+STEPS_CM = np.rint(
+    CENTIMETRE * arithmetic.exp(np.arange(LOWEST_STEP, round(100 * math.log(FARTHEST_M)) + 1) / 100)
+).astype(np.uint16)
+"""Depths [cm] that a recording can hold: each is 1 % more than the one before."""
 """Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
 JPEG_QUALITY = 75
 PIPE_BYTES = 1 << 16
@@ -147,11 +155,11 @@ def depth_colors(depth_m: FloatImage, far_m: float = FAR_M) -> rr.EncodedImage:
 
 def depth_png(depth_m: FloatImage) -> bytes:
     """Encode depth as a 16-bit PNG in centimetres, rounded to 1 %, which halves its size; 0 stays 0."""
-    exponent = np.rint(np.log(np.maximum(depth_m, 0.01)) * 100) / 100
-    rounded = np.where(depth_m > 0, np.exp(exponent) * CENTIMETRE, 0)
+    step = np.rint(100 * arithmetic.log(np.clip(depth_m, NEAREST_M, FARTHEST_M))).astype(np.intp)
+    rounded = np.where(depth_m > 0, STEPS_CM[step - LOWEST_STEP], np.uint16(0))
     # Runs of equal depths take less time and less space than repeated patterns, which the default looks for.
     options = [cv2.IMWRITE_PNG_COMPRESSION, 2, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
-    _, png = cv2.imencode(".png", np.minimum(rounded, 65535).astype(np.uint16), options)
+    _, png = cv2.imencode(".png", rounded, options)
     return png.tobytes()
 
 

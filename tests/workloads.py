@@ -1,18 +1,14 @@
-"""Figures of all that is computed, on a small scale: sensors, correctors, references of evaluations, flights, studies.
+"""Workloads: all that the project computes, on a small scale, by name.
 
-A change of the code that changes one of them by accident is found by `test_kept_figures.py`. After a change that was
-meant, this remakes all of them, or those whose names begin as told; the difference of the file shows what it did:
-
-    python -m tests.kept [NAME]
-
-They are kept with six digits and compared to one in a thousand, because processors round in different ways.
+Sensors, correctors, references of evaluations, flights, recordings, studies and learners. A workload returns a value
+that is made of numbers, texts and arrays. `tests/kept.py` compares the values of two revisions of the code, and
+`tests/portable.py` those of one revision under different features of the processor.
 """
 
-import json
-import sys
+import hashlib
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import asdict, fields, replace
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,7 +25,9 @@ from scenarios.flight import fly
 from scenarios.report import summary_tables
 from scenarios.runner import fly_and_write
 from scenarios.sequences import load_sequence, record, simulation
+from scenarios.study.design import expand
 from scenarios.study.diagnose import CollisionProbe
+from scenarios.study.executors import run_one
 from scenarios.study.report import Findings
 from scenarios.study.store import StudyData
 from sim.recording import Recording
@@ -49,8 +47,6 @@ from voxdepth.tools.evaluation.methods import find_method, run
 from voxdepth.tools.evaluation.recordings import RecordedSource, kinds_of
 from voxdepth.types import Frame, Intrinsics
 
-KEPT = Path(__file__).with_suffix(".json")
-Figures = dict[str, float | str]
 SMALL = {"rig.width_px": 128, "rig.height_px": 96}
 MOVING = {"rig.exposure_sigma": 0.1, "flight": {"kind": "walk", "speed_m_s": 1.0}}
 """A camera that moves, and whose brightness varies."""
@@ -90,44 +86,7 @@ FLIGHTS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "crash": ("pillars", CRASH | {"mission.after_contact": "drop"}),
 }
 RECORDED = {"mission.duration_s": 1.5, "mission.drones": 2}
-FLOWN = {"rig.width_px": 96, "rig.height_px": 64, "rig.decimate": 1, "mission.duration_s": 5.0, "mission.drones": 4}
-
-
-UNSTEADY = ("timings_s", "image", "drone", "intrinsics")
-"""Fields that are left out: times of this machine, and what has no numbers of its own."""
-
-
-def figures_of(value: Any, name: str = "") -> Figures:
-    """The figures of anything that is made of numbers, texts and arrays, by path.
-
-    Of an array, these are its mean and deviation, its mean with weights that rise along each axis, and the share of its
-    values that are positive and finite.
-    """
-    if isinstance(value, np.ndarray):
-        return {f"{name} {what}": number for what, number in _of_array(value.astype(np.float64)).items()}
-    if is_dataclass(value) and not isinstance(value, type):
-        value = {one.name: getattr(value, one.name) for one in fields(value) if one.name not in UNSTEADY}
-    elif isinstance(value, tuple) and hasattr(value, "_asdict"):
-        value = value._asdict()
-    if isinstance(value, Mapping):
-        parts = [(str(key), part) for key, part in value.items()]
-    elif isinstance(value, Sequence) and not isinstance(value, str):
-        parts = [(str(k), part) for k, part in enumerate(value)]
-    else:
-        return {name: float(value) if isinstance(value, int | float | np.number) else str(value)}
-    return {key: figure for part, own in parts for key, figure in figures_of(own, f"{name}/{part}").items()}
-
-
-def _of_array(values: np.ndarray) -> dict[str, float]:
-    is_usual = np.isfinite(values) & (values > 0)
-    usual = np.where(np.isfinite(values), values, 0)
-    weights = [np.linspace(0, 1, size) for size in usual.shape]
-    along = {
-        f"along {k}": float((np.moveaxis(usual, k, -1) * weight).mean()) if usual.size else 0.0
-        for k, weight in enumerate(weights)
-    }
-    mean, deviation = (float(usual.mean()), float(usual.std())) if usual.size else (0.0, 0.0)
-    return {"mean": mean, "deviation": deviation, **along, "share": float(is_usual.mean()) if usual.size else 0.0}
+FLOWN = {"rig.width_px": 96, "rig.height_px": 64, "rig.decimate": 1, "mission.duration_s": 10.0, "mission.drones": 3}
 
 
 def captures(name: str, frames: int, **changes: Any) -> Iterator[Capture]:
@@ -136,23 +95,23 @@ def captures(name: str, frames: int, **changes: Any) -> Iterator[Capture]:
         yield from (simulated.sensor.capture(pair) for pair in simulated.render(frames))
 
 
-def sensor_figures(name: str, **changes: Any) -> Figures:
+def sensor(name: str, **changes: Any) -> Capture:
     """What a camera gives."""
-    return figures_of(list(captures(name, 2, **changes))[-1])
+    return list(captures(name, 2, **changes))[-1]
 
 
 @cache
 def _clip() -> list[Capture]:
     """A sphere crosses the view of a camera with noise and wrong pixels, before walls."""
-    return list(captures("sim-cross", 24, **MOVING))
+    return list(captures("sim-cross", 30, renderer="raster", **MOVING))
 
 
-def corrector_figures(text: str) -> Figures:
+def corrector(text: str) -> Any:
     """What a corrector makes of a clip, after a frame, and at its end."""
     return _corrected(text, _clip()[0].intrinsics, [frame_of(capture) for capture in _clip()])
 
 
-def stream_figures(text: str, camera: Intrinsics = CAMERA, *, has_poses: bool = False) -> Figures:
+def stream(text: str, camera: Intrinsics = CAMERA, *, has_poses: bool = False) -> Any:
     """What a corrector makes of a camera that is covered, sees another room, and comes back."""
     there = walk(10, step_m=0.04, yaw_deg=2.0)
     rooms = [ROOM] * 10 + [OTHER_ROOM] * 5 + [ROOM] * 10
@@ -167,12 +126,12 @@ def stream_figures(text: str, camera: Intrinsics = CAMERA, *, has_poses: bool = 
     return _corrected(text, camera, frames)
 
 
-def _corrected(text: str, intrinsics: Intrinsics, frames: Sequence[Frame]) -> Figures:
-    corrector = CorrectorSpec.model_validate(text).create(intrinsics)
-    results = [corrector.process(frame) for frame in frames]
+def _corrected(text: str, intrinsics: Intrinsics, frames: Sequence[Frame]) -> Any:
+    method = CorrectorSpec.model_validate(text).create(intrinsics)
+    results = [method.process(frame) for frame in frames]
     means = np.array([[r.depth_m.mean(), r.source.mean(), r.confidence.mean()] for r in results])
     facts = [r.diagnostics.facts() for r in results[1::4] if r.diagnostics is not None]
-    return figures_of([results[1], results[-1], means, facts])
+    return {"second": results[1], "last": results[-1], "means": means, "facts": facts}
 
 
 class Watch(Recorder):
@@ -182,6 +141,8 @@ class Watch(Recorder):
         self.states: Counter[str] = Counter()
         self.commands: list[np.ndarray] = []
         self.depths: list[np.ndarray] = []
+        self.digest = hashlib.sha256()
+        """Of every pixel of every corrected depth."""
 
     def tick(self, step: int, time_s: float, states: Any, decisions: Any) -> None:
         self.states.update(decision.state for decision in decisions)
@@ -189,21 +150,25 @@ class Watch(Recorder):
 
     def capture(self, step: int, capture: Any, corrected: Any) -> None:
         self.depths.append(np.array([corrected.depth_m.mean(), corrected.confidence.mean()]))
+        self.digest.update(corrected.depth_m.tobytes())
 
 
-def flight_figures(name: str, **changes: Any) -> Figures:
+def flight(name: str, **changes: Any) -> Any:
     """How a mission goes, and what the drones see and decide."""
     watch = Watch()
     planned = load_run(name, 1, FLOWN | changes)
     finished = fly(planned, recorder=watch, threads=1)
-    result, tables = finished.result, [table.markdown() for table in summary_tables(finished, planned)]
-    at_end = np.array([trajectory.position_m[-1] for trajectory in result.trajectories])
-    seen = {"commands": np.concatenate(watch.commands), "depths": np.array(watch.depths), "at_end_m": at_end}
-    return figures_of([result.outcome, result.contacts, result.metrics, result.drones, watch.states, seen, tables])
+    seen = {
+        "commands": np.concatenate(watch.commands),
+        "depths": np.array(watch.depths),
+        "pixels": watch.digest.hexdigest(),
+    }
+    tables = [table.markdown() for table in summary_tables(finished, planned)]
+    return {"result": finished.result, "states": watch.states, **seen, "tables": tables}
 
 
-def recording_figures(name: str) -> Figures:
-    """The mean of each component of each entity in the Rerun recording of a flight, and the number of its values."""
+def recording(name: str) -> Any:
+    """The components of the entities in the Rerun recording of a flight, but for its times and its second drone."""
     columns: defaultdict[str, list[pa.Array]] = defaultdict(list)
     with TemporaryDirectory() as folder:
         written = fly_and_write(load_run(name, 1, FLOWN | RECORDED), Path(folder), record=True).folder
@@ -211,33 +176,32 @@ def recording_figures(name: str) -> Figures:
         for chunk in rr.chunk.RrdReader(written / "run.rrd").stream().to_chunks():
             batch = chunk.to_record_batch()
             for column in batch.schema.names:
-                if ":" in column and "/1" not in chunk.entity_path:  # No times, and nothing of the second drone.
+                if ":" in column and "/1" not in chunk.entity_path:
                     columns[f"{chunk.entity_path} {column}"].append(batch.column(column))
-    return {key: figure for column, parts in columns.items() for key, figure in _of_column(column, parts).items()}
+    return {column: _values(parts) for column, parts in columns.items()}
 
 
-def _of_column(name: str, parts: list[pa.Array]) -> Figures:
+def _values(parts: list[pa.Array]) -> Any:
     values = pa.concat_arrays(parts)
     while pa.types.is_list(values.type) or pa.types.is_fixed_size_list(values.type):
         values = values.flatten()
     is_number = pa.types.is_integer(values.type) or pa.types.is_floating(values.type)
-    mean = {f"{name} mean": float(np.nanmean(values.to_numpy(zero_copy_only=False)))} if is_number and values else {}
-    return {f"{name} n": float(len(values))} | mean
+    return values.to_numpy(zero_copy_only=False) if is_number else str(values.to_pylist())
 
 
-def diagnosis_figures() -> Figures:
+def diagnosis() -> Any:
     """What is found about the collision of a drone."""
-    flight = load_run("pillars", 1, FLOWN | CRASH)
-    probe = CollisionProbe(flight.scenario.mission.pilot)
-    fly(flight, recorder=probe, threads=1)
-    return figures_of(probe.diagnosis)
+    planned = load_run("pillars", 1, FLOWN | CRASH)
+    probe = CollisionProbe(planned.scenario.mission.pilot)
+    fly(planned, recorder=probe, threads=1)
+    return probe.diagnosis
 
 
-def reference_figures(hidden: str | None) -> Figures:
+def references(hidden: str | None) -> Any:
     """What methods are judged by in a recording, and how two of them are judged; None for the truth."""
     with TemporaryDirectory() as folder:
         place = Path(folder) / "clip"
-        record(load_sequence("sim-cross", 1, SMALL | MOVING), place, 12, lambda done: None)
+        record(load_sequence("sim-cross", 1, SMALL | MOVING | {"renderer": "raster"}), place, 12, lambda done: None)
         if hidden is None:
             source: Any = SimulatedSource("clip", Recording.open(place), 1)
         else:
@@ -247,10 +211,10 @@ def reference_figures(hidden: str | None) -> Figures:
         scores = [run(method, frames, source.reference, source.intrinsics, 0).measurements for method in methods]
     steady = [[(*one[:4], one.value) for one in own if "ms" not in one.unit] for own in scores]
     images = [{one.name: getattr(frame, one.name) for one in fields(frame) if one.name != "frame"} for frame in frames]
-    return figures_of([images[-1], steady])
+    return {"images": images[-1], "scores": steady}
 
 
-def study_figures(contents: Callable[[], StudyData]) -> Figures:
+def report(contents: Callable[[], StudyData]) -> Any:
     """The sentences and the tables of the report of a study."""
     findings = Findings(contents())
     return {"verdict": findings.verdict, **{name: table.markdown() for name, table in findings.tables.items()}}
@@ -267,43 +231,40 @@ def _of_levels() -> StudyData:
     return flown(planned, {("city", "a"): "oxxs", ("city", "b"): "ooxt"})
 
 
-def environment_figures(**options: Any) -> Figures:
+def flown_study() -> Any:
+    """The records of a small study that is flown."""
+    planned = study(arm("seen", depth="stereo", corrector="temporal"), noisy("noise", 0.5, 1.0), seeds=2)
+    records = [run_one(spec) for spec in expand(planned)]
+    return [{key: part for key, part in asdict(one).items() if key != "wall_s"} for one in records]
+
+
+def learner(**options: Any) -> Any:
     """What a learner sees and is rewarded by."""
     env = LeaderFollowerEnv(**quick(y_m=1.0) | options)
     steps = [env.reset(seed=3)]
     actions = [[1.0, 0.2, 0.0, 0.3], [0.5, -0.4, 0.2, -0.5]]
     steps += [env.step(np.array(actions[k % 2], np.float32)) for k in range(8)]
     env.close()
-    return figures_of(steps[::4])
+    return steps[::4]
 
 
-CASES: Mapping[str, Callable[[], Figures]] = {
-    **{f"sequence {name}": partial(sensor_figures, name) for name in shipped_names("sequences")},
-    **{f"sensor {name}": partial(sensor_figures, "sim-MB", **own) for name, own in SENSORS.items()},
-    **{f"corrector {text}": partial(corrector_figures, text) for text in CORRECTORS},
+WORKLOADS: Mapping[str, Callable[[], Any]] = {
+    **{f"sequence {name}": partial(sensor, name) for name in shipped_names("sequences")},
+    **{f"sensor {name}": partial(sensor, "sim-MB", **own) for name, own in SENSORS.items()},
+    **{f"corrector {text}": partial(corrector, text) for text in CORRECTORS},
     **{
-        f"stream of {text}{', with poses' * has_poses}": partial(stream_figures, text, has_poses=has_poses)
+        f"stream of {text}{', with poses' * has_poses}": partial(stream, text, has_poses=has_poses)
         for text in (*CORRECTORS[-5:-2], "voxdepth[window_frames=3,fusion_lag_frames=1]")
         for has_poses in (False, True)
     },
-    "stream of odd images": partial(stream_figures, "temporal[decimation=2]", ODD),
-    **{f"flight {name}": partial(flight_figures, of, **own) for name, (of, own) in FLIGHTS.items()},
-    **{f"judged by {name or 'truth'}": partial(reference_figures, name) for name in JUDGED},
-    **{f"recording of {name}": partial(recording_figures, name) for name in ("paper", "moving")},
-    "diagnosis of a crash": diagnosis_figures,
-    "study of three arms": partial(study_figures, _of_three),
-    "study of levels": partial(study_figures, _of_levels),
-    "learner in metres": environment_figures,
-    "learner by nearness": partial(environment_figures, observation="nearness", corrector="median", others="blind"),
+    "stream of odd images": partial(stream, "temporal[decimation=2]", ODD),
+    **{f"flight {name}": partial(flight, of, **own) for name, (of, own) in FLIGHTS.items()},
+    **{f"judged by {name or 'truth'}": partial(references, name) for name in JUDGED},
+    **{f"recording of {name}": partial(recording, name) for name in ("paper", "moving")},
+    "diagnosis of a crash": diagnosis,
+    "study": flown_study,
+    "report of three arms": partial(report, _of_three),
+    "report of levels": partial(report, _of_levels),
+    "learner in metres": learner,
+    "learner by nearness": partial(learner, observation="nearness", corrector="median", others="blind"),
 }
-
-
-def rounded(figures: Figures) -> Figures:
-    """Figures as they are kept, with six digits."""
-    return {name: figure if isinstance(figure, str) else float(f"{figure:.6g}") for name, figure in figures.items()}
-
-
-if __name__ == "__main__":
-    kept, asked = json.loads(KEPT.read_text()), sys.argv[1] if len(sys.argv) > 1 else ""
-    remade = {name: rounded(case()) if name.startswith(asked) else kept[name] for name, case in CASES.items()}
-    KEPT.write_text(json.dumps(remade, indent=1) + "\n")
