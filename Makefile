@@ -55,7 +55,6 @@ wheel: setup     ## build the library as a wheel in dist/, and check it
 	$(BIN)/check-wheel-contents dist/*.whl
 
 regress: setup   ## compare the shipped correctors with golden values on synthetic noise
-	$(BIN)/voxdepth regress --corrector raw
 	$(BIN)/voxdepth regress --corrector voxdepth
 	$(BIN)/voxdepth regress --corrector temporal
 

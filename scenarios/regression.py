@@ -1,7 +1,7 @@
 """Regression test of a depth corrector: errors under each noise term alone, at three levels, against golden values."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import product
 from pathlib import Path
 
@@ -38,13 +38,18 @@ def measure(make: CorrectorFactory, progress: Callable[[str], None]) -> pd.DataF
     cases = {}
     for case in CASES:
         progress(case)
-        errors, flicker = DepthErrors(), Flicker()
-        for capture, result in corrected(make, case):
-            errors += depth_errors(result.depth_m, capture.depth_true_m, max_range_m=MAX_RANGE_M)
-            in_range = capture.depth_true_m <= MAX_RANGE_M
-            flicker.add(result.depth_m, np.where(in_range, capture.depth_true_m, np.float32(0)), in_range)
-        cases[case] = errors.mae_m, errors.too_far_share, errors.hole_share, flicker.mean_change_m
+        cases[case] = metrics_of(corrected(make, case))
     return pd.DataFrame.from_dict(cases, orient="index", columns=METRICS, dtype=float)
+
+
+def metrics_of(results: Iterable[tuple[Capture, CorrectedDepth]]) -> tuple[float | None, ...]:
+    """Return the `METRICS` of successive captures with their corrections, None where one is undefined."""
+    errors, flicker = DepthErrors(), Flicker()
+    for capture, result in results:
+        errors += depth_errors(result.depth_m, capture.depth_true_m, max_range_m=MAX_RANGE_M)
+        in_range = capture.depth_true_m <= MAX_RANGE_M
+        flicker.add(result.depth_m, np.where(in_range, capture.depth_true_m, np.float32(0)), in_range)
+    return errors.mae_m, errors.too_far_share, errors.hole_share, flicker.mean_change_m
 
 
 def corrected(make: CorrectorFactory, case: str, frames: int = FRAMES) -> Iterator[tuple[Capture, CorrectedDepth]]:
@@ -111,7 +116,11 @@ def read_golden(path: Path) -> pd.DataFrame:
     return cases
 
 
-def write_golden(path: Path, cases: pd.DataFrame) -> None:
-    """Write a golden file, with null where no pixel had a depth; a failure is a `ToolError`."""
+def write_golden(path: Path, cases: pd.DataFrame, because: str = "") -> None:
+    """Write a golden file, with null where no pixel had a depth; a failure is a `ToolError`.
+
+    `because` says why metrics became worse, if any did.
+    """
     values = cases.astype(object).where(cases.notna(), None).to_dict("index")
-    write(path, f"{json.dumps({'seed': SEED, 'frames': FRAMES, 'cases': values}, indent=1)}\n".encode())
+    golden = {"seed": SEED, "frames": FRAMES, **({"because": because} if because else {}), "cases": values}
+    write(path, f"{json.dumps(golden, indent=1)}\n".encode())

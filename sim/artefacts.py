@@ -7,10 +7,10 @@ Its random numbers do not depend on the frame, so that an error comes again wher
 import math
 from typing import Annotated, Any, ClassVar, Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Field, NonNegativeFloat
+from scipy.ndimage import gaussian_filter
 
 from voxdepth.arithmetic import matmul
 from voxdepth.types import FloatImage, MaskImage
@@ -155,7 +155,7 @@ class NoReturn(NoiseTerm):
         albedo, gloss = np.ones(n_bodies + 1), np.zeros(n_bodies + 1)  # The last entry is that of no body.
         for body, surface in image.surfaces.items():
             albedo[body], gloss[body] = surface.albedo, surface.gloss
-        smooth = cv2.GaussianBlur(uniform_of(places(image, GLOSS_CELL_M), image.seed, 2), (0, 0), GLOSS_PATCH_PX)
+        smooth = gaussian_filter(uniform_of(places(image, GLOSS_CELL_M), image.seed, 2), GLOSS_PATCH_PX, mode="mirror")
         rank = np.argsort(np.argsort(smooth, axis=None)).reshape(smooth.shape) / smooth.size
         missed = (albedo[image.segment_id] < self.below_albedo) | (rank < self.gloss * gloss[image.segment_id])
         image.invalidate(missed, InvalidReason.TEXTURELESS)

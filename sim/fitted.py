@@ -15,6 +15,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr, ndtri
 
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
@@ -108,5 +109,5 @@ class FittedStereo:
 
 def _normal(shape: tuple[int, int], blur_px: float, rng: np.random.Generator) -> FloatImage:
     """Standard normal numbers that are alike in neighbouring pixels."""
-    smooth = cv2.GaussianBlur(rng.standard_normal(shape, np.float32), (0, 0), blur_px)
+    smooth = gaussian_filter(rng.standard_normal(shape, np.float32), blur_px, mode="mirror")
     return np.asarray(smooth * np.float32(2 * np.sqrt(np.pi) * blur_px))  # The blur divides the deviation by that.

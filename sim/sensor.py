@@ -5,9 +5,9 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-import cv2
 import numpy as np
 from pydantic import Field, model_validator
+from scipy.ndimage import gaussian_filter
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
@@ -305,6 +305,14 @@ def mean_gray(images: Sequence[Images]) -> Images:
     return replace(images[len(images) // 2], gray=gray)
 
 
+def _sampled_along_rows(image: FloatImage, at_px: FloatImage) -> FloatImage:
+    """The values of an image at columns between its pixels, one for each pixel of an image of the same shape."""
+    left = np.minimum(at_px.astype(np.intp), image.shape[1] - 2)
+    share = at_px - left.astype(np.float32)
+    before, after = (np.take_along_axis(image, left + k, axis=1) for k in (0, 1))
+    return np.asarray(before + share * (after - before), np.float32)
+
+
 def lit_by_pattern(
     left: Images, right: Images, strength: float, intrinsics: Intrinsics, *, seed: int
 ) -> tuple[Images, Images]:
@@ -314,10 +322,10 @@ def lit_by_pattern(
     light is `1 + strength p / (1 + (z / 3 m)^2)` times as bright, with p between 0 and 1.
     """
     dots = (stream(seed, Purpose.PROJECTOR).random(left.gray.shape) < DOT_SHARE).astype(np.float32)
-    dots = np.minimum(2 * cv2.GaussianBlur(dots, (0, 0), DOT_SIGMA_PX), 1).astype(np.float32)
-    col, row = pixels(left.gray.shape)
+    dots = np.minimum(2 * gaussian_filter(dots, DOT_SIGMA_PX, mode="mirror"), 1).astype(np.float32)
+    col, _ = pixels(left.gray.shape)
     seen_at = (col + focal_baseline_px_m(intrinsics) / right.depth_m).astype(np.float32)
-    moved = cv2.remap(dots, seen_at, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    moved = _sampled_along_rows(dots, np.clip(seen_at, 0, dots.shape[1] - 1))
     lit = []
     for images, pattern in ((left, dots), (right, moved)):
         gain = 1 + strength * pattern / (1 + np.square(images.depth_m / PROJECTOR_RANGE_M))

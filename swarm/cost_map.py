@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from voxdepth.arithmetic import cos, matmul, sin
+from voxdepth.arithmetic import cos, matmul, sin, without_ipp
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 from .approach import DECEL_M_S2, ApproachLimits, stopping_speed_m_s
@@ -275,7 +275,8 @@ def _clearance(state: npt.NDArray[np.uint8]) -> FloatImage:
     """
     is_free = np.zeros((state.shape[0] + 2, state.shape[1] + 2), np.uint8)
     is_free[1:-1, 1:-1] = state == FREE
-    clearance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5) - np.float32(0.5)
+    with without_ipp():
+        clearance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5) - np.float32(0.5)
     clearance[[0, -1]] = clearance[:, [0, -1]] = 0
     return clearance
 

@@ -6,9 +6,11 @@ differences grow. The functions here add in the order of the indices, and call t
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import float32, float64, types, void
@@ -25,8 +27,8 @@ def matmul(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
     It is computed in the precision of `a`, float32 or else float64; `b` is converted to it.
     """
     multiply, kind = (_multiply_32, np.float32) if a.dtype == np.float32 else (_multiply_64, np.float64)
-    left: npt.NDArray[Any] = np.ascontiguousarray(a, kind).reshape(-1, a.shape[-1])
-    right: npt.NDArray[Any] = np.ascontiguousarray(b, kind).reshape(len(b), -1)
+    left: npt.NDArray[Any] = np.ascontiguousarray(a, kind).reshape(math.prod(a.shape[:-1]), a.shape[-1])
+    right: npt.NDArray[Any] = np.ascontiguousarray(b, kind).reshape(len(b), math.prod(b.shape[1:]))
     if left.shape[1] != len(right):
         raise ValueError(f"expected as many rows of b as columns of a, got shapes {a.shape} and {b.shape}")
     product: npt.NDArray[Any] = np.zeros((len(left), right.shape[1]), kind)
@@ -57,6 +59,17 @@ def exp(exponent: npt.ArrayLike) -> FloatArray:
 def log(number: npt.ArrayLike) -> FloatArray:
     """The natural logarithm of every positive number, same shape."""
     return _of_each(_log, number)
+
+
+@contextmanager
+def without_ipp() -> Iterator[None]:
+    """Keep OpenCV from calling Intel's IPP in this thread, which rounds differently on each processor."""
+    used = cv2.ipp.useIPP()
+    cv2.ipp.setUseIPP(False)
+    try:
+        yield
+    finally:
+        cv2.ipp.setUseIPP(used)
 
 
 def _of_each(function: Callable[[FloatArray, FloatArray], None], argument: npt.ArrayLike) -> FloatArray:

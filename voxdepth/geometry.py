@@ -6,10 +6,10 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float64
+from numba import float32, float64, int32
 
 from .arithmetic import matmul
-from .compiled import compiled
+from .compiled import READABLE_IMAGE, compiled, compiled_part
 from .types import FloatArray, FloatImage, Intrinsics
 
 PointArray = npt.NDArray[np.float32]
@@ -142,6 +142,28 @@ def solve_symmetric(A: FloatArray, b: FloatArray) -> FloatArray:
             b[k] -= A[col, k] * b[col]
         b[k] /= A[k, k]
     return b
+
+
+@compiled_part(float32(READABLE_IMAGE, float32, float32, float32))
+def bilinear(image: FloatImage, x_px: float, y_px: float, outside: float) -> float:
+    """The value of an image, shape (H, W), between the centres of four pixels; pixels beyond its border are `outside`.
+
+    OpenCV's `remap` rounds differently on each processor.
+    """
+    height, width = image.shape
+    if not ((x_px > float32(-1)) & (x_px < float32(width)) & (y_px > float32(-1)) & (y_px < float32(height))):
+        return outside
+    left, top = np.floor(x_px), np.floor(y_px)
+    right_share, low_share = x_px - left, y_px - top
+    col, row = int32(left), int32(top)
+    has_left, has_right, has_top, has_low = col >= 0, col + 1 < width, row >= 0, row + 1 < height
+    a = image[row, col] if has_top & has_left else outside
+    b = image[row, col + 1] if has_top & has_right else outside
+    c = image[row + 1, col] if has_low & has_left else outside
+    d = image[row + 1, col + 1] if has_low & has_right else outside
+    upper, lower = a + right_share * (b - a), c + right_share * (d - c)
+    value: float = upper + low_share * (lower - upper)
+    return value
 
 
 def fill_from_nearest(depth_m: FloatImage) -> FloatImage:

@@ -35,36 +35,44 @@ def record(
 def regress(
     corrector: Annotated[str, typer.Option(help=CORRECTOR_HELP)] = DEFAULT_CORRECTOR,
     update: Annotated[bool, typer.Option("--update", help="Make the present metrics the golden ones.")] = False,
+    because: Annotated[str, typer.Option(help="With --update: why metrics are worse than the golden ones.")] = "",
     golden: Annotated[Path, typer.Option(help="Folder of the golden metrics.")] = Path("tests/golden"),
     out: Annotated[Path, typer.Option(help="Folder for the recording of the worst case.")] = Path("runs"),
 ) -> None:
-    """Run a corrector on every noise term alone and compare its errors with golden metrics; exit 1 on a difference."""
+    """Run a corrector on every noise term alone and compare its errors with golden metrics; exit 1 if one is worse."""
+    import pandas as pd
     from rich.console import Console
 
     from voxdepth.corrector_spec import CorrectorSpec
     from voxdepth.tools.table import Table
 
     from .. import regression
+    from ..errors import ScenarioError
     from ..rerun.frames import record_case
 
     console = Console()
     make = CorrectorSpec.of(corrector).create
     path = regression.golden_path(golden, corrector)
-    before = None if update else regression.read_golden(path)
+    before = regression.read_golden(path) if path.exists() or not update else None
     with console.status("") as status:
         measured = regression.measure(make, lambda case: status.update(f"running {corrector} on {case}"))
     regression.metric_table(measured, corrector).print(console)
-    if before is None:
-        regression.write_golden(path, measured)
+    worse = pd.DataFrame()
+    if before is not None:
+        differences = regression.compare(before, measured)
+        worse = differences[differences["change"] == "worse"]
+        if differences.empty:
+            typer.echo(f"no metric differs from {path} by more than its tolerance")
+        else:
+            Table.of_frame(regression.OUTSIDE, differences).print(console)
+    if update and (worse.empty or because):
+        regression.write_golden(path, measured, because if len(worse) else "")
         typer.echo(f"golden metrics written to {path}")
-        return
-    differences = regression.compare(before, measured)
-    if differences.empty:
-        typer.echo(f"no metric differs from {path} by more than its tolerance")
-        return
-    Table.of_frame(regression.OUTSIDE, differences).print(console)
-    worst = differences["noise"][0]
-    recording = out / f"regress-{path.stem}.rrd"
-    record_case(recording, worst, regression.corrected(make, worst))
-    typer.echo(f"the worst case, {worst}, is in {recording}; if the change is meant: --update")
-    raise typer.Exit(1)
+    elif update:
+        raise ScenarioError(f"{len(worse)} metrics are worse than those of {path}: say why with --because")
+    elif len(worse):
+        worst = worse["noise"].iloc[0]
+        recording = out / f"regress-{path.stem}.rrd"
+        record_case(recording, worst, regression.corrected(make, worst))
+        typer.echo(f"the worst case, {worst}, is in {recording}; if the change is meant: --update --because REASON")
+        raise typer.Exit(1)

@@ -49,7 +49,7 @@ def voxdepth(
     """Run a command in this process: a new one takes seconds to import what it needs."""
     handlers = {number: signal.getsignal(number) for number in ENDING}
     with (
-        mock.patch.object(sys, "argv", ["temporal", *map(str, arguments)]),
+        mock.patch.object(sys, "argv", ["voxdepth", *map(str, arguments)]),
         mock.patch.dict(os.environ, COLUMNS="120"),
         contextlib.chdir(cwd or Path.cwd()),
         contextlib.redirect_stdout(terminal or io.StringIO()) as out,

@@ -35,7 +35,7 @@ def smoother(intrinsics: Intrinsics) -> DepthCorrector:
 def test_the_shipped_correctors_do_what_they_did(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rendered_once = cache(lambda *case, frames: list(testing.noisy_sequence(*case, frames=frames)))
     monkeypatch.setattr(regression, "noisy_sequence", rendered_once)
-    for corrector in ("raw", "voxdepth", "temporal"):
+    for corrector in ("voxdepth", "temporal"):
         done = voxdepth("regress", "--corrector", corrector, "--golden", GOLDEN, "--out", tmp_path)
         assert done.returncode == 0, done.stdout + done.stderr
         assert "no metric differs" in done.stdout
@@ -63,8 +63,14 @@ def test_a_changed_parameter_of_the_corrector_fails_with_a_table_and_a_recording
     (recording,) = (tmp_path / "out").iterdir()
     verified = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(recording)], check=False)
     assert verified.returncode == 0
-    mended = voxdepth("regress", "--corrector", name, "--golden", target.parent, "--update")
+    refused = voxdepth("regress", "--corrector", name, "--golden", target.parent, "--update")
+    assert refused.returncode == 1
+    assert "say why with --because" in refused.stderr
+    mended = voxdepth(
+        "regress", "--corrector", name, "--golden", target.parent, "--update", "--because", "a smaller median"
+    )
     assert mended.returncode == 0
+    assert '"because": "a smaller median"' in target.read_text()
     assert voxdepth("regress", "--corrector", name, "--golden", target.parent).returncode == 0
 
 
@@ -105,8 +111,8 @@ def test_missing_and_foreign_golden_figures_say_what_to_do(tmp_path: Path) -> No
     with pytest.raises(ScenarioError, match="write them with --update"):
         read_golden(tmp_path / "g.json")
     with pytest.raises(ScenarioError, match="--update"):
-        compare(cases_of(), read_golden(golden_path(GOLDEN, "raw")))
-    text = golden_path(GOLDEN, "raw").read_text().replace('"frames": 30', '"frames": 31')
+        compare(cases_of(), read_golden(golden_path(GOLDEN, "temporal")))
+    text = golden_path(GOLDEN, "temporal").read_text().replace('"frames": 30', '"frames": 31')
     (tmp_path / "raw.json").write_text(text)
     with pytest.raises(ScenarioError, match="31 frames, expected 0 and 30: write new ones with --update"):
         read_golden(tmp_path / "raw.json")

@@ -5,12 +5,14 @@ encoder of a tenth of a million parameters instead of two branches; the previous
 of encoded again; and the loss is the likelihood of the true disparity, from which the confidence follows.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..arithmetic import exp
 from ..compiled import compile_all
 from ..corrector import StreamCorrector
 from ..networks import Images, Network, load
@@ -216,8 +218,8 @@ def interpreted(
     tolerance = np.maximum(
         np.float32(CORRECT_SHARE), np.float32(CORRECT_PX) / np.maximum(disparity_px, MIN_DISPARITY_PX)
     )
-    confidence = 1 - np.exp(-tolerance * np.exp(-log_scale))
-    stands = (measured_px > 0) & (log_scale > np.log(LARGEST_OVERRULING_SCALE))
+    confidence = np.float32(1) - exp(-tolerance * exp(-log_scale)).astype(np.float32)
+    stands = (measured_px > 0) & (log_scale > math.log(LARGEST_OVERRULING_SCALE))
     return Result(np.where(stands, measured_px, disparity_px), confidence)
 
 

@@ -5,9 +5,20 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from numba import float32, types, void
 
 from ..arithmetic import length, matmul
-from ..geometry import PointArray, back_project, exp_se3, inverse_rigid, solve_symmetric, transform
+from ..compiled import compiled
+from ..geometry import (
+    PointArray,
+    back_project,
+    bilinear,
+    exp_se3,
+    inverse_rigid,
+    log_se3,
+    solve_symmetric,
+    transform,
+)
 from ..types import FloatArray, FloatImage, Frame, Intrinsics
 
 OPENCV_DEPTH_UNITS_PER_M = 5000.0
@@ -92,7 +103,8 @@ class PhotometricOdometry:
         gray_a, units_a = _opencv_images(source, self._coarse_camera)
         gray_b, units_b = _opencv_images(target, self._coarse_camera)
         solved, T_target_source = self._solver.compute(units_a, gray_a, units_b, gray_b)
-        return np.asarray(T_target_source, np.float64) if solved else None
+        # The processor decides about the last digits, which make no difference after the refinement.
+        return exp_se3(np.round(log_se3(np.ascontiguousarray(T_target_source, np.float64)), 4)) if solved else None
 
 
 def motion_between(source: Frame, target: Frame, odometry: PhotometricOdometry) -> FloatArray | None:
@@ -127,7 +139,7 @@ class Comparison:
     def __init__(self, source: View, target: View, camera: Intrinsics) -> None:
         self._camera = camera
         self._target = target
-        self._target_with_slopes = np.dstack([target.gray, *_slopes(target.gray)])
+        self._target_with_slopes = np.stack([target.gray, *_slopes(target.gray)])
         every = (slice(None, None, SAMPLE_EVERY_PX),) * 2
         depth_m = np.ascontiguousarray(source.depth_m[every])
         measured = depth_m > 0
@@ -198,11 +210,8 @@ class Comparison:
     def _look_up(self, moved: PointArray) -> tuple[Any, Any]:
         """Gray value and gradient at the projected points, shape (N, 3), and which of them lie in the image."""
         u_px, v_px = self._projected(moved)
-        seen = cv2.remap(
-            self._target_with_slopes, u_px[:, None], v_px[:, None], cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT, borderValue=(np.nan,) * 4,
-        )  # fmt: skip
-        seen = seen.reshape(-1, 3)
+        seen = np.empty((len(moved), len(self._target_with_slopes)), np.float32)
+        _sample(self._target_with_slopes, u_px, v_px, seen)
         return seen, np.isfinite(seen[:, 0]) & (moved[:, 2] > NEAREST_M)
 
     def _projected(self, moved: PointArray) -> tuple[Any, Any]:
@@ -236,7 +245,19 @@ def _subsampled(camera: Intrinsics, every_px: int) -> Intrinsics:
 
 def _slopes(gray: FloatImage) -> tuple[Any, Any]:
     """Gray change per pixel along columns and rows, two arrays of shape (h, w)."""
-    return cv2.Sobel(gray, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(gray, cv2.CV_32F, 0, 1, scale=1 / 8)
+    padded = np.pad(gray, 1, mode="reflect")
+    across, down = padded[:, 2:] - padded[:, :-2], padded[2:] - padded[:-2]
+    along_cols = across[:-2] + 2 * across[1:-1] + across[2:]
+    along_rows = down[:, :-2] + 2 * down[:, 1:-1] + down[:, 2:]
+    return along_cols / 8, along_rows / 8
+
+
+@compiled(void(types.Array(float32, 3, "C", readonly=True), float32[::1], float32[::1], float32[:, ::1]))
+def _sample(images: Any, u_px: Any, v_px: Any, seen: Any) -> None:
+    """Samples of images, shape (K, h, w), at columns and rows, shape (N,), to shape (N, K); NaN outside of them."""
+    for point in range(len(u_px)):
+        for k in range(images.shape[0]):
+            seen[point, k] = bilinear(images[k], u_px[point], v_px[point], float32(np.nan))
 
 
 def _weights(difference: Any) -> Any:

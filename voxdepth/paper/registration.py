@@ -8,10 +8,11 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import int64, types, uint64, void
+from numba import float32, float64, int64, types, uint64, void
 
 from ..arithmetic import matmul
-from ..compiled import compiled, compiled_part
+from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part
+from ..geometry import solve_symmetric
 from ..types import FloatArray, FloatImage, GrayImage, resized
 from .config import VoxDepthConfig
 
@@ -96,9 +97,12 @@ class OrbRegistration:
             return Registration(status=RegistrationStatus.FEW_MATCHES, n_matches=n_matches)
         source, target = reference.points_px[in_reference], current.points_px[in_current]
         found, inliers = cv2.estimateAffine2D(source, target, ransacReprojThreshold=RANSAC_PX)
-        small = None if found is None else np.asarray(found, np.float64)
         n_inliers = int(np.count_nonzero(inliers))
-        if small is None or n_inliers < self._config.min_matches or not self._believable(small):
+        if found is None or n_inliers < self._config.min_matches:
+            return Registration(status=RegistrationStatus.DEGENERATE, n_matches=n_matches)
+        is_inlier = inliers.ravel() > 0
+        small = fitted_map(source[is_inlier], target[is_inlier])
+        if not self._believable(small):
             return Registration(status=RegistrationStatus.DEGENERATE, n_matches=n_matches)
         full = matmul(matmul(self._full_from_small, np.vstack([small, [0, 0, 1]])), self._small_from_full)
         return Registration(
@@ -199,6 +203,16 @@ def _find_nearest(
                 distance_of_b[j], a_of_b[j] = distance, i
 
 
+def fitted_map(source: npt.NDArray[np.float32], target: npt.NDArray[np.float32]) -> FloatArray:
+    """The affine map, shape (2, 3), from points to points, both of shape (N, 2), with the least squared error.
+
+    OpenCV ends its search for inliers with the same fit, of which its processor decides the last digits.
+    """
+    points = np.column_stack([source, np.ones(len(source))]).astype(np.float64)
+    normal = matmul(points.T, points)
+    return np.stack([solve_symmetric(normal.copy(), matmul(points.T, of_axis)) for of_axis in target.T])
+
+
 def resize_map(scale_x: float, scale_y: float) -> FloatArray:
     """Pixel map of `cv2.resize`: centres at half-integers scale, so integers get an offset."""
     return np.array([[scale_x, 0, resized(0.0, scale_x)], [0, scale_y, resized(0.0, scale_y)], [0, 0, 1]])
@@ -209,5 +223,21 @@ def warped(image: FloatImage, M_frame_template: FloatArray, out: FloatImage | No
 
     `out` is overwritten and returned; None makes a new image.
     """
-    size = image.shape[1], image.shape[0]
-    return cv2.warpAffine(image, M_frame_template, size, dst=out, flags=cv2.INTER_NEAREST)  # type: ignore[return-value]
+    warped_image = np.empty_like(image) if out is None else out
+    (a, b, x), (c, d, y) = M_frame_template.tolist()
+    area = a * d - b * c
+    backward = np.array([[d, -b, b * y - d * x], [-c, a, c * x - a * y]]) / area
+    _sample_nearest(image, backward, warped_image)
+    return warped_image
+
+
+@compiled(void(READABLE_IMAGE, float64[:, ::1], FLOAT_IMAGE))
+def _sample_nearest(image: FloatImage, backward: FloatArray, samples: FloatImage) -> None:
+    """The pixel of an image that is nearest to where an affine map, shape (2, 3), puts each pixel; 0 outside of it."""
+    height, width = image.shape
+    for row in range(height):
+        for col in range(width):
+            x_px = np.rint(backward[0, 0] * col + backward[0, 1] * row + backward[0, 2])
+            y_px = np.rint(backward[1, 0] * col + backward[1, 1] * row + backward[1, 2])
+            is_inside = (x_px >= 0) & (x_px < width) & (y_px >= 0) & (y_px < height)
+            samples[row, col] = image[int64(y_px), int64(x_px)] if is_inside else float32(0)

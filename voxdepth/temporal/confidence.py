@@ -2,10 +2,8 @@
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numba import boolean, float32
-from numba.types import UniTuple
 
 from ..arithmetic import exp
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part
@@ -89,12 +87,7 @@ def estimate_confidence(
     inpainting probability is that of the right surface where the `PixelClass` is unmeasured, and a factor of the
     probability of the other classes. All images have the same shape.
     """
-    exponent, surface_probability = _look_up(disparity_px, pixel_class, weight, magnification, inpainting_probability)
-    confidence: FloatImage = exponent
-    cv2.exp(exponent, exponent)
-    np.subtract(np.float32(1), exponent, out=confidence)
-    confidence *= surface_probability
-    return confidence
+    return _look_up(disparity_px, pixel_class, weight, magnification, inpainting_probability)
 
 
 def _lookup_table(of_unmeasured: float, curves: dict[PixelClass, Exponential]) -> FloatArray:
@@ -110,21 +103,22 @@ _LEAST_DISPARITY_PX = float32(CORRECT_PX / CORRECT_SHARE)
 """Disparity below which an error of `CORRECT_PX` is allowed."""
 
 
-@compiled(UniTuple(FLOAT_IMAGE, 2)(FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
+@compiled(FLOAT_IMAGE(FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
 def _look_up(
     disparity_px: FloatImage,
     pixel_class: GrayImage,
     weight: GrayImage,
     magnification: FloatImage,
     inpainting_probability: FloatImage,
-) -> tuple[FloatImage, FloatImage]:
-    """The logarithm of the probability of a larger error on the right surface, and the probability of that surface."""
-    exponent, surface_probability = np.empty_like(disparity_px), np.empty_like(disparity_px)
+) -> FloatImage:
+    """The confidence by the tables of the pixel classes."""
+    confidence = np.empty_like(disparity_px)
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):
             code = WEIGHT_LEVELS * pixel_class[row, col] + (weight[row, col] >> 2)
             growth = magnification[row, col] if pixel_class[row, col] == PixelClass.REMEMBERED else float32(1)
             rate_per_px = _NEGATIVE_RATE_PER_PX[code] / growth
-            exponent[row, col] = rate_per_px * max(disparity_px[row, col], _LEAST_DISPARITY_PX)
-            surface_probability[row, col] = _SURFACE_PROBABILITY[code] * inpainting_probability[row, col]
-    return exponent, surface_probability
+            larger_error = np.exp(rate_per_px * max(disparity_px[row, col], _LEAST_DISPARITY_PX))
+            surface_probability = _SURFACE_PROBABILITY[code] * inpainting_probability[row, col]
+            confidence[row, col] = (float32(1) - larger_error) * surface_probability
+    return confidence

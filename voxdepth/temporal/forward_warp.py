@@ -5,13 +5,12 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, int32, int64, types, uint8, uint32, void
+from numba import float32, float64, int32, int64, types, uint8, uint32, void
 
 from ..arithmetic import matmul
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part, named_tuple
-from ..geometry import inverse_rigid
+from ..geometry import bilinear, inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
-from .masks import above
 from .working_resolution import MAX_DISPARITY_PX, WorkingResolution
 
 UNITS_PER_PX = np.float32(2**14)
@@ -92,19 +91,12 @@ class ForwardWarp:
         closed_px = np.asarray(cv2.morphologyEx(warped.disparity_px, cv2.MORPH_CLOSE, CRACK_KERNEL), np.float32)
         closed_weight = np.asarray(cv2.morphologyEx(warped.weight, cv2.MORPH_CLOSE, CRACK_KERNEL), np.uint8)
         _trace_back(closed_px, closed_weight, backward, warped)
-        sampled_px = cv2.remap(
-            self._marked_px, warped.source_x, warped.source_y, cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT, borderValue=float(HOLE_PX),
-        )  # fmt: skip
-        _resample(np.asarray(sampled_px, np.float32), backward, warped.disparity_px)
+        _resample(self._marked_px, backward, warped)
         return warped
 
     def motion_px2(self, warped: Warped) -> float:
         """The mean squared distance by which the surfaces of the image have moved, in its pixels; 0 without any."""
-        known = above(warped.weight, 0)
-        x_px2 = cv2.norm(warped.source_x, self._col, cv2.NORM_L2SQR, known)
-        y_px2 = cv2.norm(warped.source_y, self._row, cv2.NORM_L2SQR, known)
-        return (x_px2 + y_px2) / max(cv2.countNonZero(known), 1)
+        return _mean_motion_px2(warped)
 
 
 @compiled(ROW_TYPE(FLOAT_IMAGE, int64))
@@ -202,19 +194,34 @@ def _trace_back(
             warped.source_y[row, col] = _numerator(backward_y, row, col, disparity_px) * inverse
 
 
-@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
+@compiled(float64(WARPED_TYPE))
+def _mean_motion_px2(warped: Warped) -> float:
+    """The mean squared distance between the pixels of the surfaces and their positions in the source image."""
+    total_px2, n_surfaces = 0.0, 0
+    for row in range(warped.weight.shape[0]):
+        for col in range(warped.weight.shape[1]):
+            x_px, y_px = warped.source_x[row, col] - float32(col), warped.source_y[row, col] - float32(row)
+            is_known = warped.weight[row, col] > 0
+            total_px2 += float64(x_px * x_px + y_px * y_px) if is_known else 0.0
+            n_surfaces += is_known
+    return total_px2 / max(n_surfaces, 1)
+
+
+@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, WARPED_TYPE))
 def _resample(
-    sampled_px: FloatImage,
+    marked_px: FloatImage,
     backward: FloatImage,
     # input and output
-    disparity_px: FloatImage,
+    warped: Warped,
 ) -> None:
     """Replace the disparity of each pixel by its sample in the source image, where that is of the same surface."""
     backward_z = _row(backward, 2)
-    for row in range(sampled_px.shape[0]):
-        for col in range(sampled_px.shape[1]):
+    disparity_px = warped.disparity_px
+    for row in range(marked_px.shape[0]):
+        for col in range(marked_px.shape[1]):
             splatted_px = disparity_px[row, col]
             depth_ratio = _numerator(backward_z, row, col, splatted_px)
-            resampled_px = sampled_px[row, col] * depth_ratio
+            sampled_px = bilinear(marked_px, warped.source_x[row, col], warped.source_y[row, col], float32(HOLE_PX))
+            resampled_px = sampled_px * depth_ratio
             is_same = (abs(resampled_px - splatted_px) < MAX_RESAMPLING_CHANGE_PX) & (splatted_px > 0)
             disparity_px[row, col] = resampled_px if is_same else splatted_px

@@ -8,6 +8,7 @@ import numpy as np
 from numba import boolean, float32, int64, void
 from numba.types import Tuple, UniTuple
 
+from ..arithmetic import without_ipp
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part, named_tuple
 from ..types import FloatImage, GrayImage
 from .masks import box_mean
@@ -148,7 +149,8 @@ def _compare(memory: Memory, measurement: Measurement) -> tuple[Comparison, Floa
     nearer, farther = (box_mean(contradicting, WINDOW_PX) for contradicting in (nearer, farther))
     drift_px = _drift(memory.drift_px, difference_px, overlap)
     approach = np.maximum(drift_px, 0) / MAX_DRIFT_PX
-    factor = cv2.resize(np.maximum(1 - approach * approach, 0), overlap.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    with without_ipp():
+        factor = cv2.resize(np.maximum(1 - approach * approach, 0), overlap.shape[::-1], interpolation=cv2.INTER_LINEAR)
     return Comparison(agreeing, nearer, farther, np.asarray(factor, np.float32)), drift_px
 
 

@@ -4,8 +4,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import float32
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
+from ..geometry import bilinear
 from ..types import FloatImage, GrayImage, resized
 from .forward_warp import Warped
 from .masks import Image
@@ -58,7 +60,7 @@ class Memory(NamedTuple):
             gray=_sample(self.gray, warped.source_x, warped.source_y, cv2.INTER_LINEAR),
             seen_px=_sample(self.seen_px, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
             age=_sample(self.age, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
-            drift_px=_sample(self.drift_px, coarse_x, coarse_y, cv2.INTER_LINEAR),
+            drift_px=_sample_linear(self.drift_px, coarse_x, coarse_y),
             filled_px=_sample(self.filled_px, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
         )
 
@@ -74,6 +76,19 @@ def coarse_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
 def _sample(image: Image, x: FloatImage, y: FloatImage, interpolation: int) -> Image:
     """Samples of an image at columns x and rows y, with the border replicated."""
     return np.asarray(cv2.remap(image, x, y, interpolation, borderMode=cv2.BORDER_REPLICATE))
+
+
+@compiled(FLOAT_IMAGE(FLOAT_IMAGE, READABLE_IMAGE, READABLE_IMAGE))
+def _sample_linear(image: FloatImage, x: FloatImage, y: FloatImage) -> FloatImage:
+    """Samples between the pixels of an image at columns x and rows y, with the border replicated."""
+    last_row, last_col = float32(image.shape[0] - 1), float32(image.shape[1] - 1)
+    samples = np.empty(x.shape, np.float32)
+    for row in range(x.shape[0]):
+        for col in range(x.shape[1]):
+            inside_x = min(max(x[row, col], float32(0)), last_col)
+            inside_y = min(max(y[row, col], float32(0)), last_row)
+            samples[row, col] = bilinear(image, inside_x, inside_y, float32(0))
+    return samples
 
 
 def _decimated(position: FloatImage) -> FloatImage:

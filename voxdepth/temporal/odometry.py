@@ -12,8 +12,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import float32
 
 from ..arithmetic import matmul
+from ..compiled import FLOAT_IMAGE, compiled
 from ..geometry import inverse_rigid, transform
 from ..paper.registration import Features
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
@@ -34,6 +36,8 @@ WINDOW_PX = 11
 PYRAMID_LEVELS, NEAR_LEVELS = 2, 1
 """Halvings of the tracking image, and those where a motion is predicted. Each one doubles the radius of the search."""
 CORNER_PX = 5
+EIGENVALUE_UNIT = np.float32((4 * 255 * CORNER_PX) ** -2)
+"""Makes the eigenvalue that of a gradient in 0..1 a pixel, divided by the side of the neighbourhood."""
 """Side of the neighbourhood of a corner."""
 MIN_EIGENVALUE = np.float32(2e-4)
 """Corners have a larger minimal eigenvalue of the gradient matrix; photon noise stays below."""
@@ -102,7 +106,7 @@ def find_corners(gray: GrayImage, cell_px: int = CELL_PX) -> Pixels:
 
     Corners are the pixels whose neighbourhood changes most in every direction (Shi and Tomasi 1994).
     """
-    eigenvalue = np.asarray(cv2.cornerMinEigenVal(gray, CORNER_PX), np.float32)
+    eigenvalue = least_eigenvalue(gray)
     rows, cols = (side // cell_px for side in gray.shape)
     whole = eigenvalue[: rows * cell_px, : cols * cell_px].reshape(rows, cell_px, cols, cell_px)
     cells = whole.swapaxes(1, 2).reshape(rows * cols, cell_px * cell_px)
@@ -110,6 +114,33 @@ def find_corners(gray: GrayImage, cell_px: int = CELL_PX) -> Pixels:
     row, col = np.divmod(np.arange(rows * cols), max(cols, 1))
     corners = np.stack([col * cell_px + best % cell_px, row * cell_px + best // cell_px], axis=1)
     return np.asarray(corners[cells.max(axis=1) > MIN_EIGENVALUE], np.float32)
+
+
+def least_eigenvalue(gray: GrayImage) -> FloatImage:
+    """The smaller eigenvalue of the structure tensor of each pixel's neighbourhood of `CORNER_PX` pixels a side.
+
+    It equals `cv2.cornerMinEigenVal` up to rounding, which is another one on each processor there: sums of whole
+    numbers have no rounding here.
+    """
+    dx, dy = cv2.Sobel(gray, cv2.CV_32F, 1, 0), cv2.Sobel(gray, cv2.CV_32F, 0, 1)
+    window = (CORNER_PX, CORNER_PX)
+    xx, xy, yy = (
+        np.asarray(cv2.boxFilter(product, cv2.CV_32F, window, normalize=False), np.float32)
+        for product in (cv2.multiply(dx, dx), cv2.multiply(dx, dy), cv2.multiply(dy, dy))
+    )
+    return _least_eigenvalue(xx, xy, yy)
+
+
+@compiled(FLOAT_IMAGE(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
+def _least_eigenvalue(xx: FloatImage, xy: FloatImage, yy: FloatImage) -> FloatImage:
+    eigenvalue = np.empty_like(xx)
+    for row in range(xx.shape[0]):
+        for col in range(xx.shape[1]):
+            mean = float32(0.5) * (xx[row, col] + yy[row, col])
+            half = float32(0.5) * (xx[row, col] - yy[row, col])
+            off = xy[row, col]
+            eigenvalue[row, col] = EIGENVALUE_UNIT * (mean - np.sqrt(half * half + off * off))
+    return eigenvalue
 
 
 def track_corners(

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import boolean, float32, int64, uint8, void
 
+from ..arithmetic import without_ipp
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
 from ..geometry import fill_from_nearest
 from ..types import FloatImage, GrayImage, Source
@@ -100,7 +101,8 @@ class Upsampler:
         if resolution.decimation == 2:
             span_px = cv2.morphologyEx(estimate.disparity_px, cv2.MORPH_GRADIENT, KERNEL)
             size = 2 * resolution.width_px, 2 * resolution.height_px
-            disparity_px = np.asarray(cv2.resize(disparity_px, size, interpolation=cv2.INTER_LINEAR), np.float32)
+            with without_ipp():
+                disparity_px = np.asarray(cv2.resize(disparity_px, size, interpolation=cv2.INTER_LINEAR), np.float32)
             _separate(measured_m, estimate, np.asarray(span_px, np.float32), focal_baseline_px_m, disparity_px)
         show = _SHOW[resolution.decimation]
         show(measured_m, disparity_px, estimate, focal_baseline_px_m, min_fill_confidence, shown)
