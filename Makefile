@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast fuzz lint bench profile acceptance picture sequences regress docs wheel clean
+.PHONY: help setup demo test fast fuzz lint portable bench profile acceptance picture sequences regress docs wheel clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -57,6 +57,9 @@ wheel: setup     ## build the library as a wheel in dist/, and check it
 regress: setup   ## compare the shipped correctors with golden values on synthetic noise
 	$(BIN)/voxdepth regress --corrector voxdepth
 	$(BIN)/voxdepth regress --corrector temporal
+
+portable: setup  ## compare all outputs under the features that processors have; takes half an hour on two cores
+	$(BIN)/python -m tests.portable
 
 bench: setup     ## measure and print the speed of correctors and simulator
 	$(BIN)/voxdepth bench

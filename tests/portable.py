@@ -118,9 +118,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         settings = chosen(asked, list(SETTINGS), "setting")
         workloads = chosen(given.workload or (SHORT_WORKLOADS if given.short else ()), list(WORKLOADS), "workload")
-        for setting in settings:
-            if not has(setting):
-                print(f"left out: {setting} needs {NEEDS[setting]}, which this processor does not have")
+        for setting in (each for each in settings if not has(each)):
+            lacking = f"{setting} needs {NEEDS[setting]}, which this processor does not have"
+            if given.setting:
+                raise ConfigError(f"{lacking}: leave it out, or run it on another machine")
+            print(f"left out: {lacking}")
         able = [first, *(setting for setting in settings if has(setting) and setting != first)]
         return 0 if report(able, workloads, given.processes) else 1
     except VoxDepthError as error:
