@@ -1,4 +1,4 @@
-"""Laws of the voxel grid, on the CPU and on Warp's CPU device, and that both give the same bits."""
+"""Laws of the voxel grid, on the CPU, on Warp's CPU device and on a GPU if there is one: all give the same bits."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from tests.helpers import project_nearest
+from voxdepth.devices import cuda_devices
 from voxdepth.geometry import PointArray, back_project, transform
 from voxdepth.paper.method import create_grid
 from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
@@ -24,7 +25,9 @@ DEPTHS = {
     "infinite": np.full(CAMERA.shape, np.inf, np.float32),
     "negative": np.full(CAMERA.shape, -2.0, np.float32),
 }
-DEVICES = pytest.mark.parametrize("device", ["cpu", "warp-cpu"])
+GPUS = ["cuda"] if cuda_devices() else []
+DEVICES = pytest.mark.parametrize("device", ["cpu", "warp-cpu", *GPUS])
+WARP_DEVICES = pytest.mark.parametrize("warp_device", ["cpu", *GPUS])
 
 
 def depth_image(seed: int) -> FloatImage:
@@ -32,8 +35,8 @@ def depth_image(seed: int) -> FloatImage:
     return np.where(rng.random(CAMERA.shape) < 0.3, 0, rng.uniform(0.2, 12, CAMERA.shape)).astype(np.float32)
 
 
-def both_grids(config: VoxelConfig = SMALL) -> tuple[VoxelGrid, WarpVoxelGrid]:
-    return VoxelGrid(config, CAMERA), WarpVoxelGrid(config, CAMERA, device="cpu")
+def both_grids(warp_device: str, config: VoxelConfig = SMALL) -> tuple[VoxelGrid, WarpVoxelGrid]:
+    return VoxelGrid(config, CAMERA), WarpVoxelGrid(config, CAMERA, device=warp_device)
 
 
 def cells(points_m: PointArray, config: VoxelConfig = SMALL) -> set[tuple[int, ...]]:
@@ -63,9 +66,10 @@ def test_images_mark_the_cells_of_their_moved_points_until_the_grid_is_cleared(d
     assert len(grid.occupied().centres_m) == 0
 
 
-@given(st.integers(0, 1000))
-def test_both_grids_have_the_same_bits_and_project_the_nearest_centres(seed: int) -> None:
-    host, warp = both_grids()
+@WARP_DEVICES
+@given(seed=st.integers(0, 1000))
+def test_both_grids_have_the_same_bits_and_project_the_nearest_centres(warp_device: str, seed: int) -> None:
+    host, warp = both_grids(warp_device)
     for depth_m, T in ((depth_image(seed), np.eye(4)), (depth_image(seed + 1), TURNED)):
         host.integrate(depth_m, T)
         warp.integrate(depth_m, T)
@@ -86,11 +90,12 @@ def test_only_what_is_a_depth_within_the_grid_is_marked(device: str, name: str, 
     assert np.isfinite(grid.project()).all()
 
 
+@WARP_DEVICES
 @pytest.mark.parametrize("sides", [(3, 2, 900), (40, 3, 7), (1, 1, 1)])
-def test_grids_whose_rows_end_within_a_word_are_projected_alike(sides: tuple[int, int, int]) -> None:
+def test_grids_whose_rows_end_within_a_word_are_projected_alike(warp_device: str, sides: tuple[int, int, int]) -> None:
     x, y, z = sides
     config = VoxelConfig(cell_m=(0.1, 0.1, 0.01), half_width_m=0.1 * x, half_height_m=0.1 * y, depth_m=0.01 * z)
-    host, warp = both_grids(config)
+    host, warp = both_grids(warp_device, config)
     host.words[:] = np.random.default_rng(5).integers(0, 2**32, config.n_words, np.uint32)
     host.words[-1] = 0  # Its last bits belong to no cell.
     warp._words.assign(host.words)
