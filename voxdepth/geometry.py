@@ -6,7 +6,7 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, float64, int32
+from numba import float32, float64, int32, uint32
 
 from .arithmetic import matmul
 from .compiled import READABLE_IMAGE, compiled, compiled_part
@@ -146,24 +146,22 @@ def solve_symmetric(A: FloatArray, b: FloatArray) -> FloatArray:
 
 @compiled_part(float32(READABLE_IMAGE, float32, float32, float32))
 def bilinear(image: FloatImage, x_px: float, y_px: float, outside: float) -> float:
-    """The value of an image, shape (H, W), between the centres of four pixels; pixels beyond its border are `outside`.
+    """The value of an image, shape (H, W), between the centres of four pixels; `outside` beyond the outermost centres.
 
     OpenCV's `remap` rounds differently on each processor.
     """
-    height, width = image.shape
-    if not ((x_px > float32(-1)) & (x_px < float32(width)) & (y_px > float32(-1)) & (y_px < float32(height))):
-        return outside
-    left, top = np.floor(x_px), np.floor(y_px)
-    right_share, low_share = x_px - left, y_px - top
-    col, row = int32(left), int32(top)
-    has_left, has_right, has_top, has_low = col >= 0, col + 1 < width, row >= 0, row + 1 < height
-    a = image[row, col] if has_top & has_left else outside
-    b = image[row, col + 1] if has_top & has_right else outside
-    c = image[row + 1, col] if has_low & has_left else outside
-    d = image[row + 1, col + 1] if has_low & has_right else outside
+    last_row, last_col = image.shape[0] - 1, image.shape[1] - 1
+    # These comparisons are false for NaN.
+    inside_x = min(x_px if x_px > 0 else float32(0), float32(last_col))
+    inside_y = min(y_px if y_px > 0 else float32(0), float32(last_row))
+    col, row = uint32(int32(inside_x)), uint32(int32(inside_y))
+    right, below = min(col + uint32(1), uint32(last_col)), min(row + uint32(1), uint32(last_row))
+    a, b, c, d = image[row, col], image[row, right], image[below, col], image[below, right]
+    right_share, low_share = inside_x - float32(col), inside_y - float32(row)
     upper, lower = a + right_share * (b - a), c + right_share * (d - c)
-    value: float = upper + low_share * (lower - upper)
-    return value
+    value = upper + low_share * (lower - upper)
+    inside: float = value if (inside_x == x_px) & (inside_y == y_px) else outside
+    return inside
 
 
 def fill_from_nearest(depth_m: FloatImage) -> FloatImage:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32
+from numba import float32, int16
 
 from ..arithmetic import matmul
 from ..compiled import FLOAT_IMAGE, compiled
@@ -36,6 +36,7 @@ WINDOW_PX = 11
 PYRAMID_LEVELS, NEAR_LEVELS = 2, 1
 """Halvings of the tracking image, and those where a motion is predicted. Each one doubles the radius of the search."""
 CORNER_PX = 5
+TENSOR_IMAGE = float32[:, :, ::1]
 EIGENVALUE_UNIT = np.float32((4 * 255 * CORNER_PX) ** -2)
 """Makes the eigenvalue that of a gradient in 0..1 a pixel, divided by the side of the neighbourhood."""
 """Side of the neighbourhood of a corner."""
@@ -122,24 +123,31 @@ def least_eigenvalue(gray: GrayImage) -> FloatImage:
     It equals `cv2.cornerMinEigenVal` up to rounding, which is another one on each processor there: sums of whole
     numbers have no rounding here.
     """
-    dx, dy = cv2.Sobel(gray, cv2.CV_32F, 1, 0), cv2.Sobel(gray, cv2.CV_32F, 0, 1)
-    window = (CORNER_PX, CORNER_PX)
-    xx, xy, yy = (
-        np.asarray(cv2.boxFilter(product, cv2.CV_32F, window, normalize=False), np.float32)
-        for product in (cv2.multiply(dx, dx), cv2.multiply(dx, dy), cv2.multiply(dy, dy))
-    )
-    return _least_eigenvalue(xx, xy, yy)
+    dx, dy = (np.asarray(cv2.Sobel(gray, cv2.CV_16S, *order), np.int16) for order in ((1, 0), (0, 1)))
+    products = _products(dx, dy)
+    tensor = cv2.boxFilter(products, cv2.CV_32F, (CORNER_PX, CORNER_PX), normalize=False)
+    return _least_eigenvalue(np.asarray(tensor, np.float32))
 
 
-@compiled(FLOAT_IMAGE(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
-def _least_eigenvalue(xx: FloatImage, xy: FloatImage, yy: FloatImage) -> FloatImage:
-    eigenvalue = np.empty_like(xx)
-    for row in range(xx.shape[0]):
-        for col in range(xx.shape[1]):
-            mean = float32(0.5) * (xx[row, col] + yy[row, col])
-            half = float32(0.5) * (xx[row, col] - yy[row, col])
-            off = xy[row, col]
-            eigenvalue[row, col] = EIGENVALUE_UNIT * (mean - np.sqrt(half * half + off * off))
+@compiled(TENSOR_IMAGE(int16[:, ::1], int16[:, ::1]))
+def _products(dx: npt.NDArray[np.int16], dy: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
+    """The products of the slopes of each pixel, shape (h, w, 3): of columns, of both, and of rows."""
+    products = np.empty((*dx.shape, 3), np.float32)
+    for row in range(dx.shape[0]):
+        for col in range(dx.shape[1]):
+            x, y = float32(dx[row, col]), float32(dy[row, col])
+            products[row, col, 0], products[row, col, 1], products[row, col, 2] = x * x, x * y, y * y
+    return products
+
+
+@compiled(FLOAT_IMAGE(TENSOR_IMAGE))
+def _least_eigenvalue(tensor: npt.NDArray[np.float32]) -> FloatImage:
+    eigenvalue = np.empty(tensor.shape[:2], np.float32)
+    for row in range(tensor.shape[0]):
+        for col in range(tensor.shape[1]):
+            xx, xy, yy = tensor[row, col, 0], tensor[row, col, 1], tensor[row, col, 2]
+            mean, half = float32(0.5) * (xx + yy), float32(0.5) * (xx - yy)
+            eigenvalue[row, col] = EIGENVALUE_UNIT * (mean - np.sqrt(half * half + xy * xy))
     return eigenvalue
 
 
