@@ -4,7 +4,6 @@ Other packages add commands by the entry-point group `voxdepth.extensions`, whos
 The testbed of this project is one: its commands are there in a checkout, and not where only the library is installed.
 """
 
-import os
 import signal
 import sys
 import warnings
@@ -20,6 +19,7 @@ from typer.core import TyperGroup
 from ..errors import VoxDepthError
 from ..interrupts import ENDING
 from . import commands, evaluate
+from .environment import settle
 from .errors import ToolError
 from .extensions import extensions
 from .options import INTERRUPTED
@@ -31,8 +31,6 @@ PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
 )
 """Commands of the library by the heading of `--help`."""
 USER_ERROR = 2
-RERUN_LOG = "warn,re_log_encoding=off,re_sdk::recording_stream=off"
-"""What Rerun prints by itself: not that a file cannot be written, which is an error of ours."""
 
 
 class Commands(TyperGroup):
@@ -85,7 +83,7 @@ def main() -> None:
 
     Below its line an error may have others, which are to be pasted.
     """
-    os.environ.setdefault("RUST_LOG", RERUN_LOG)
+    settle()
     warnings.formatwarning = lambda message, *_, **__: f"voxdepth: {message}\n"
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
