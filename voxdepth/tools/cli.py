@@ -24,6 +24,7 @@ from .errors import ToolError
 from .extensions import extensions
 from .options import INTERRUPTED
 from .requirements import bringing
+from .system import lacking
 
 PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
     ("Corrector", (commands.correct, evaluate.evaluate, commands.config, commands.bench)),
@@ -102,13 +103,14 @@ def main() -> None:
 def explained(error: BaseException) -> str | None:
     """Return the line for an error that its user can mend; None for a defect of the program."""
     ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
+    remedy = lacking(error)
     if isinstance(error, ours):
-        return "\n".join([str(error), *getattr(error, "__notes__", ())])
+        return "\n".join([f"{error}; {remedy}" if remedy else str(error), *getattr(error, "__notes__", ())])
     if isinstance(error, ModuleNotFoundError) and (found := bringing(str(error.name).split(".")[0])) is not None:
         return f"this needs the package {found.name}: {found.remedy}"
     if isinstance(error, OSError) and error.filename is not None:  # A name may be too long, or a folder be locked.
         return f"{error.strerror}: {error.filename!r}"
-    return None
+    return remedy
 
 
 @contextmanager
