@@ -1,6 +1,7 @@
 """What a command writes depends on its arguments, the files that it names and the seed, whatever surrounds it."""
 
 import os
+import shutil
 import subprocess
 import sys
 import warnings
@@ -13,6 +14,7 @@ import pytest
 from tests.commands import invoke
 from voxdepth import compiled
 from voxdepth.tools.environment import settle
+from voxdepth.tools.errors import ToolError
 
 PROGRAM = """
 import sys
@@ -55,7 +57,6 @@ FOREIGN = {
 FILES = {
     "matplotlibrc": "text.usetex: True\naxes.facecolor: black\n",
     "style/matplotlibrc": "savefig.dpi: 20\n",
-    ".numba_config.yaml": "disable_jit: 1\n",
     **dict.fromkeys(("rerun.py", "cv2.py", "types.py", "rosbags.py"), "raise SystemExit('the script of the user')\n"),
 }
 """Files of the current folder that no command names."""
@@ -102,8 +103,14 @@ def test_the_settings_that_are_documented_stay() -> None:
         settle()
         assert kept.items() <= os.environ.items()
         lost = FOREIGN.keys() - os.environ.keys()
-        assert {"RERUN", "NUMBA_OPT", "MPLBACKEND", "OPENCV_IO_MAX_IMAGE_PIXELS", "GIT_DIR"} <= lost
-        assert os.environ["NUMBA_DISABLE_JIT"] == "0"
+        assert {
+            "RERUN",
+            "NUMBA_DISABLE_JIT",
+            "NUMBA_OPT",
+            "MPLBACKEND",
+            "OPENCV_IO_MAX_IMAGE_PIXELS",
+            "GIT_DIR",
+        } <= lost
         assert os.environ["MATPLOTLIBRC"] == os.devnull
 
 
@@ -116,3 +123,18 @@ def test_a_warning_is_no_error_of_a_command(monkeypatch: pytest.MonkeyPatch) -> 
         warnings.warn("not told", DeprecationWarning, stacklevel=1)
     assert [str(each.message) for each in told] == ["told"]
     assert sys.warnoptions == []
+
+
+def test_a_folder_that_configures_numba_or_is_gone_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "here"
+    folder.mkdir()
+    (folder / ".numba_config.yaml").write_text("disable_jit: [")
+    monkeypatch.chdir(folder)
+    with mock.patch.dict(os.environ):
+        with pytest.raises(ToolError, match=r"^\.numba_config\.yaml in the current folder .*: use another folder$"):
+            settle()
+        shutil.rmtree(folder)
+        with pytest.raises(ToolError, match="the current folder was deleted: change to another one"):
+            settle()

@@ -84,13 +84,13 @@ def main() -> None:
 
     Below its line an error may have others, which are to be pasted.
     """
-    settle()
     warnings.formatwarning = lambda message, *_, **__: f"voxdepth: {message}\n"
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # Not every terminal has the lines of a table.
     try:
         with _interruptible():
+            settle()
             create_app()()
     except Exception as error:
         message = explained(error)
