@@ -162,7 +162,7 @@ def train(options: argparse.Namespace, seed: int, blind: bool) -> str:
         curve.append((len(steps) // 2, outcomes["success"] / outcomes.total()))
         print(f"{name}: {curve[-1][0]} steps, {100 * curve[-1][1]:.0f} % arrive", flush=True)
         torch.save(model.state_dict(), options.out / f"{name}.pt")
-        (options.out / f"{name}.json").write_text(json.dumps(curve))
+        (options.out / f"{name}.json").write_text(json.dumps(curve), encoding="utf-8")
     return name
 
 
@@ -205,7 +205,7 @@ def draw(out: Path) -> None:
     """Draw the share of arrivals after each round of training, a line for each follower."""
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
     for path in sorted(out.glob("*.json")):
-        steps, arrived = zip(*json.loads(path.read_text()), strict=True)
+        steps, arrived = zip(*json.loads(path.read_text(encoding="utf-8")), strict=True)
         is_blind, is_first = path.stem.startswith("blind"), path.stem.endswith("-0")
         label = ("blind" if is_blind else "with depth") if is_first else None
         axes.plot(steps, arrived, "o-", color="tab:orange" if is_blind else "tab:blue", label=label)

@@ -5,6 +5,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from voxdepth.tools.doctor import Finding, own_packages
+from voxdepth.tools.system import lacking
 from voxdepth.types import Intrinsics
 
 INSTALL = "pip install -c constraints.txt -e '.[all]' in the checkout"
@@ -15,8 +16,10 @@ def examine() -> list[Finding]:
     own = own_packages("sim", "swarm", "scenarios")
     if find_spec("pybullet") is None:
         return own
-    from sim.render import RENDERER_NAMES
-
+    try:
+        from sim.render import RENDERER_NAMES
+    except ImportError as error:
+        return [_failed("renderers", error), *own]
     return [*map(_renderer, RENDERER_NAMES), *own]
 
 
@@ -24,15 +27,18 @@ def _renderer(name: str) -> Finding:
     """Check a renderer; egl needs a driver, which not every machine has."""
     from sim.engine import silenced
 
-    what, optional = f"renderer {name}", name == "egl"
+    what = f"renderer {name}"
     try:
         with silenced():  # The driver of EGL describes itself.
             _require_wall_at_3_m(name)
     except Exception as error:  # A check reports any error instead of ending with it.
-        remedy = "use the renderer raycast" if optional else INSTALL
-        state = f"{type(error).__name__}: {error}"
-        return Finding(what=what, state=state, ok=False, remedy=remedy, optional=optional)
+        return _failed(what, error, optional=name == "egl")
     return Finding(what=what, state="works", ok=True)
+
+
+def _failed(what: str, error: Exception, *, optional: bool = False) -> Finding:
+    remedy = lacking(error) or ("use the renderer raycast" if optional else INSTALL)
+    return Finding(what=what, state=f"{type(error).__name__}: {error}", ok=False, remedy=remedy, optional=optional)
 
 
 def _require_wall_at_3_m(name: str) -> None:

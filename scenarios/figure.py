@@ -33,6 +33,19 @@ class Picture:
         return base64.b64encode(self.png).decode()
 
 
+def new_figure(size_in: tuple[float, float], dpi: int) -> "Figure":
+    """Begin a figure of a width and height [inch] with a number of pixels per inch; every figure begins here.
+
+    From here on Matplotlib has its own settings: a configuration file of the user, or of the current folder, would
+    change pictures, or ask for TeX.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    matplotlib.rcdefaults()
+    return Figure(figsize=size_in, dpi=dpi, layout="constrained")
+
+
 def panel_figure(
     title: str,
     draws: Sequence[Draw],
@@ -46,11 +59,9 @@ def panel_figure(
     There are `columns` panels side by side, or all of them if it is None, each with the width and height `panel_in`
     [inch]. An empty title is left out. With `shared_legend` all panels share one legend below the figure.
     """
-    from matplotlib.figure import Figure
-
     columns = len(draws) if columns is None else min(columns, len(draws))
     rows = -(-len(draws) // columns)
-    figure = Figure(figsize=(panel_in[0] * columns, panel_in[1] * rows), dpi=DPI, layout="constrained")
+    figure = new_figure((panel_in[0] * columns, panel_in[1] * rows), DPI)
     grid: Any = figure.subplots(rows, columns, squeeze=False)
     for draw, axes in zip(draws, grid.flat, strict=False):
         draw(axes)

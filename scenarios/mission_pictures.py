@@ -18,7 +18,7 @@ from voxdepth.registry import title
 
 from .config import Run
 from .errors import ScenarioError
-from .figure import image_shown, panel_figure
+from .figure import image_shown, new_figure, panel_figure
 from .flight import Finished, flying
 from .images import drone_color, hex_color, require_picture, save_picture
 
@@ -45,10 +45,8 @@ LEGEND_COLUMNS = 5
 
 def flight_figure(run: Run, finished: Finished) -> "Figure":
     """Return a map of a flight with a legend of what is in it."""
-    from matplotlib.figure import Figure
-
     result, teams, scene = finished.result, run.scenario.mission.teams(), run.scenario.scene.build(run.seed)
-    figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
+    figure = new_figure(SIZE_IN, DPI)
     axes: Any = figure.subplots()
     _draw_scene(axes, scene)
     for team in teams:

@@ -17,12 +17,15 @@ from typing import Any, TypeVar, cast
 import numba
 import numba.extending
 
+from .errors import ConfigError
 from .interrupts import kept_back
 
 READABLE_IMAGE = numba.types.Array(numba.float32, 2, "C", readonly=True)
 """Type of an image of floats that is only read; the caller may have locked it."""
 FLOAT_IMAGE = numba.float32[:, ::1]
 BYTE_IMAGE = numba.uint8[:, ::1]
+CODE_SETTINGS = ("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")
+"""Settings of Numba that change compiled code; beside them, Numba tells kept code of processors apart by itself."""
 Function = TypeVar("Function", bound=Callable[..., Any])
 _LOGGER = logging.getLogger(__name__)
 _LOCK = Lock()
@@ -34,6 +37,11 @@ class Compiled:
     """A function that Numba compiles for arguments of fixed types; see `compiled`."""
 
     def __init__(self, function: Callable[..., Any], signature: Any, *, is_part: bool = False) -> None:
+        if numba.config.DISABLE_JIT:
+            raise ConfigError(
+                "NUMBA_DISABLE_JIT is set, and the loops of VoxDepth run compiled only: unset it, or disable_jit in "
+                ".numba_config.yaml"
+            )
         with _numba_cache(_folder(function.__module__.partition(".")[0])) as is_kept:
             self.dispatcher = numba.njit(
                 cache=is_kept, nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=is_part
@@ -128,9 +136,10 @@ def _numba_cache(folder: Path | None) -> Iterator[bool]:
 def _folder(package: str) -> Path | None:
     """The folder for the functions of a package as it and this one are now; None if the user may write to no folder.
 
-    Numba would notice a change of the file of a function only, not of a constant or a function of another file in it.
+    Numba would notice a change of the file of a function only, not of a constant or a function of another file in it,
+    nor of its settings: without bounds checks, functions with them would stay in use.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(repr([getattr(numba.config, name) for name in CODE_SETTINGS]).encode())
     for name in sorted({package, __name__.partition(".")[0]}):
         for path in sorted(_source_folder(name).rglob("*.py")):
             digest.update(path.read_bytes())

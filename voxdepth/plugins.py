@@ -8,6 +8,7 @@ import pkgutil
 import sys
 import traceback
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
 from multiprocessing import parent_process
@@ -34,7 +35,8 @@ def load(kind: str, name: str, signature: str, code: str | None = None) -> Calla
     """Import the module of `module:factory`, perhaps from the current folder, and return its factory.
 
     The import runs the code of the module. A scenario or a study from somebody else may name any that is installed, so
-    one that is not in the current folder is logged before that.
+    one that is not in the current folder is logged before that. The current folder is searched last: its scripts take
+    the place of no package.
 
     Args:
         kind: What is loaded, as in `controller`.
@@ -43,12 +45,13 @@ def load(kind: str, name: str, signature: str, code: str | None = None) -> Calla
         code: The code of an entry point of that name, as `module:factory`.
 
     Raises:
-        PluginError: There is no such module, it raises an error, or it has no callable of that name.
+        PluginError: There is no such module or more than one, it raises an error, or it has no callable of that name.
     """
     if code is None:
         if not all(name.partition(":")):
             raise PluginError(f"a {kind} must be 'module:factory', as in 'mine:create', got {name!r}")
         _search_here()
+        _require_unhidden(kind, name)
         _announce(name)
     try:
         factory = pkgutil.resolve_name(code or name)
@@ -83,14 +86,30 @@ def digest_of(file: Path) -> str:
 
 def _imported(file: Path, known: set[Path]) -> set[Path]:
     """Add the modules of the same folder that a module imports, and those that they import, to the known ones."""
+    for beside in _named_beside(file):
+        if beside not in known and _hiding(beside.stem, beside) is None:
+            known.add(beside)
+            _imported(beside, known)
+    return known
+
+
+def _named_beside(file: Path) -> Iterator[Path]:
+    """Yield the files of the same folder whose names a module imports."""
     for node in ast.walk(ast.parse(file.read_bytes())):
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-        for beside in (file.with_name(f"{name.partition('.')[0]}.py") for name in names):
-            if beside.exists() and beside not in known:
-                known.add(beside)
-                _imported(beside, known)
-    return known
+        yield from filter(Path.exists, (file.with_name(f"{name.partition('.')[0]}.py") for name in names))
+
+
+def _hiding(module: str, file: Path) -> str | None:
+    """Where the module of a name is found that comes before a file of that name; None if none does."""
+    try:
+        found = find_spec(module)
+    except FAULTS:
+        return None
+    if found is None or found.origin is None or (found.has_location and file.samefile(found.origin)):
+        return None
+    return found.origin if found.has_location else f"Python's own {module}"
 
 
 class Plugin:
@@ -189,9 +208,18 @@ CORRECTOR = "a factory(intrinsics) that returns a DepthCorrector"
 
 
 def _search_here() -> None:
-    """Put the current folder on the path; an installed command has its own folder there instead."""
+    """Put the current folder at the end of the path: at its front, a script there would replace a package."""
     if (here := str(Path.cwd())) not in sys.path:
-        sys.path.insert(0, here)
+        sys.path.append(here)
+
+
+def _require_unhidden(kind: str, name: str) -> None:
+    """Raise a `PluginError` if the current folder has a module of that name, but another one would be imported."""
+    module = name.partition(":")[0]
+    path = Path.cwd().joinpath(*module.split("."))
+    for file in filter(Path.exists, (path.with_suffix(".py"), path / "__init__.py")):
+        if (other := _hiding(module, file)) is not None:
+            raise PluginError(f"the {kind} {name!r} could be {file} or {other}, which has the same name: rename yours")
 
 
 def _told(error: BaseException, file: Path | None) -> str:
@@ -204,7 +232,17 @@ def _told(error: BaseException, file: Path | None) -> str:
 
 @cache
 def _announce(name: str) -> None:
-    """Log the name of code that is not in the current folder, once: not in a worker, whose parent loads it first."""
+    """Log code that is not in the current folder, and what it does not import from beside it.
+
+    That is once, and not in a worker, whose parent loads it first.
+    """
     file = source_of(name)
-    if parent_process() is None and (file is None or not file.is_relative_to(Path.cwd())):
+    if parent_process() is not None:
+        return
+    if file is None or not file.is_relative_to(Path.cwd()):
         _LOGGER.warning("this runs the code of %s: stop it if you do not know that", name)
+    if file is not None:
+        with suppress(SyntaxError, OSError):  # The import tells of them.
+            for beside in sorted(set(_named_beside(file))):
+                if (other := _hiding(beside.stem, beside)) is not None:
+                    _LOGGER.warning("%s imports %s, not %s, which has the same name", file.name, other, beside.name)

@@ -120,8 +120,8 @@ def egl_plugin() -> str:
     if found is None or found.origin is None:
         raise RenderError("the renderer 'egl' needs PyBullet's plugin eglRenderer, which this wheel lacks: use raycast")
     probe = (
-        "import pybullet as p; c = p.connect(p.DIRECT); "
-        f"assert p.loadPlugin({found.origin!r}, {PLUGIN_POSTFIX!r}, physicsClientId=c) >= 0; "
+        "import sys, pybullet as p; c = p.connect(p.DIRECT); "
+        f"p.loadPlugin({found.origin!r}, {PLUGIN_POSTFIX!r}, physicsClientId=c) >= 0 or sys.exit(1); "
         "p.getCameraImage(8, 8, renderer=p.ER_BULLET_HARDWARE_OPENGL, physicsClientId=c)"
     )
     try:

@@ -111,7 +111,7 @@ def open3d() -> Any:
         import open3d as module
     except (ImportError, OSError) as error:
         raise RenderError(
-            f"the raycast renderer needs Open3D, which does not load here ({error}); install the extra 'sim', "
+            f"the raycast renderer needs Open3D of the extra 'sim', which does not load here ({error}): mend that, "
             "or use the renderer 'tiny'"
         ) from error
     return module

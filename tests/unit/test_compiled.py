@@ -5,10 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
 from voxdepth import compiled
+from voxdepth.errors import ConfigError
 from voxdepth.geometry import compose
 from voxdepth.temporal.working_resolution import disparity_of
 
@@ -131,6 +133,23 @@ def test_what_was_compiled_before_a_change_of_the_package_or_of_this_library_is_
     (tmp_path / changed).mkdir()
     (tmp_path / changed / "steps.py").write_text(STEPS)
     assert compiled._folder.__wrapped__("loops") != before
+
+
+@pytest.mark.parametrize(("setting", "value"), [("BOUNDSCHECK", 1), ("OPT", 0), ("DEBUGINFO_DEFAULT", 1)])
+def test_what_was_compiled_with_other_settings_of_numba_is_not_used(
+    setting: str, value: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled, "_user_cache", lambda: tmp_path)
+    folder_of = compiled._folder.__wrapped__
+    before = folder_of("voxdepth")
+    monkeypatch.setattr(numba.config, setting, value)
+    assert folder_of("voxdepth") != before
+
+
+def test_numba_that_may_not_compile_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(numba.config, "DISABLE_JIT", 1)
+    with pytest.raises(ConfigError, match=r"NUMBA_DISABLE_JIT is set.*unset it"):
+        compiled.compiled("f8(f8)")(abs)
 
 
 @pytest.mark.slow

@@ -1,7 +1,9 @@
 """Controllers and correctors of users: found beside them, checked, and part of what a result depends on."""
 
 import os
+import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -222,3 +224,38 @@ def test_the_digest_of_a_package_covers_a_module_whose_name_is_no_text(tmp_path:
     before = digest_of(tmp_path / "mine.py")
     (tmp_path / os.fsdecode(b"caf\xe9.py")).touch()
     assert digest_of(tmp_path / "mine.py") != before
+
+
+@pytest.mark.parametrize("name", ["rerun", "types", "cv2", "os", "scipy"])
+def test_a_script_named_like_a_package_is_not_imported_in_its_place_and_that_is_told(
+    name: str, module: Write, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry != str(tmp_path)])
+    (tmp_path / f"{name}.py").write_text("raise SystemExit('the script of the user ran')\n")
+    mine = module(f"import {name}\n{CORRECTOR.format(result='good')}")
+    create_corrector(f"{mine}:Mine", CAMERA)
+    found = find_spec(name)
+    assert found is not None and found.origin != str(tmp_path / f"{name}.py")
+    assert sys.path[-1] == str(tmp_path)
+    (told,) = [record.getMessage() for record in caplog.records]
+    assert told.startswith(f"{mine}.py imports ")
+    assert told.endswith(f"not {name}.py, which has the same name")
+
+
+@pytest.mark.parametrize("name", ["json", "numba", "time"])
+def test_a_module_that_has_the_name_of_another_one_is_refused(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / f"{name}.py").write_text(CORRECTOR.format(result="good"))
+    with pytest.raises(PluginError, match=rf"'{name}:Mine' could be .*{name}\.py or .*{name}.*: rename yours"):
+        create_corrector(f"{name}:Mine", CAMERA)
+
+
+def test_the_digest_of_a_module_leaves_out_a_script_that_it_does_not_import(tmp_path: Path) -> None:
+    file, script = tmp_path / "mine.py", tmp_path / "numpy.py"
+    file.write_text("import numpy\n")
+    before = digest_of(file)
+    script.write_text("this is (no Python\n")
+    assert digest_of(file) == before

@@ -1,12 +1,18 @@
 """What is required, what brings it, and what `doctor` says of it."""
 
 import re
+from importlib.metadata import version
 
 import pytest
+from packaging.specifiers import SpecifierSet
 
 import voxdepth
+from scenarios import doctor as testbed
+from sim.errors import RenderError
 from voxdepth.tools import doctor, requirements
+from voxdepth.tools.cli import explained
 from voxdepth.tools.requirements import Requirement, bringing
+from voxdepth.tools.system import lacking
 
 TEXTS = (
     "numpy<3,>=2",
@@ -25,8 +31,8 @@ def _required(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_smallest_extra_brings_a_package_and_a_marker_says_where() -> None:
-    assert bringing("no") == Requirement("no-such-plots", "evaluate", "")
-    assert bringing("rosbags") == Requirement("rosbags", "ros", "")
+    assert bringing("no") == Requirement("no-such-plots", "evaluate", "", SpecifierSet(">=3"))
+    assert bringing("rosbags") == Requirement("rosbags", "ros", "", SpecifierSet("<1"))
     assert bringing("numpy") is None, "the library has it"
     physics = requirements.requirements()[4]
     assert physics.extra == "sim"
@@ -41,7 +47,7 @@ def test_doctor_lists_absent_extras_with_what_they_would_add_and_fails_for_the_l
     assert not (base.ok or base.optional) and base.remedy == "pip install voxdepth"
     assert not plots.ok and plots.optional and plots.state == "without no-such-plots"
     assert plots.remedy == "for voxdepth evaluate: pip install 'voxdepth[evaluate]'"
-    assert sim.state == "without no-such-physics, no-such-plots"
+    assert sim.state == "without no-such-physics; without no-such-plots"
     assert re.search(r"for the testbed: .*where python_version", sim.remedy)
     assert findings["extra ros"].ok
 
@@ -54,3 +60,95 @@ def test_doctor_fails_where_another_distribution_owns_a_package_of_ours(monkeypa
     (shadowed,) = doctor.own_packages("voxdepth")
     assert (shadowed.ok, shadowed.state) == (False, "also owned by other")
     assert shadowed.remedy == "use a virtual environment without other"
+
+
+@pytest.mark.parametrize(
+    ("required", "is_optional"),
+    [
+        ("numpy>=99", False),
+        ("Pillow<2", False),
+        ("pydantic==1.*", False),
+        ("pandas>=99; extra == 'evaluate'", True),
+        ("warp-lang<0.1,>=0.0.5; extra == 'cuda'", True),
+    ],
+)
+def test_doctor_tells_of_a_version_that_is_not_allowed(
+    required: str, is_optional: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(requirements, "requires", lambda name: [required])
+    (wanted,) = requirements.requirements()
+    (found,) = (each for each in doctor.examine() if "expected" in each.state)
+    assert (found.ok, found.optional) == (False, is_optional)
+    assert found.state == f"{wanted.name} {version(wanted.name)}, expected {wanted.allowed}"
+    assert found.remedy.endswith(f"pip install '{wanted.name}{wanted.allowed}'")
+
+
+def test_doctor_tells_of_an_old_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor.platform, "python_version", lambda: "3.9.18")
+    python = doctor.examine()[0]
+    assert (python.ok, python.state) == (False, "3.9.18, expected >=3.11")
+
+
+@pytest.mark.parametrize(
+    ("found", "is_allowed"),
+    [("2.0", True), ("2.1.0rc1", True), ("2.0+local", True), ("1.9", False), ("3.0", False), ("unknown", False)],
+)
+def test_a_version_is_allowed_by_its_range(found: str, is_allowed: bool) -> None:
+    assert Requirement("a", None, "", SpecifierSet(">=2.0,<3")).allows(found) == is_allowed
+
+
+LIBRARIES = {
+    "libGL.so.1": "libgl1",
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libX11.so.6": "libx11-6",
+    "libgomp.so.1": "libgomp1",
+    "libEGL.so.1": "libegl1",
+    "libstdc++.so.6": "libstdc++6",
+    "libgthread-2.0.so.0": "libglib2.0-0",
+}
+"""Libraries of slim images and the packages of Debian that have them."""
+NOT_FOUND = "cannot open shared object file: No such file or directory"
+
+
+@pytest.mark.parametrize(("library", "package"), LIBRARIES.items())
+def test_a_library_of_the_system_that_lacks_is_named_with_its_package(library: str, package: str) -> None:
+    error = RenderError("Open3D does not load")
+    error.__cause__ = ImportError(f"{library}: {NOT_FOUND}")
+    remedy = lacking(error)
+    assert remedy is not None
+    assert f"the system lacks the library {library}: " in remedy
+    assert remedy.endswith(f"apt install {package}")
+    assert explained(error) == f"Open3D does not load; {remedy}"
+    assert explained(error.__cause__) == remedy
+
+
+@pytest.mark.parametrize(
+    "text", ["No module named 'cv2'", f"libgfortran-040039e1.so.5.0.0: {NOT_FOUND}", "libGL.so.1: permission denied"]
+)
+def test_what_a_wheel_brings_is_no_library_of_the_system(text: str) -> None:
+    assert lacking(ImportError(text)) is None
+
+
+@pytest.mark.parametrize("library", ["libgomp.so.1", "libz.so.1", "libudev.so.1"])
+def test_doctor_names_a_library_that_a_package_or_a_renderer_lacks(
+    library: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    error = OSError(f"{library}: {NOT_FOUND}")
+
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(doctor, "import_module", lambda name: fail() if name == "rosbags" else voxdepth)
+    (bags,) = (each for each in doctor.examine() if each.what == "extra ros")
+    assert not bags.ok and f"does not load (OSError: {library}" in bags.state
+    assert bags.remedy == f"for bags: {lacking(error)}"
+    monkeypatch.setattr(testbed, "_require_wall_at_3_m", fail)
+    drawn = [each for each in testbed.examine() if each.what.startswith("renderer")]
+    assert [each.remedy for each in drawn] == [lacking(error)] * 4
+
+
+def test_doctor_lets_a_damaged_wheel_be_installed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "import_module", lambda name: voxdepth if name != "rosbags" else 1 / 0)
+    (bags,) = (each for each in doctor.examine() if each.what == "extra ros")
+    assert "does not load (ZeroDivisionError: division by zero)" in bags.state
+    assert bags.remedy == "for bags: pip install --force-reinstall --no-deps 'rosbags<1'"

@@ -7,10 +7,12 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
+import pytest
 import rerun as rr
 
 from voxdepth.colors import colored
 from voxdepth.datasets import Dataset
+from voxdepth.tools.errors import ToolError
 from voxdepth.tools.recording import recording, scale_of
 from voxdepth.tools.stream import REPLACED, labels_of, log_frame, source_labels
 from voxdepth.types import CorrectedDepth, Frame, Source
@@ -66,3 +68,15 @@ def test_steps_are_recorded_in_milliseconds_and_frames_by_their_time_since_the_f
     chunks = rr.chunk.RrdReader(tmp_path / "two.rrd").stream().filter(content="/timings/warp").to_chunks()
     rows = [row for chunk in chunks for row in chunk.to_record_batch().to_pylist()]
     assert [(row["time"].total_seconds(), row["Scalars:scalars"]) for row in rows] == [(0, [250]), (1, [250])]
+
+
+@pytest.mark.parametrize("value", ["off", "0", "false"])
+def test_a_program_in_which_rerun_is_switched_off_is_told_and_keeps_its_earlier_recording(
+    value: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "r.rrd"
+    path.write_bytes(b"earlier")
+    monkeypatch.setenv("RERUN", value)
+    with pytest.raises(ToolError, match="unset the variable RERUN"), recording(path, "id", 5.0):
+        pass
+    assert path.read_bytes() == b"earlier"

@@ -4,7 +4,6 @@ Other packages add commands by the entry-point group `voxdepth.extensions`, whos
 The testbed of this project is one: its commands are there in a checkout, and not where only the library is installed.
 """
 
-import os
 import signal
 import sys
 import warnings
@@ -20,10 +19,12 @@ from typer.core import TyperGroup
 from ..errors import VoxDepthError
 from ..interrupts import ENDING
 from . import commands, evaluate
+from .environment import settle
 from .errors import ToolError
 from .extensions import extensions
 from .options import INTERRUPTED
 from .requirements import bringing
+from .system import lacking
 
 PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
     ("Corrector", (commands.correct, evaluate.evaluate, commands.config, commands.bench)),
@@ -31,8 +32,6 @@ PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
 )
 """Commands of the library by the heading of `--help`."""
 USER_ERROR = 2
-RERUN_LOG = "warn,re_log_encoding=off,re_sdk::recording_stream=off"
-"""What Rerun prints by itself: not that a file cannot be written, which is an error of ours."""
 
 
 class Commands(TyperGroup):
@@ -85,13 +84,13 @@ def main() -> None:
 
     Below its line an error may have others, which are to be pasted.
     """
-    os.environ.setdefault("RUST_LOG", RERUN_LOG)
     warnings.formatwarning = lambda message, *_, **__: f"voxdepth: {message}\n"
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # Not every terminal has the lines of a table.
     try:
         with _interruptible():
+            settle()
             create_app()()
     except Exception as error:
         message = explained(error)
@@ -104,13 +103,14 @@ def main() -> None:
 def explained(error: BaseException) -> str | None:
     """Return the line for an error that its user can mend; None for a defect of the program."""
     ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
+    remedy = lacking(error)
     if isinstance(error, ours):
-        return "\n".join([str(error), *getattr(error, "__notes__", ())])
+        return "\n".join([f"{error}; {remedy}" if remedy else str(error), *getattr(error, "__notes__", ())])
     if isinstance(error, ModuleNotFoundError) and (found := bringing(str(error.name).split(".")[0])) is not None:
         return f"this needs the package {found.name}: {found.remedy}"
     if isinstance(error, OSError) and error.filename is not None:  # A name may be too long, or a folder be locked.
         return f"{error.strerror}: {error.filename!r}"
-    return None
+    return remedy
 
 
 @contextmanager

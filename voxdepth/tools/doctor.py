@@ -1,14 +1,19 @@
 """Checks of the installation on this machine, with a remedy for each problem."""
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, packages_distributions
+from importlib.metadata import PackageNotFoundError, metadata, packages_distributions
+from typing import NamedTuple
+
+from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
 
 from ..devices import cuda_devices, has_warp
 from .provenance import NOT_INSTALLED, versions
-from .requirements import Requirement, requirements
+from .requirements import Requirement, first_word, requirements
+from .system import lacking
 
 EXTRAS = {
     "evaluate": "voxdepth evaluate",
@@ -20,6 +25,8 @@ EXTRAS = {
     "gym": "learning with the testbed",
 }
 """What each extra adds."""
+TRIED_BY_RENDERING = ("open3d", "pybullet")
+"""Packages that need another one before them, or print; the checks of the testbed load them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +46,7 @@ class Finding:
 def examine() -> list[Finding]:
     """Check the library, in the order of the report."""
     return [
-        Finding(what="Python", state=platform.python_version(), ok=True),
+        _python(),
         *_distributions(),
         *own_packages("voxdepth"),
         _opencv_wheels(),
@@ -54,22 +61,76 @@ def _distributions() -> list[Finding]:
     except PackageNotFoundError:
         return [Finding(what="voxdepth", state=NOT_INSTALLED, ok=False, remedy="pip install voxdepth")]
     of_extras = {extra: [each for each in required if each.extra == extra] for extra in EXTRAS}
+    modules = _modules()
     return [
-        *(_finding(each.name, [each]) for each in required if each.extra is None),
-        *(_finding(f"extra {extra}", parts, adds=EXTRAS[extra]) for extra, parts in of_extras.items() if parts),
+        *(_finding(each.name, [_examined(each, modules)]) for each in required if each.extra is None),
+        *(
+            _finding(f"extra {extra}", [_examined(each, modules) for each in parts], adds=EXTRAS[extra])
+            for extra, parts in of_extras.items()
+            if parts
+        ),
     ]
 
 
-def _finding(what: str, required: Sequence[Requirement], adds: str = "") -> Finding:
-    """Check that distributions are installed, which may be optional for what they would add."""
-    found = versions([each.name for each in required])
-    remedies = {each.name: each.remedy for each in required if found[each.name] == NOT_INSTALLED}
-    state = ", ".join(f"{name} {version}" for name, version in found.items()) if adds else found[what]
+def _python() -> Finding:
+    """Check the version of Python."""
+    try:
+        allowed = metadata("voxdepth")["Requires-Python"]
+    except PackageNotFoundError:
+        allowed = ""
+    version = platform.python_version()
+    ok = SpecifierSet(allowed).contains(version, prereleases=True)
+    state, remedy = (version, "") if ok else (f"{version}, expected {allowed}", f"make a .venv of Python {allowed}")
+    return Finding(what="Python", state=state, ok=ok, remedy=remedy)
+
+
+def _modules() -> dict[str, str]:
+    """Return the module that each installed distribution is imported by."""
+    brought: dict[str, list[str]] = {}
+    for module, owners in packages_distributions().items():
+        for name in map(canonicalize_name, owners):
+            brought.setdefault(name, []).append(module)
+    return {name: first_word(name) if first_word(name) in found else min(found) for name, found in brought.items()}
+
+
+class _Part(NamedTuple):
+    """A required distribution as it is here."""
+
+    name: str
+    version: str
+    fault: str = ""
+    """Why it is of no use; empty if it is of use."""
+    remedy: str = ""
+
+
+def _examined(each: Requirement, modules: Mapping[str, str]) -> _Part:
+    """Check that a distribution is installed in a version that is allowed, and that its module loads."""
+    version = versions([each.name])[each.name]
+    if version == NOT_INSTALLED:
+        return _Part(each.name, version, f"without {each.name}", each.remedy)
+    install = f"'{each.name}{each.allowed}'"
+    if not each.allows(version):
+        return _Part(each.name, version, f"{each.name} {version}, expected {each.allowed}", f"pip install {install}")
+    module = modules.get(canonicalize_name(each.name))
+    if module is None or module in TRIED_BY_RENDERING:
+        return _Part(each.name, version)
+    try:
+        import_module(module)
+    except Exception as error:  # A check reports any error instead of ending with it.
+        fault = f"{each.name} {version} does not load ({type(error).__name__}: {' '.join(str(error).split())})"
+        return _Part(each.name, version, fault, lacking(error) or f"pip install --force-reinstall --no-deps {install}")
+    return _Part(each.name, version)
+
+
+def _finding(what: str, parts: Sequence[_Part], adds: str = "") -> Finding:
+    """Sum up distributions, which may be optional for what they would add."""
+    faulty = [part for part in parts if part.fault]
+    state = ", ".join(f"{part.name} {part.version}" for part in parts) if adds else parts[0].version
     return Finding(
         what=what,
-        state=f"without {', '.join(remedies)}" if remedies else state,
-        ok=not remedies,
-        remedy="; ".join(dict.fromkeys(f"{f'for {adds}: ' * bool(adds)}{remedy}" for remedy in remedies.values())),
+        state="; ".join(part.fault for part in faulty) or state,
+        ok=not faulty,
+        remedy="; ".join(dict.fromkeys(f"{f'for {adds}: ' * bool(adds)}{part.remedy}" for part in faulty)),
         optional=bool(adds),
     )
 

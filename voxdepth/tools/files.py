@@ -95,7 +95,7 @@ def locked(folder: Path, busy: str) -> Iterator[None]:
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        file = (folder / LOCK).open("a")
+        file = (folder / LOCK).open("ab")
     except OSError as error:
         raise ToolError(f"cannot write to {folder}: {error.strerror}; choose a writable folder") from error
     with file:

@@ -5,6 +5,10 @@ from collections import Counter
 from importlib.metadata import requires
 from typing import NamedTuple
 
+from packaging import requirements as packaging
+from packaging.specifiers import SpecifierSet
+from packaging.version import InvalidVersion
+
 EXTRA = re.compile(r"""(?: and )?extra == ["'](\w+)["']""")
 
 
@@ -16,6 +20,15 @@ class Requirement(NamedTuple):
     """The extra that requires it; None for the library itself."""
     where: str
     """The environments that it is required in, as an environment marker; empty for all."""
+    allowed: SpecifierSet = SpecifierSet()
+    """Its versions that are allowed."""
+
+    def allows(self, version: str) -> bool:
+        """Whether a version is allowed; one before a release is allowed if the release is."""
+        try:
+            return self.allowed.contains(version, prereleases=True)
+        except InvalidVersion:
+            return False
 
     @property
     def remedy(self) -> str:
@@ -27,12 +40,12 @@ class Requirement(NamedTuple):
 def requirements() -> list[Requirement]:
     """Everything that is required beside the library itself; a `PackageNotFoundError` where that is not installed."""
     found = []
-    for text in requires("voxdepth") or ():
-        required, _, marker = text.partition(";")
+    for each in map(packaging.Requirement, requires("voxdepth") or ()):
+        marker = str(each.marker or "")
         extra = EXTRA.search(marker)
-        name = re.match(r"[\w.-]+", required)
-        if name and name[0] != "voxdepth":
-            found.append(Requirement(name[0], extra and extra[1], EXTRA.sub("", marker).strip(" ()")))
+        if each.name != "voxdepth":
+            where = EXTRA.sub("", marker).strip(" ()")
+            found.append(Requirement(each.name, extra and extra[1], where, each.specifier))
     return found
 
 
@@ -40,5 +53,10 @@ def bringing(module: str) -> Requirement | None:
     """Return what brings a module: of several extras that require it, the smallest; None if none does."""
     required = [each for each in requirements() if each.extra is not None]
     sizes = Counter(each.extra for each in required)
-    able = [each for each in required if each.name.lower().split("-")[0] == module]
+    able = [each for each in required if first_word(each.name) == module]
     return min(able, key=lambda each: sizes[each.extra], default=None)
+
+
+def first_word(name: str) -> str:
+    """Return what the module of a distribution is called, if not after all of its name: rerun of rerun-sdk."""
+    return name.lower().split("-")[0]

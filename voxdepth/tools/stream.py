@@ -18,6 +18,7 @@ from ..geometry import transform
 from ..paper.epochs import Template, VoxDepthDiagnostics
 from ..ros import confidence_levels
 from ..types import CorrectedDepth, FloatArray, FloatImage, GrayImage, Source
+from .errors import ToolError
 from .output import encode
 
 CENTIMETRE = 100.0
@@ -55,12 +56,15 @@ class RecordingFile:
 
     Raises:
         OSError: The file cannot be opened.
+        ToolError: Rerun is switched off in this process.
     """
 
     def __init__(
         self, application: str, path: Path, recording_id: str, blueprint: rrb.Blueprint, **options: Any
     ) -> None:
         self.stream = rr.RecordingStream(application, recording_id=recording_id, send_properties=False, **options)
+        if not rr.is_enabled(self.stream):
+            raise ToolError(f"Rerun is switched off, so that {path} would be empty: unset the variable RERUN")
         rr.set_log_time_enabled(False, self.stream)
         rr.set_log_tick_enabled(False, self.stream)
         self._error: OSError | None = None
