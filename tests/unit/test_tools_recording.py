@@ -1,5 +1,7 @@
 """The Rerun recording of a correction."""
 
+import errno
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -7,10 +9,12 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
+import pytest
 import rerun as rr
 
 from voxdepth.colors import colored
 from voxdepth.datasets import Dataset
+from voxdepth.tools.errors import ToolError
 from voxdepth.tools.recording import recording, scale_of
 from voxdepth.tools.stream import REPLACED, labels_of, log_frame, source_labels
 from voxdepth.types import CorrectedDepth, Frame, Source
@@ -66,3 +70,56 @@ def test_steps_are_recorded_in_milliseconds_and_frames_by_their_time_since_the_f
     chunks = rr.chunk.RrdReader(tmp_path / "two.rrd").stream().filter(content="/timings/warp").to_chunks()
     rows = [row for chunk in chunks for row in chunk.to_record_batch().to_pylist()]
     assert [(row["time"].total_seconds(), row["Scalars:scalars"]) for row in rows] == [(0, [250]), (1, [250])]
+
+
+def recorded(path: Path) -> list[str]:
+    """The rows of two frames after they were recorded into a file, without their random ids."""
+    with recording(path, "two", 2.0) as log:
+        for index, frame in enumerate(Depths([1.0, 2.0])):
+            log(index, frame, CorrectedDepth.of(frame, frame.depth_m))
+    chunks = rr.chunk.RrdReader(path).stream().to_chunks()
+    rows = [row for chunk in chunks for row in chunk.to_record_batch().to_pylist()]
+    return sorted(str({**row, "rerun.controls.RowId": None}) for row in rows)
+
+
+@pytest.mark.parametrize("code", [None, errno.EPERM, errno.EOPNOTSUPP])
+def test_a_system_or_a_disk_without_named_pipes_gets_the_same_recording(
+    code: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(path: Path) -> None:
+        assert code is not None
+        raise OSError(code, os.strerror(code))
+
+    expected = recorded(tmp_path / "expected.rrd")
+    if code is None:  # As on Windows.
+        monkeypatch.delattr(os, "mkfifo")
+    else:
+        monkeypatch.setattr(os, "mkfifo", refused)
+    assert len(expected) > 10
+    assert recorded(tmp_path / "other.rrd") == expected
+    assert {path.name for path in tmp_path.iterdir()} == {"expected.rrd", "other.rrd"}
+
+
+def test_a_recording_needs_no_devices_of_the_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    targets = []
+    save = rr.RecordingStream.save
+
+    def told(self: rr.RecordingStream, path: Path, **options: Any) -> None:
+        targets.append(Path(path))
+        save(self, path, **options)
+
+    monkeypatch.setattr(rr.RecordingStream, "save", told)
+    recorded(tmp_path / "one.rrd")
+    (target,) = targets
+    assert target.is_relative_to(tmp_path)
+    assert not target.exists()
+
+
+def test_a_full_disk_is_an_error_for_pipes_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "mkfifo", full)
+    with pytest.raises(ToolError, match=r"cannot write .*one\.rrd: No space left"):
+        recorded(tmp_path / "one.rrd")
+    assert list(tmp_path.iterdir()) == []
