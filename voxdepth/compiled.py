@@ -10,12 +10,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, update_wrapper
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar, cast
 
 import numba
 import numba.extending
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 from .errors import ConfigError
 from .interrupts import kept_back
@@ -33,6 +35,38 @@ _waiting: "list[Compiled]" = []
 """Functions that have not been compiled yet, in the order of their definition."""
 
 
+class SealedFiles(IndexDataCacheFile):  # type: ignore[misc]
+    """The index and the code that Numba keeps of a function, each file with its digest at the end.
+
+    A file without it, as after a loss of power, counts as missing, and the function is compiled again: Numba itself
+    would fail on it for ever, and LLVM crash. Files are renamed into place, so that another process reads whole ones.
+    """
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _is_sealed(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        if not _is_sealed(self._data_path(name)):
+            raise FileNotFoundError(f"{self._data_path(name)} is damaged")  # Numba compiles where there is none.
+        return super()._load_data(name)
+
+    @contextmanager
+    def _open_for_write(self, path: str) -> Iterator[BytesIO]:
+        content = BytesIO()
+        yield content
+        with super()._open_for_write(path) as file:
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+
+class SealedCache(FunctionCache):  # type: ignore[misc]
+    """What Numba keeps of a function, in `SealedFiles`."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        place = self._impl.locator
+        self._cache_file = SealedFiles(place.get_cache_path(), self._impl.filename_base, place.get_source_stamp())
+
+
 class Compiled:
     """A function that Numba compiles for arguments of fixed types; see `compiled`."""
 
@@ -42,10 +76,12 @@ class Compiled:
                 "NUMBA_DISABLE_JIT is set, and the loops of VoxDepth run compiled only: unset it, or disable_jit in "
                 ".numba_config.yaml"
             )
-        with _numba_cache(_folder(function.__module__.partition(".")[0])) as is_kept:
-            self.dispatcher = numba.njit(
-                cache=is_kept, nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=is_part
-            )(function)
+        self.dispatcher = numba.njit(
+            nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=is_part
+        )(function)
+        if (folder := _folder(function.__module__.partition(".")[0])) is not None:
+            with _numba_cache(folder):
+                self.dispatcher._cache = SealedCache(function)
         self.signature = signature
         self._is_part = is_part
         self._is_compiled = False
@@ -123,13 +159,23 @@ def compile_all() -> None:
 
 
 @contextmanager
-def _numba_cache(folder: Path | None) -> Iterator[bool]:
-    """Let Numba keep the functions that are decorated meanwhile in a folder; whether there is one to keep them in."""
-    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder or "")
+def _numba_cache(folder: Path) -> Iterator[None]:
+    """Let Numba keep the functions whose caches are made meanwhile in a folder."""
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
     try:
-        yield folder is not None
+        yield
     finally:
         numba.config.CACHE_DIR = before
+
+
+def _is_sealed(path: str) -> bool:
+    """Whether a file can be read and ends with the digest of what comes before."""
+    try:
+        content = Path(path).read_bytes()
+    except OSError:
+        return False
+    length = hashlib.sha256().digest_size
+    return hashlib.sha256(content[:-length]).digest() == content[-length:]
 
 
 @cache

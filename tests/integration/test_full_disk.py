@@ -84,6 +84,13 @@ def test_a_corrected_sequence_is_whole_or_absent(recording: Path, tmp_path: Path
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("limit_bytes", [0, 1_000])
+def test_an_evaluation_names_the_file_that_cannot_be_written(recording: Path, tmp_path: Path, limit_bytes: int) -> None:
+    command = ("evaluate", "--data", recording, "--methods", "raw", "--frames", "3", "--out", tmp_path / "out")
+    refused(limited(limit_bytes, *command), "results")
+    assert not list(tmp_path.rglob(".*")), "nothing is left half-written"
+
+
 def test_a_recording_of_a_correction_is_whole_or_absent(recording: Path, tmp_path: Path) -> None:
     command = ("correct", recording, "--out", tmp_path / "out", "--record", tmp_path / "frames.rrd")
     refused(limited(60_000, *command), "frames.rrd")

@@ -1,5 +1,8 @@
 """`voxdepth new` writes files that fly as they are."""
 
+import errno
+import os
+import re
 from pathlib import Path
 
 import pytest
@@ -35,6 +38,23 @@ def test_what_is_written_flies(kind: str, tmp_path: Path, monkeypatch: pytest.Mo
     finished = fly(run, threads=1)
     assert finished.result.outcome == "timeout"
     assert float(finished.result.metrics["leader_progress_m"] or 0) > 0
+
+
+@pytest.mark.parametrize("kind", ["study", "controller", "corrector"])
+def test_on_a_full_disk_nothing_is_left_that_the_next_call_takes_for_the_user_s(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.chdir(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        done = invoke("new", kind, "mine")
+    assert isinstance(done.exception, ToolError)
+    assert re.fullmatch(r"cannot write mine\.\w+: No space left on device", str(done.exception))
+    assert list(tmp_path.iterdir()) == []
+    assert invoke("new", kind, "mine").exit_code == 0
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numba
 import numpy as np
 import pytest
 
+from tests.damage import DAMAGES
 from voxdepth import compiled
 from voxdepth.errors import ConfigError
 from voxdepth.geometry import compose
@@ -121,6 +122,33 @@ def test_the_first_call_compiles_and_a_second_process_reads_from_the_disk_withou
     before = [path.stat().st_mtime_ns for path in files]
     assert package.run() == (12, "")
     assert [path.stat().st_mtime_ns for path in sorted(folder.rglob("*.nb*"))] == before
+
+
+@pytest.mark.slow
+def test_a_damaged_file_of_a_compiled_function_is_made_again(package: Package, tmp_path: Path) -> None:
+    package.run()
+    files = sorted((tmp_path / "home/.cache/voxdepth").rglob("*.nb*"))
+    damaged = [damage(path.read_bytes()) for path, damage in zip(files, DAMAGES.values(), strict=False)]
+    assert [path.suffix for path in files] == [".nbc", ".nbi"] * 2
+    for path, content in zip(files, damaged, strict=True):
+        path.write_bytes(content)
+    result, said = package.run()
+    assert result == 12
+    require_one_line(said)
+    assert package.run() == (12, "")
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_file_counts_as_missing(damage: str, suffix: str, tmp_path: Path) -> None:
+    files = compiled.SealedFiles(str(tmp_path), "loop", "stamp")
+    files.save("key", ("code", 7))
+    assert files.load("key") == ("code", 7)
+    (path,) = tmp_path.glob(f"*{suffix}")
+    path.write_bytes(DAMAGES[damage](path.read_bytes()))
+    assert files.load("key") is None
+    files.save("key", ("code", 7))
+    assert files.load("key") == ("code", 7)
 
 
 @pytest.mark.parametrize("changed", ["loops", "voxdepth"])

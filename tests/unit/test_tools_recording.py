@@ -1,5 +1,7 @@
 """The Rerun recording of a correction."""
 
+import errno
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -80,3 +82,56 @@ def test_a_program_in_which_rerun_is_switched_off_is_told_and_keeps_its_earlier_
     with pytest.raises(ToolError, match="unset the variable RERUN"), recording(path, "id", 5.0):
         pass
     assert path.read_bytes() == b"earlier"
+
+
+def recorded(path: Path) -> list[str]:
+    """The rows of two frames after they were recorded into a file, without their random ids."""
+    with recording(path, "two", 2.0) as log:
+        for index, frame in enumerate(Depths([1.0, 2.0])):
+            log(index, frame, CorrectedDepth.of(frame, frame.depth_m))
+    chunks = rr.chunk.RrdReader(path).stream().to_chunks()
+    rows = [row for chunk in chunks for row in chunk.to_record_batch().to_pylist()]
+    return sorted(str({**row, "rerun.controls.RowId": None}) for row in rows)
+
+
+@pytest.mark.parametrize("code", [None, errno.EPERM, errno.EOPNOTSUPP])
+def test_a_system_or_a_disk_without_named_pipes_gets_the_same_recording(
+    code: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(path: Path) -> None:
+        assert code is not None
+        raise OSError(code, os.strerror(code))
+
+    expected = recorded(tmp_path / "expected.rrd")
+    if code is None:  # As on Windows.
+        monkeypatch.delattr(os, "mkfifo")
+    else:
+        monkeypatch.setattr(os, "mkfifo", refused)
+    assert len(expected) > 10
+    assert recorded(tmp_path / "other.rrd") == expected
+    assert {path.name for path in tmp_path.iterdir()} == {"expected.rrd", "other.rrd"}
+
+
+def test_a_recording_needs_no_devices_of_the_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    targets = []
+    save = rr.RecordingStream.save
+
+    def told(self: rr.RecordingStream, path: Path, **options: Any) -> None:
+        targets.append(Path(path))
+        save(self, path, **options)
+
+    monkeypatch.setattr(rr.RecordingStream, "save", told)
+    recorded(tmp_path / "one.rrd")
+    (target,) = targets
+    assert target.is_relative_to(tmp_path)
+    assert not target.exists()
+
+
+def test_a_full_disk_is_an_error_for_pipes_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "mkfifo", full)
+    with pytest.raises(ToolError, match=r"cannot write .*one\.rrd: No space left"):
+        recorded(tmp_path / "one.rrd")
+    assert list(tmp_path.iterdir()) == []

@@ -4,13 +4,13 @@ Other packages add commands by the entry-point group `voxdepth.extensions`, whos
 The testbed of this project is one: its commands are there in a checkout, and not where only the library is installed.
 """
 
+import errno
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
-from io import TextIOWrapper
 from typing import Annotated, Any
 
 import typer
@@ -24,6 +24,7 @@ from .errors import ToolError
 from .extensions import extensions
 from .options import INTERRUPTED
 from .requirements import bringing
+from .standard_streams import standard_streams
 from .system import lacking
 
 PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
@@ -32,6 +33,8 @@ PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
 )
 """Commands of the library by the heading of `--help`."""
 USER_ERROR = 2
+FULL = tuple(getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG") if hasattr(errno, name))
+"""Errors of a disk, a quota or a limit that is full."""
 
 
 class Commands(TyperGroup):
@@ -85,19 +88,17 @@ def main() -> None:
     Below its line an error may have others, which are to be pasted.
     """
     warnings.formatwarning = lambda message, *_, **__: f"voxdepth: {message}\n"
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")  # Not every terminal has the lines of a table.
-    try:
-        with _interruptible():
-            settle()
-            create_app()()
-    except Exception as error:
-        message = explained(error)
-        if message is None:
-            raise
-        typer.echo(f"voxdepth: {message}", err=True)
-        sys.exit(USER_ERROR)
+    with standard_streams(USER_ERROR):
+        try:
+            with _interruptible():
+                settle()
+                create_app()()
+        except Exception as error:
+            message = explained(error)
+            if message is None:
+                raise
+            typer.echo(f"voxdepth: {message}", err=True)
+            sys.exit(USER_ERROR)
 
 
 def explained(error: BaseException) -> str | None:
@@ -110,6 +111,8 @@ def explained(error: BaseException) -> str | None:
         return f"this needs the package {found.name}: {found.remedy}"
     if isinstance(error, OSError) and error.filename is not None:  # A name may be too long, or a folder be locked.
         return f"{error.strerror}: {error.filename!r}"
+    if isinstance(error, OSError) and error.errno in FULL:
+        return f"cannot write: {error.strerror}; make space and repeat the command"
     return remedy
 
 

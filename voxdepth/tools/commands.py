@@ -263,6 +263,7 @@ def new(
     from importlib.util import find_spec
 
     from .extensions import extensions
+    from .files import write
 
     folders = [NEW, *(extension.templates for extension in extensions() if extension.templates is not None)]
     templates = {path.stem: path for folder in folders for path in sorted(folder.glob("[!_]*.*"))}
@@ -274,7 +275,7 @@ def new(
     if path.exists() or (path.suffix == ".py" and find_spec(path.stem) is not None):
         raise ToolError(f"there is a {path} already, or another module of that name: choose another name")
     text = template.read_text(encoding="utf-8").replace("NAME", path.stem)
-    path.write_text(text, encoding="utf-8")
+    write(path, text.encode())
     typer.echo(f"written to {path}")
     for line in text.splitlines():
         if HOW_TO in line:

@@ -11,6 +11,7 @@ from typing import Any
 import pydantic
 import tomli_w
 
+from ..checksums import DamageError, require_whole
 from .errors import ToolError
 
 DEEPEST = 50
@@ -24,7 +25,11 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         if path.exists() and not path.is_file():
             raise ToolError(f"{path} is no file: name a TOML file")
-        text = path.read_text(encoding="utf-8")
+        data = path.read_bytes()
+        require_whole(path, data)
+        text = data.decode()
+    except DamageError as error:
+        raise ToolError(str(error)) from error
     except (OSError, ValueError) as error:  # A path may hold a null character, and a file bytes that are no text.
         raise ToolError(f"cannot read {path}: {error}") from error
     try:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -9,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..checksums import LIST, list_of
 from ..datasets import Dataset
 from ..ros import (
     TIMES_S,
@@ -47,7 +49,7 @@ class Output(Protocol):
 
 
 class ImageFolder:
-    """Images of depth in millimetres and of confidence, see `to_millimetres`, and the texts as files."""
+    """Images of depth in millimetres and of confidence, see `to_millimetres`, the texts as files, and checksums."""
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
         self._folder, self._dataset = folder, dataset
@@ -64,6 +66,7 @@ class ImageFolder:
         """See `Output`."""
         for name, text in texts.items():
             (self._folder / name).write_text(text, encoding="utf-8")
+        (self._folder / LIST).write_bytes(list_of(self._folder))
 
 
 class BagTopics:
@@ -123,12 +126,15 @@ def open_output(path: Path, dataset: Dataset) -> Iterator[Output]:
     if path.suffix != MCAP:
         yield ImageFolder(path, dataset)
         return
+    from backports import zstd
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     bag = path.with_suffix("")
     writer = Writer(bag, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
+        storage: Any = writer.storage  # A checksum in the compressed data: the format leaves its own at 0.
+        storage.compressor = partial(zstd.compress, options={zstd.CompressionParameter.checksum_flag: 1})
         yield BagTopics(writer, dataset)
     (bag / f"{bag.name}{MCAP}").rename(path)
 

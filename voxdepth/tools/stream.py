@@ -1,5 +1,6 @@
 """Streams, images, colours, layouts and stages of the paper's method that all Rerun recordings share."""
 
+import errno
 import math
 import os
 from collections.abc import Callable
@@ -44,8 +45,8 @@ Log = Callable[[str, rr.AsComponents], None]
 class RecordingFile:
     """A Rerun stream into a file. No wall-clock time is recorded, so that the same data gives the same recording.
 
-    Rerun writes into a pipe, and a thread of ours from there into the file: when the disk is full, Rerun's own writer
-    may wait for ever.
+    Rerun writes into a named pipe, and a thread of ours from there into the file: when the disk is full, Rerun's own
+    writer may wait for ever. Where there are no named pipes, as on Windows, Rerun writes into the file all the same.
 
     Args:
         application: Name of the kind of recording.
@@ -68,13 +69,21 @@ class RecordingFile:
         rr.set_log_time_enabled(False, self.stream)
         rr.set_log_tick_enabled(False, self.stream)
         self._error: OSError | None = None
-        file = path.open("wb")
-        reading, writing = os.pipe()
-        self._copier = Thread(target=self._copy, args=(reading, file), daemon=True)
+        self._copier: Thread | None = None
+        pipe = path.with_name(f".{path.name}.pipe")
+        path.open("wb").close()
+        if not _has_made(pipe):
+            self.stream.save(path, default_blueprint=blueprint)
+            return
+        # Neither side waits for the other, and the copier finds somebody who writes.
+        reading, writing = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK), os.open(pipe, os.O_WRONLY)
+        os.set_blocking(reading, True)
+        self._copier = Thread(target=self._copy, args=(reading, path.open("wb")), daemon=True)
         self._copier.start()
         try:
-            self.stream.save(f"/dev/fd/{writing}", default_blueprint=blueprint)
+            self.stream.save(pipe, default_blueprint=blueprint)
         finally:
+            pipe.unlink()
             os.close(writing)
 
     def flush(self) -> None:
@@ -85,7 +94,8 @@ class RecordingFile:
     def close(self) -> None:
         """Write the rest and close the file; see `flush`."""
         self.stream.disconnect()
-        self._copier.join()
+        if self._copier is not None:
+            self._copier.join()
         self._require_written()
 
     def _copy(self, reading: int, file: BinaryIO) -> None:
@@ -104,6 +114,19 @@ class RecordingFile:
     def _require_written(self) -> None:
         if self._error is not None:
             raise self._error
+
+
+def _has_made(pipe: Path) -> bool:
+    """Make a named pipe; whether the system and the disk have such a thing."""
+    try:
+        os.mkfifo(pipe)
+    except (AttributeError, PermissionError):
+        return False
+    except OSError as error:
+        if error.errno in (errno.ENOSYS, errno.EOPNOTSUPP):
+            return False
+        raise
+    return True
 
 
 def layout(content: Any, timeline: str, **time: Any) -> rrb.Blueprint:

@@ -1,6 +1,7 @@
 """The frames of a sequence, each with the depth that methods are judged by, and where they are judged."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -82,7 +83,8 @@ class FrameFile:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        with suppress(OSError):  # What could not be written is told already, and nobody reads the rest.
+            self._file.close()
 
     def fill(self, frames: Iterable[EvaluationFrame], progress: Callable[[int], None] = lambda count: None) -> None:
         """Write frames and pass their number to `progress`; a frame that cannot be written is a `ToolError`."""
