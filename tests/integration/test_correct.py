@@ -1,6 +1,7 @@
 """`voxdepth correct` as a user meets it."""
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -224,6 +225,19 @@ def test_nothing_is_ever_written_among_the_input(
     assert f"{option} {place} lies in the input" in str(done.exception)
     assert sorted(sequence.rglob("*")) == before
     assert not list(tmp_path.iterdir())
+
+
+def test_names_that_are_no_utf_8_are_kept_in_files_and_printable_in_texts(sequence: Path, tmp_path: Path) -> None:
+    name = os.fsdecode(b"k\xfcche")
+    shutil.copytree(sequence, tmp_path / name)
+    for kind in ("rgb", "depth"):
+        (tmp_path / name / kind / "000.png").rename(tmp_path / name / kind / f"{name}.png")
+        (tmp_path / name / f"{kind}.txt").write_bytes(b"100 " + kind.encode() + b"/k\xfcche.png\n")
+    done = invoke("correct", tmp_path / name, "--out", tmp_path / "out", "--corrector", "raw")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "out" / "depth" / f"{name}.png").exists()
+    assert (tmp_path / "out" / "frames.csv").read_text().splitlines()[1].startswith("k\\udcfcche,100.0,")
+    assert tomllib.loads((tmp_path / "out" / "config.toml").read_text())["folder"] == "k\\udcfcche"
 
 
 @pytest.mark.parametrize("arguments", [[], ["voxdepth"]])

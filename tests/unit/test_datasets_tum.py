@@ -122,7 +122,7 @@ def test_images_of_another_size_need_a_calibration(folder: Path) -> None:
         ("1e999 a.png\n", "expected a time"),
         ("2.0 a.png\n1.0 b.png\n", r"expected times in .*rgb\.txt that increase, got 1\.0 s after 2\.0 s"),
         ("1.0 a.png\n1.0 b.png\n", "that increase"),
-        ("\x80\x81\xff", r"expected text in .*rgb\.txt"),
+        ("\x80\x81\xff", r"a time and a file in line 1 of .*rgb\.txt, got .\\udc80"),
         ("1.0 a\0b.png\n", r"expected text in .*rgb\.txt"),
         ("", "got none among 4 and 0"),
         ("9.0 a.png\n", "within 20 ms of each other, got none among 4 and 1"),

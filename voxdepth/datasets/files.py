@@ -1,12 +1,12 @@
 """Reading of folders, lists, calibrations and paths. A `DatasetError` names the file that is damaged, and its fault."""
 
-import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import MISSING, asdict, fields
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from ..errors import DatasetError, FrameError, did_you_mean, similar
+from ..text import decoded, parsed_toml
 from ..types import Intrinsics
 from ..units import Unit
 
@@ -78,16 +78,12 @@ def read_bytes(path: Path) -> bytes:
         raise DatasetError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}; restore it") from error
 
 
-def read_text(path: Path) -> str:
-    """Read a text file in UTF-8."""
-    data = read_bytes(path)
+def read_text(path: Path, *, has_names: bool = False) -> str:
+    """Read a text file, see `decoded`."""
     try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"expected text in {path}, got other bytes at {error.start}; restore the file") from error
-    if "\0" in text:
-        raise DatasetError(f"expected text in {path}, got zero bytes; restore the file")
-    return text
+        return decoded(read_bytes(path), has_names=has_names)
+    except ValueError as error:
+        raise DatasetError(f"expected text in {path}: {error}") from error
 
 
 def path_inside(folder: Path, name: str, source: str) -> Path:
@@ -114,8 +110,8 @@ def read_calibration(dataset: Path) -> dict[str, object]:
     if not path.exists():
         return {}
     try:
-        return tomllib.loads(read_text(path))
-    except (ValueError, RecursionError) as error:
+        return parsed_toml(read_bytes(path))
+    except ValueError as error:
         raise DatasetError(f"{path} is no TOML ({error}); write the fields of Intrinsics into it") from error
 
 

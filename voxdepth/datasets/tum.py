@@ -78,7 +78,7 @@ def _camera_of(folder: Path) -> re.Match[str] | None:
 def _listed(path: Path) -> list[tuple[float, Path]]:
     """Time [s] and file of every line that is no comment."""
     entries = []
-    for number, line in enumerate(read_text(path).split("\n"), 1):
+    for number, line in enumerate(read_text(path, has_names=True).split("\n"), 1):
         words = line.split()
         if not words or words[0].startswith("#"):
             continue

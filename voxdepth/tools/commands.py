@@ -103,6 +103,7 @@ def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
 def _planned(folder: Path, dataset: "Dataset", spec: "CorrectorSpec", frames: int | None) -> "Correction":
     """Resolve and check everything before anything is written."""
     from ..datasets.files import stated
+    from ..errors import printable
     from ..registry import config_of
     from .correction import Correction
     from .provenance import CORRECTION, versions
@@ -112,7 +113,7 @@ def _planned(folder: Path, dataset: "Dataset", spec: "CorrectorSpec", frames: in
     resolved = spec.resolved_config() or config_of(spec.name)
     made_from = {
         "corrector": spec.name,
-        "folder": folder.resolve().name,  # Without its path, since a folder may be moved.
+        "folder": printable(folder.resolve().name),  # Without its path, since a folder may be moved.
         "format": dataset.format,
         "intrinsics": stated(dataset.intrinsics),
         "versions": versions(CORRECTION),

@@ -15,7 +15,7 @@ import numpy as np
 import tomli_w
 
 from ..datasets import Dataset
-from ..errors import PipelineError
+from ..errors import PipelineError, printable
 from ..pipeline import CorrectionPipeline
 from ..registry import PAPER
 from ..types import CorrectedDepth, DepthCorrector, Frame, Source
@@ -107,7 +107,7 @@ class FrameLine(NamedTuple):
         pixels = {"raw_pixels": int(np.count_nonzero(frame.depth_m)), "raw_median_m": median_m(frame.depth_m)}
         pixels |= {_column(source): int(np.count_nonzero(corrected.source == source)) for source in Source}
         facts = {} if corrected.diagnostics is None else corrected.diagnostics.facts()
-        return cls({"name": name, "stamp_s": frame.stamp_s} | pixels, facts, dict(corrected.timings_s))
+        return cls({"name": printable(name), "stamp_s": frame.stamp_s} | pixels, facts, dict(corrected.timings_s))
 
 
 def _column(source: Source) -> str:
