@@ -102,14 +102,17 @@ def depth_of(message: Any, units_per_m: float | None = None) -> FloatImage:
     Raises:
         FrameError: The message is no depth, or is damaged.
     """
+    return Unit(units_per_m).metres(values_of(message))
+
+
+def values_of(message: Any) -> npt.NDArray[Any]:
+    """Read depth as it is stored, shape (H, W), see `depth_of`."""
     encoding = encoding_of(message)
-    if hasattr(message, "encoding"):
-        if encoding not in DEPTH_ENCODINGS:
-            raise FrameError(f"expected depth as {', '.join(DEPTH_ENCODINGS)}, got the encoding {encoding!r}")
-        values = _pixels(message, np.dtype(DEPTH_ENCODINGS[encoding]), 1)
-    else:
-        values = _decoded_depth(message, encoding)
-    return Unit(units_per_m).metres(values)
+    if not hasattr(message, "encoding"):
+        return _decoded_depth(message, encoding)
+    if encoding not in DEPTH_ENCODINGS:
+        raise FrameError(f"expected depth as {', '.join(DEPTH_ENCODINGS)}, got the encoding {encoding!r}")
+    return _pixels(message, np.dtype(DEPTH_ENCODINGS[encoding]), 1)
 
 
 def gray_of(message: Any) -> GrayImage:

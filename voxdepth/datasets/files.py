@@ -135,6 +135,22 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
     return intrinsics_from(values, path, found)
 
 
+def no_camera(reason: str, dataset: Path, shape: tuple[int, int] | None = None) -> DatasetError:
+    """The error that nothing tells the camera of a dataset; the lines that would are a note, with the shape (H, W)."""
+    keys = ", ".join(WANTED)
+    error = DatasetError(f"{reason}; write {calibration_path(dataset)} with {keys} and perhaps baseline_m")
+    _note_lines(error, WANTED, shape)
+    return error
+
+
+def _note_lines(error: DatasetError, names: Iterable[str], shape: tuple[int, int] | None = None) -> None:
+    """Add lines for some fields to an error, which are to be pasted and completed."""
+    known = {} if shape is None else {"height_px": shape[0], "width_px": shape[1]}
+    for name in names:
+        value = known.get(name, 0 if name in ("width_px", "height_px") else "nan")
+        error.add_note(f"{name} = {value}  # {WANTED[name]}")
+
+
 def choose_unit(dataset: Path, given: float | None, of_format: Unit) -> Unit:
     """The unit of the depth that is given, else that of a `calibration.toml` beside a dataset, else that of the format.
 
@@ -170,8 +186,7 @@ def intrinsics_from(values: Mapping[str, object], path: Path, found: Iterable[st
         found.append(f"it lacks {', '.join(missing)}: add these lines with the values of your camera")
     if found:
         error = DatasetError(f"{path}: {'; '.join(found)}")
-        for name in missing:
-            error.add_note(f"{name} = {0 if kinds[name] is int else 'nan'}  # {WANTED[name]}")
+        _note_lines(error, missing)
         raise error
     numbers: dict[str, Any] = dict(values)
     try:

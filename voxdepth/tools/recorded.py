@@ -46,9 +46,8 @@ class Opener:
 
 
 def _assumptions(path: Path, dataset: Dataset) -> Iterator[str]:
-    """What is assumed of the camera of a dataset, as a clause after its name."""
-    if assumed := getattr(dataset, "assumed", ""):
-        yield f"{assumed}; state the camera in {calibration_path(path)} if it is another one"
+    """What is assumed of the camera and the depth of a dataset, as a clause after its name."""
+    yield from dataset.assumed()
     if dataset.intrinsics.baseline_m is None:
         yield (
             f"states no baseline of its camera, {ASSUMED_BASELINE_M:g} m is assumed: state it in metres by "
