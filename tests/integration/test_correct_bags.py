@@ -23,7 +23,7 @@ from voxdepth.types import Intrinsics
 N_FRAMES = 6
 START_NS = 1_700_000_000 * S + 987_654_321
 STAMPS_NS = [START_NS + index * S // 30 for index in range(N_FRAMES)]
-KINDS = {"/voxdepth/depth", "/voxdepth/source", "/voxdepth/confidence", "/voxdepth/camera_info"}
+KINDS = {"/voxdepth/gray", "/voxdepth/depth", "/voxdepth/source", "/voxdepth/confidence", "/voxdepth/camera_info"}
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +73,21 @@ def test_a_bag_has_the_correction_of_every_frame_with_its_own_header(bag: Path, 
         np.testing.assert_allclose(gray_of(found["/voxdepth/confidence"]) / 255, expected.confidence, atol=0.002)
         lens = Intrinsics.from_camera_info(found["/voxdepth/camera_info"], baseline_m=dataset.intrinsics.baseline_m)
         assert lens == dataset.intrinsics
-    assert len(written) == 4 * N_FRAMES
+        np.testing.assert_array_equal(gray_of(found["/voxdepth/gray"]), dataset[index].gray)
+    assert len(written) == 5 * N_FRAMES
     content = (tmp_path / "out.mcap").read_bytes()
     for of_metadata in (b"config.toml", b"report.json", b"pixel_shares"):
         assert of_metadata in content
+
+
+def test_a_bag_of_ours_is_read_again(bag: Path, tmp_path: Path) -> None:
+    assert invoke("correct", bag, "--out", tmp_path / "once.mcap", "--corrector", "raw").exit_code == 0
+    dataset, again = open_dataset(bag), open_dataset(tmp_path / "once.mcap")
+    assert len(again) == len(dataset)
+    for index in range(N_FRAMES):
+        np.testing.assert_array_equal(again[index].gray, dataset[index].gray)
+        np.testing.assert_array_equal(again[index].depth_m, dataset[index].depth_m)
+        assert again.header(index) == dataset.header(index)
 
 
 def test_a_folder_is_not_taken_for_a_file(bag: Path, tmp_path: Path) -> None:

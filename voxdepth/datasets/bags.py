@@ -26,7 +26,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DatasetError, FrameError
-from ..ros import DEPTH_ENCODINGS, GRAY_ENCODINGS, Header, are_apart, encoding_of, frame_of, header_of, values_of
+from ..ros import (
+    DEPTH_ENCODINGS,
+    GRAY_ENCODINGS,
+    LABELS,
+    Header,
+    are_apart,
+    encoding_of,
+    frame_of,
+    header_of,
+    values_of,
+)
 from ..types import Frame, Intrinsics
 from ..units import Unit
 from . import WITHIN_S
@@ -194,7 +204,7 @@ class Images:
 
         One that is named gets a warning if something says that it is of another camera.
         """
-        topics = self._of_kind(_is_gray)
+        topics = [topic for topic in self._of_kind(_is_gray) if not LABELS.search(topic)]
         self._doubts = {topic: doubt for topic in topics if (doubt := self._doubt(depth, topic))}
         what = f"the camera of {depth} in gray or colour ({', '.join(GRAY_ENCODINGS)})"
         chosen = self._chosen(named, [topic for topic in topics if topic not in self._doubts], what, "--gray-topic")
