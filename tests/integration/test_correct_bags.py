@@ -1,5 +1,6 @@
 """`voxdepth correct` and `voxdepth evaluate` with bags: what is written, and that it is whole or absent."""
 
+import re
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
@@ -120,7 +121,10 @@ def test_another_format_becomes_a_bag_with_its_times(bag: Path, tmp_path: Path) 
         depth_mm = (frame.depth_m * 1000).astype(np.uint16)
         write_images(tmp_path / "export", {f"depth/{name}": depth_mm, f"ir/{name}": frame.gray})
     (tmp_path / "export" / "calibration.toml").write_text(toml_of(dataset.intrinsics))
-    assert invoke("correct", tmp_path / "export", "--out", tmp_path / "out.mcap").exit_code == 0
+    done = invoke("correct", tmp_path / "export", "--out", tmp_path / "out.mcap")
+    assert done.exit_code == 0
+    told = r"export has depth in millimetres, as most cameras have it, [\d.]+ m in the median of its first image"
+    assert re.search(told, done.output)
     headers = {header_of(message) for _, _, message in messages(tmp_path / "out.mcap")}
     assert {header.frame_id for header in headers} == {"camera"}
     for stamp_ns, header in zip(STAMPS_NS, sorted(headers), strict=False):
