@@ -158,7 +158,7 @@ class Recording:
             raise RecordingError(f"{folder} is not a recording: expected a folder with a {FRAMES}")
         poses = read_poses(folder)
         try:
-            intrinsics = Intrinsics(**tomllib.loads(read_bytes(folder / CALIBRATION).decode()))
+            intrinsics = Intrinsics(**tomllib.loads(read_bytes(folder / CALIBRATION).decode("utf-8-sig")))
         except (ValueError, TypeError, RecursionError) as error:
             raise RecordingError(f"{folder / CALIBRATION} is damaged ({error}); restore it from a copy") from error
         return cls(folder, poses, intrinsics, read_bytes(folder / CONFIG).decode(errors="replace"))

@@ -4,13 +4,17 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 
+def printable(text: str) -> str:
+    """Write what cannot be printed, as the bytes of a name of a file that are no UTF-8, as in Python."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 class VoxDepthError(Exception):
     """Base of every error of `voxdepth`. Its text is one line without control characters, whatever it quotes."""
 
     def __str__(self) -> str:
         """Return the message, in which line ends and control characters are written as in Python."""
-        message = super().__str__()
-        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
+        return printable(super().__str__())
 
 
 class FrameError(VoxDepthError, ValueError):

@@ -35,6 +35,8 @@ GRAY_ENCODINGS: dict[str, tuple[int, int | None]] = {
 """Number of channels and OpenCV's conversion to gray by encoding."""
 STREAM_WORDS = {"depth", "left", "infra1", "infrared1", "ir", "optical", "frame", "link"}
 """Parts of the name of a coordinate frame that do not tell from which place a camera looks."""
+LABELS = re.compile(r"/voxdepth/(source|confidence)$")
+"""Topics of our own results that have the encoding of gray images and are none."""
 PNG, GRAY_16 = b"\x89PNG", b"\x10\0"
 """How a PNG begins, and its bytes 24 and 25 where it has 16 bits in one channel."""
 DEPTH_HEADER = np.dtype([("format", "<i4"), ("a", "<f4"), ("b", "<f4")])
@@ -102,14 +104,17 @@ def depth_of(message: Any, units_per_m: float | None = None) -> FloatImage:
     Raises:
         FrameError: The message is no depth, or is damaged.
     """
+    return Unit(units_per_m).metres(values_of(message))
+
+
+def values_of(message: Any) -> npt.NDArray[Any]:
+    """Read depth as it is stored, shape (H, W), see `depth_of`."""
     encoding = encoding_of(message)
-    if hasattr(message, "encoding"):
-        if encoding not in DEPTH_ENCODINGS:
-            raise FrameError(f"expected depth as {', '.join(DEPTH_ENCODINGS)}, got the encoding {encoding!r}")
-        values = _pixels(message, np.dtype(DEPTH_ENCODINGS[encoding]), 1)
-    else:
-        values = _decoded_depth(message, encoding)
-    return Unit(units_per_m).metres(values)
+    if not hasattr(message, "encoding"):
+        return _decoded_depth(message, encoding)
+    if encoding not in DEPTH_ENCODINGS:
+        raise FrameError(f"expected depth as {', '.join(DEPTH_ENCODINGS)}, got the encoding {encoding!r}")
+    return _pixels(message, np.dtype(DEPTH_ENCODINGS[encoding]), 1)
 
 
 def gray_of(message: Any) -> GrayImage:
@@ -191,6 +196,11 @@ def _decoded(message: Any, data: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
 def depth_fields(depth_m: FloatImage) -> dict[str, Any]:
     """Return depth [m], shape (H, W), 0 = invalid, as the fields of an `Image`: 32FC1 with NaN for invalid pixels."""
     return _fields(np.where(depth_m > 0, depth_m, np.float32(np.nan)).astype("<f4"), "32FC1")
+
+
+def gray_fields(gray: GrayImage) -> dict[str, Any]:
+    """Return a gray image, shape (H, W), as the fields of an `Image`: mono8."""
+    return _fields(gray, "mono8")
 
 
 def source_fields(source: GrayImage) -> dict[str, Any]:

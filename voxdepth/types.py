@@ -9,8 +9,8 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from math import atan, degrees
 from numbers import Integral, Real
-from sys import float_info
 from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
@@ -36,6 +36,11 @@ none (0). It only tells the sources apart, and who trusts depth from 0.5 on trus
 `create_corrector` are probabilities, see `voxdepth.calibration`."""
 ASSUMED_BASELINE_M = 0.05
 """Baseline of a camera that is not a stereo pair [m], about that of consumer depth cameras."""
+WIDEST_DEG, WIDE_DEG, ANGLES_DEG = 170.0, 140.0, (45.0, 130.0)
+"""Largest horizontal field of view of a rectified image, and the largest one if the focal length in pixels could be an
+angle, as data sheets state one: in this range, and with one decimal at most."""
+LARGEST_STAMP_S = 1e11
+"""Largest time of a frame [s]; those of today are less in seconds, and more in other units."""
 LARGEST_SIDE_PX = 2**16
 """Largest width or height of an image."""
 LARGEST_LENS = 1000
@@ -79,18 +84,7 @@ class Intrinsics:
         size = f"{self.width_px}x{self.height_px}"
         if min(self.width_px, self.height_px) < 1 or max(self.width_px, self.height_px) > LARGEST_SIDE_PX:
             raise FrameError(f"an image has 1 to {LARGEST_SIDE_PX} pixels a side, got {size}")
-        longest_px = LARGEST_LENS * max(self.width_px, self.height_px)
-        if not longest_px >= max(self.fx_px, self.fy_px) >= min(self.fx_px, self.fy_px) >= 1 / LARGEST_LENS:
-            raise FrameError(
-                f"focal lengths must be {1 / LARGEST_LENS} to {longest_px} px for an image of {size} pixels, "
-                f"got {self.fx_px} and {self.fy_px}: are they in pixels?"
-            )
-        far_x_px, far_y_px = abs(self.cx_px - self.width_px / 2), abs(self.cy_px - self.height_px / 2)
-        if not (far_x_px <= self.width_px and far_y_px <= self.height_px):
-            raise FrameError(
-                f"the principal point ({self.cx_px}, {self.cy_px}) is far outside of an image of {size} pixels: is the "
-                "calibration that of another image size?"
-            )
+        self._require_lens(size)
         if self.baseline_m is not None and not SHORTEST_BASELINE_M <= self.baseline_m <= LARGEST_BASELINE_M:
             raise FrameError(
                 f"the stereo baseline must be {SHORTEST_BASELINE_M:g} to {LARGEST_BASELINE_M:g} m, got "
@@ -102,6 +96,34 @@ class Intrinsics:
                 f"{self.disparity_scale}"
             )
         _store_python_numbers(self)
+
+    def _require_lens(self, size: str) -> None:
+        """Require focal lengths and a principal point that a camera of an image of that size may have."""
+        if self.fx_px > 0 > self.fy_px:
+            raise FrameError(
+                f"fy_px must be positive, got {self.fy_px}: rows are counted downwards here; where the y axis points "
+                f"up, as in ICL-NUIM, it is {-self.fy_px}"
+            )
+        longest_px = LARGEST_LENS * max(self.width_px, self.height_px)
+        if not longest_px >= max(self.fx_px, self.fy_px) >= min(self.fx_px, self.fy_px) >= 1 / LARGEST_LENS:
+            raise FrameError(
+                f"focal lengths must be {1 / LARGEST_LENS} to {longest_px} px for an image of {size} pixels, "
+                f"got {self.fx_px} and {self.fy_px}: are they in pixels?"
+            )
+        hfov_deg = degrees(2 * atan(self.width_px / 2 / self.fx_px))
+        is_like_an_angle = ANGLES_DEG[0] <= self.fx_px <= ANGLES_DEG[1] and round(self.fx_px, 1) == self.fx_px
+        if hfov_deg > (WIDE_DEG if is_like_an_angle else WIDEST_DEG):
+            raise FrameError(
+                f"fx_px = {self.fx_px:g} of an image of {size} pixels is a field of view of {hfov_deg:.0f} degrees: is "
+                "it an angle, or of another image size? It is a focal length in pixels; Intrinsics.from_hfov takes "
+                "an angle in degrees"
+            )
+        far_x_px, far_y_px = abs(self.cx_px - self.width_px / 2), abs(self.cy_px - self.height_px / 2)
+        if not (far_x_px <= self.width_px and far_y_px <= self.height_px):
+            raise FrameError(
+                f"the principal point ({self.cx_px}, {self.cy_px}) is far outside of an image of {size} pixels: is the "
+                "calibration that of another image size?"
+            )
 
     @property
     def focal_baseline_px_m(self) -> float:
@@ -120,6 +142,11 @@ class Intrinsics:
         _require_numbers(Real, hfov_deg=hfov_deg)
         if not 0 < hfov_deg < 180:
             raise FrameError(f"the horizontal field of view must lie in (0, 180) degrees, got {hfov_deg}")
+        if hfov_deg < math.pi:
+            raise FrameError(
+                f"a horizontal field of view of {hfov_deg} degrees is that of no depth camera: is it in radians? "
+                "math.degrees converts them"
+            )
         f = width_px / 2 / math.tan(math.radians(hfov_deg) / 2)
         cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
         return cls(fx_px=f, fy_px=f, cx_px=cx, cy_px=cy, width_px=width_px, height_px=height_px, baseline_m=baseline_m)
@@ -230,8 +257,11 @@ class Frame:
     def __post_init__(self) -> None:
         _store_python_numbers(self)
         _require_numbers(Real, stamp_s=self.stamp_s)
-        if not abs(self.stamp_s) <= float_info.max:
-            raise FrameError(f"stamp_s must be a finite number, got {self.stamp_s}")
+        if not abs(self.stamp_s) <= LARGEST_STAMP_S:
+            raise FrameError(
+                f"stamp_s must be a finite number of seconds, at most {LARGEST_STAMP_S:g}, got {self.stamp_s}: is it "
+                "in nanoseconds, microseconds or milliseconds? Divide it"
+            )
         self._require_images()
         T = self.T_world_cam
         if T is not None and not _is_rigid(T):

@@ -15,6 +15,11 @@ SATURATED = 65535
 """What sources of 16 bits store for a depth beyond their range, or for none."""
 LEAST_M, FAR_M = 0.01, 300.0
 """Range of the median depth of an image [m]; outside of it the values are more likely in another unit."""
+NAMED = {1.0: "metres", 100.0: "centimetres", 1000.0: "millimetres", 10_000.0: "steps of 0.1 mm"}
+"""What steps of a metre are called."""
+HALVES, HALF_SHARE = (0x3800, 0x7C00), 0.99
+"""Bits of floats of 16 bits from 0.5 to infinity, and the share of an image that is dense, or of its values among them,
+from which on whole numbers may be such floats. As millimetres they are 14.3 to 31.7 m."""
 SAMPLES = 10_000
 """Number of pixels of which the valid ones have the median."""
 
@@ -29,6 +34,10 @@ class Unit:
     """Whether the source or the user says so; values may contradict a unit that is merely usual."""
     least_m: float = LEAST_M
     """Least median depth of an image [m] that does not contradict a usual unit."""
+    convention: str = ""
+    """Who has this unit, in words, where it is merely usual and must be told; empty where nobody can doubt it."""
+    may_be_halves: bool = False
+    """Whether whole numbers may be the bits of floats of 16 bits, as some renderers put them into images."""
 
     def __post_init__(self) -> None:
         given = self.units_per_m
@@ -38,6 +47,19 @@ class Unit:
                 "metres, is its inverse"
             )
 
+    def steps(self, kind: np.dtype[Any]) -> float:
+        """Steps of a metre in values of a type."""
+        return self.units_per_m or (1.0 if kind.kind == "f" else MILLIMETRES)
+
+    def told(self, values: npt.NDArray[Any]) -> str:
+        """How an image of stored values, shape (H, W), is read, and what is to be stated if that is wrong."""
+        steps = self.steps(values.dtype)
+        return (
+            f"has depth in {NAMED.get(steps, f'steps of 1/{steps:g} m')}, as {self.convention}, "
+            f"{median_m(self.metres(values)):.3g} m in the median of its first image; if that is wrong, state "
+            "--units-per-m (256 for KITTI, 100 for Virtual KITTI, 5000 for TUM RGB-D and ICL-NUIM)"
+        )
+
     def metres(self, values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
         """Depth [m] of stored values, shape (H, W), float32; 0 = invalid.
 
@@ -45,9 +67,17 @@ class Unit:
         bits. Negative numbers stay, and a `Frame` refuses them.
 
         Raises:
-            FrameError: The median depth is none that a camera measures, and the unit is merely the usual one.
+            FrameError: The median depth is none that a camera measures, or the values may be the bits of floats, and
+                the unit is merely the usual one.
         """
-        units_per_m = self.units_per_m or (1.0 if values.dtype.kind == "f" else MILLIMETRES)
+        if self.may_be_halves and _are_like_halves(values):
+            floats = np.array([values[values > 0].min(), values.max()]).astype(np.uint16).view(np.float16)
+            raise FrameError(
+                f"values of {values[values > 0].min()} to {values.max()} may be millimetres as well as the bits of "
+                f"floats of 16 bits of {floats[0]:.3g} to {floats[1]:.3g} m, as Mid-Air has them: state units_per_m = "
+                "1000 for millimetres, or write the floats as .npy (image.view(numpy.float16))"
+            )
+        units_per_m = self.steps(values.dtype)
         with np.errstate(over="ignore"):  # What is too large for 32 bits becomes infinite.
             stored = values.astype(np.float32)
         depth_m = stored / np.float32(units_per_m)
@@ -59,6 +89,13 @@ class Unit:
                 "calibration.toml, as --units-per-m, or as the parameter of the node"
             )
         return depth_m
+
+
+def _are_like_halves(values: npt.NDArray[Any]) -> bool:
+    """Whether nearly all pixels of an image of 16 bits are positive floats of 16 bits, of which most begin alike."""
+    if values.dtype.kind == "f" or values.dtype.itemsize != 2:
+        return False
+    return float(np.mean((values >= HALVES[0]) & (values <= HALVES[1]))) >= HALF_SHARE
 
 
 def median_m(depth_m: npt.NDArray[np.float32]) -> float:

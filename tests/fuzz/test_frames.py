@@ -126,7 +126,9 @@ def cameras(draw: st.DrawFn) -> Intrinsics:
     if draw(st.integers(0, 39)) == 0:
         width_px, height_px = draw(st.sampled_from([(640, 8), (4000, 9), (7, 3000), (2048, 64), (640, 480)]))
     longest_px = max(width_px, height_px)
-    focal_px = st.sampled_from([longest_px, longest_px, longest_px, 0.3 * longest_px, 0.001, 1.0, 1000.0 * longest_px])
+    focal_px = st.sampled_from(
+        [longest_px, longest_px, longest_px, 0.3 * longest_px, 0.051 * longest_px, 1000.0 * longest_px]
+    )
     middle = st.sampled_from([0.5, 0.5, 0.5, 0.0, 1.0, -0.5, 1.5])
     return Intrinsics(
         fx_px=draw(focal_px), fy_px=draw(focal_px),

@@ -1,6 +1,7 @@
 """`voxdepth correct` as a user meets it."""
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -90,8 +91,32 @@ def test_the_images_are_those_of_the_corrector_alone(
         np.testing.assert_allclose(depth_mm / 1000, expected_m, atol=0.00051)
         np.testing.assert_array_equal(depth_mm > 0, expected_m > 0)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "config.toml", "frames.csv", "report.json", "depth", "confidence", "files.sha256"
+        "config.toml", "frames.csv", "report.json", "depth", "confidence", "source", "files.sha256"
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("first", "is_last_posed"), [(5, True), (2, False)])
+def test_a_later_beginning_poses_and_clouds_are_options(
+    first: int, is_last_posed: bool, sequence: Path, tmp_path: Path
+) -> None:
+    lines = [f"{100 + k / 30 + 0.004:.6f} {k / 10} 0 0 0 0 0 1\n" for k in range(N_FRAMES - (not is_last_posed))]
+    (tmp_path / "poses.txt").write_bytes(("# time tx ty tz qx qy qz qw\n" + "".join(lines)).encode("utf-16"))
+    options = ["--start", str(first), "--poses", tmp_path / "poses.txt", "--ply", "--corrector", "raw"]
+    done = invoke("correct", sequence, "--out", tmp_path / "out", *options)
+    assert done.exit_code == 0, done.output
+    n = N_FRAMES - first
+    assert (f"has a pose for {n - 1} of {n} frames" in done.output) is not is_last_posed
+    assert "depth in steps of 1/5000 m is written in whole millimetres" in done.output
+    assert sorted(path.name for path in (tmp_path / "out" / "points").iterdir()) == [
+        f"{index:03d}.ply" for index in range(first, N_FRAMES)
+    ]
+    config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())
+    assert (config["start"], config["poses"], config["units_per_m"]) == (first, "poses.txt", 5000)
+    for wrong, message in (
+        (["--start", "16"], "expected a first frame of 0 to 15, got 16"),
+        (["--out", tmp_path / "x.mcap", "--ply"], "--ply writes files into a folder"),
+    ):
+        assert message in str(invoke("correct", sequence, "--out", tmp_path / "none", *wrong).exception)
 
 
 def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path, tmp_path: Path) -> None:
@@ -224,6 +249,19 @@ def test_nothing_is_ever_written_among_the_input(
     assert f"{option} {place} lies in the input" in str(done.exception)
     assert sorted(sequence.rglob("*")) == before
     assert not list(tmp_path.iterdir())
+
+
+def test_names_that_are_no_utf_8_are_kept_in_files_and_printable_in_texts(sequence: Path, tmp_path: Path) -> None:
+    name = os.fsdecode(b"k\xfcche")
+    shutil.copytree(sequence, tmp_path / name)
+    for kind in ("rgb", "depth"):
+        (tmp_path / name / kind / "000.png").rename(tmp_path / name / kind / f"{name}.png")
+        (tmp_path / name / f"{kind}.txt").write_bytes(b"100 " + kind.encode() + b"/k\xfcche.png\n")
+    done = invoke("correct", tmp_path / name, "--out", tmp_path / "out", "--corrector", "raw")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "out" / "depth" / f"{name}.png").exists()
+    assert (tmp_path / "out" / "frames.csv").read_text().splitlines()[1].startswith("k\\udcfcche,100.0,")
+    assert tomllib.loads((tmp_path / "out" / "config.toml").read_text())["folder"] == "k\\udcfcche"
 
 
 @pytest.mark.parametrize("arguments", [[], ["voxdepth"]])

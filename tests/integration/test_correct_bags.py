@@ -1,5 +1,6 @@
 """`voxdepth correct` and `voxdepth evaluate` with bags: what is written, and that it is whole or absent."""
 
+import re
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
@@ -23,7 +24,7 @@ from voxdepth.types import Intrinsics
 N_FRAMES = 6
 START_NS = 1_700_000_000 * S + 987_654_321
 STAMPS_NS = [START_NS + index * S // 30 for index in range(N_FRAMES)]
-KINDS = {"/voxdepth/depth", "/voxdepth/source", "/voxdepth/confidence", "/voxdepth/camera_info"}
+KINDS = {"/voxdepth/gray", "/voxdepth/depth", "/voxdepth/source", "/voxdepth/confidence", "/voxdepth/camera_info"}
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +74,21 @@ def test_a_bag_has_the_correction_of_every_frame_with_its_own_header(bag: Path, 
         np.testing.assert_allclose(gray_of(found["/voxdepth/confidence"]) / 255, expected.confidence, atol=0.002)
         lens = Intrinsics.from_camera_info(found["/voxdepth/camera_info"], baseline_m=dataset.intrinsics.baseline_m)
         assert lens == dataset.intrinsics
-    assert len(written) == 4 * N_FRAMES
+        np.testing.assert_array_equal(gray_of(found["/voxdepth/gray"]), dataset[index].gray)
+    assert len(written) == 5 * N_FRAMES
     content = (tmp_path / "out.mcap").read_bytes()
     for of_metadata in (b"config.toml", b"report.json", b"pixel_shares"):
         assert of_metadata in content
+
+
+def test_a_bag_of_ours_is_read_again(bag: Path, tmp_path: Path) -> None:
+    assert invoke("correct", bag, "--out", tmp_path / "once.mcap", "--corrector", "raw").exit_code == 0
+    dataset, again = open_dataset(bag), open_dataset(tmp_path / "once.mcap")
+    assert len(again) == len(dataset)
+    for index in range(N_FRAMES):
+        np.testing.assert_array_equal(again[index].gray, dataset[index].gray)
+        np.testing.assert_array_equal(again[index].depth_m, dataset[index].depth_m)
+        assert again.header(index) == dataset.header(index)
 
 
 def test_a_folder_is_not_taken_for_a_file(bag: Path, tmp_path: Path) -> None:
@@ -109,7 +121,10 @@ def test_another_format_becomes_a_bag_with_its_times(bag: Path, tmp_path: Path) 
         depth_mm = (frame.depth_m * 1000).astype(np.uint16)
         write_images(tmp_path / "export", {f"depth/{name}": depth_mm, f"ir/{name}": frame.gray})
     (tmp_path / "export" / "calibration.toml").write_text(toml_of(dataset.intrinsics))
-    assert invoke("correct", tmp_path / "export", "--out", tmp_path / "out.mcap").exit_code == 0
+    done = invoke("correct", tmp_path / "export", "--out", tmp_path / "out.mcap")
+    assert done.exit_code == 0
+    told = r"export has depth in millimetres, as most cameras have it, [\d.]+ m in the median of its first image"
+    assert re.search(told, done.output)
     headers = {header_of(message) for _, _, message in messages(tmp_path / "out.mcap")}
     assert {header.frame_id for header in headers} == {"camera"}
     for stamp_ns, header in zip(STAMPS_NS, sorted(headers), strict=False):

@@ -1,13 +1,16 @@
 """The documents: pictures and links exist, named files exist, commands accept their options, and examples run."""
 
 import ast
+import inspect
 import re
 import shlex
 import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from enum import Enum
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import gymnasium
@@ -24,6 +27,9 @@ DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 PATH = re.compile(r"(?<![\w:/-])(?:voxdepth|sim|swarm|scenarios|tests|examples)/[\w./-]*\w(?:\.\w+)?")
 CODE = re.compile(r"```sh\n(.*?)```|`([^`\n]+)`|^    (\S[^\n]*)$", re.DOTALL | re.MULTILINE)
+
+MADE_OF = re.compile(r"^::: ([\w.]+)$", re.MULTILINE)
+"""What the build puts into the page of the Python interface."""
 
 named = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 
@@ -217,3 +223,41 @@ def test_the_recipe_of_the_tutorial_makes_its_environment() -> None:
     env = gymnasium.make(task, **names["options"])
     assert env.reset(seed=0)[0] in env.observation_space
     env.close()
+
+
+def row_of(name: str) -> str:
+    """A class, function or module in the table of the Python interface."""
+    found = resolve_name(name)
+    doc = (inspect.getdoc(found) or "").split("\n")[0]
+    parts = [part for part in parts_of(found) if not part.startswith("_")]
+    return f"| `{name}` | {', '.join(f'`{part}`' for part in parts)} | {doc} |"
+
+
+def parts_of(found: Any) -> list[str]:
+    """Parameters of a function; fields or parameters, methods and properties of a class; content of others."""
+    if inspect.ismodule(found):
+        return [name for name, each in vars(found).items() if getattr(each, "__module__", "") == found.__name__]
+    if not isinstance(found, type):
+        return list(inspect.signature(found).parameters)
+    if issubclass(found, Enum):
+        return [str(member.name) for member in found]
+    is_protocol = getattr(found, "_is_protocol", False)
+    parameters = vars(found).get("__annotations__", {}) if is_protocol else inspect.signature(found).parameters
+    bases = [base for base in found.__mro__ if base.__module__.startswith(("voxdepth.", "sim."))]
+    members = {name: each for base in reversed(bases) for name, each in vars(base).items() if name not in parameters}
+    return [
+        *parameters,
+        *(
+            f"{name}{'' if isinstance(each, property) else '()'}"
+            for name, each in members.items()
+            if isinstance(each, property | classmethod) or inspect.isfunction(each)
+        ),
+    ]
+
+
+def test_the_python_interface_is_readable_without_a_build() -> None:
+    page = (ROOT / "docs" / "api.md").read_text()
+    rows = [row_of(name) for name in MADE_OF.findall(page)]
+    assert len(rows) >= 20
+    missing = [row for row in rows if row not in page.splitlines()]
+    assert not missing, "put these into docs/api.md:\n" + "\n".join(missing)

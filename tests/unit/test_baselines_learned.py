@@ -20,7 +20,7 @@ LARGE = (400, 640)
 
 
 def stream(shape: tuple[int, int] = SHAPE) -> Iterator[CorrectedDepth]:
-    corrector = create_bare("learned", camera(shape))
+    corrector = create_bare("learned", camera(shape, focal_px=max(80, shape[1])))
     for index in range(4):
         yield corrector.process(frame(scene(index, shape), texture(0, shape), index=index))
 

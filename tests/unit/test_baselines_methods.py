@@ -242,6 +242,6 @@ def test_the_shares_of_the_iterations_fall_by_four_and_sum_to_half_the_smoothnes
 def test_a_hole_out_of_reach_of_all_data_takes_the_mean_disparity() -> None:
     depth_m = np.zeros((3, 2000), np.float32)
     depth_m[:, 0], depth_m[:, 1] = 1.0, 3.0
-    result = filled(GlobalSmoother(camera((3, 2000))), depth_m)
+    result = filled(GlobalSmoother(camera((3, 2000), focal_px=800)), depth_m)
     assert (result > 0).all()
     assert result[1, -1] == pytest.approx(1.5, rel=1e-4)

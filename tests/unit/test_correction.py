@@ -19,6 +19,7 @@ from voxdepth.ros import confidence_levels
 from voxdepth.tools.correction import Correction
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.output import to_millimetres
+from voxdepth.tools.point_cloud import VERTEX, ply
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=24, height_px=16, hfov_deg=80)
@@ -136,6 +137,48 @@ def test_every_frame_becomes_two_images_with_the_values_of_the_corrector(whole: 
         np.testing.assert_array_equal(depth[expected.depth_m > 65.536], 65535)
         np.testing.assert_allclose(confidence / 255, expected.confidence, atol=0.002)
     assert len(list((whole / "depth").iterdir())) == len(list((whole / "confidence").iterdir())) == N_FRAMES
+
+
+def test_sources_are_images_and_clouds_have_every_pixel_with_a_depth(whole: Path, tmp_path: Path) -> None:
+    replace(planned(frames=2), has_points=True).run(tmp_path / "out", None, ignore)
+    assert not (whole / "points").exists()
+    reference, dataset = Remembering(), Frames()
+    for index in range(2):
+        frame = dataset[index]
+        expected = reference.process(frame)
+        source = cv2.imread(str(tmp_path / "out" / "source" / f"{index:06d}.png"), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(source, expected.source)
+        header, _, body = (tmp_path / "out" / "points" / f"{index:06d}.ply").read_bytes().partition(b"end_header\n")
+        assert header.startswith(b"ply\nformat binary_little_endian 1.0\n") and b"property float confidence" in header
+        points = np.frombuffer(body, VERTEX)
+        assert f"element vertex {len(points)}\n".encode() in header
+        row, col = np.nonzero(expected.depth_m)
+        np.testing.assert_array_equal(points["z"], expected.depth_m[row, col])
+        np.testing.assert_allclose(points["x"] * CAMERA.fx_px / points["z"] + CAMERA.cx_px, col, atol=1e-4)
+        np.testing.assert_allclose(points["y"] * CAMERA.fy_px / points["z"] + CAMERA.cy_px, row, atol=1e-4)
+        np.testing.assert_array_equal(points["green"], frame.gray[row, col])
+        np.testing.assert_array_equal(points["source"], expected.source[row, col])
+
+
+def test_a_cloud_of_a_frame_with_a_pose_is_in_the_world() -> None:
+    T, frame = np.eye(4), Frames()[0]
+    T[:3, :3], T[:3, 3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [10, 20, 30]  # It looks along the x axis; z is up.
+    here, there = (
+        np.frombuffer(ply(CAMERA, each, Remembering().process(each)).partition(b"end_header\n")[2], VERTEX)
+        for each in (frame, replace(frame, T_world_cam=T))
+    )
+    np.testing.assert_allclose(there["x"], here["z"] + 10, rtol=1e-5)
+    np.testing.assert_allclose(there["z"], 30 - here["y"], rtol=1e-4, atol=1e-4)
+
+
+def test_frames_of_which_none_has_a_depth_are_refused_and_some_are_counted(tmp_path: Path) -> None:
+    dataset = Frames()
+    dataset._depth_m[[1, 3]] = 0
+    assert planned(dataset).run(tmp_path / "some", None, ignore)["frames_without_depth"] == 2
+    dataset._depth_m[:] = 0
+    with pytest.raises(ToolError, match=r"no pixel of 7 frames of walk has a depth, .*another folder or topic"):
+        planned(dataset).run(tmp_path / "none", None, ignore)
+    assert [path.name for path in tmp_path.iterdir()] == ["some"]
 
 
 def test_the_report_counts_what_happened(whole: Path) -> None:

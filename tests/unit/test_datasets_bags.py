@@ -1,6 +1,7 @@
 """Bags: the same frames from every kind of file, the topics of one camera, and what is refused."""
 
 import os
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from tests.bags import FLOAT32, Entry, S, camera_info, compressed, image, images
 from tests.realsense_files import record_with_librealsense
 from tests.sequences import CAMERA, depth_of, encoded, gray_of, toml_of, write_images
 from voxdepth.datasets import Dataset, open_dataset
+from voxdepth.datasets.bags import Bag
 from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.types import Intrinsics
 
@@ -202,6 +204,61 @@ def test_a_clock_that_is_set_forwards_is_told_and_keeps_the_order(tmp_path: Path
     with pytest.warns(UserWarning, match=r"1.7e\+09 s between two images of /cam/depth"):
         dataset = opened(tmp_path, entries)
     require_recorded_order(dataset)
+
+
+ROLLED_NS = {
+    "32 bits of ns": [(2**32 - S // 12 + index * S // 30) % 2**32 for index in range(N_FRAMES)],
+    "32 bits of us": [(2**32 - 83_333 + index * 33_333) % 2**32 * 1000 for index in range(N_FRAMES)],
+    "32 bits of us, signed": [
+        ((2**31 - 83_333 + index * 33_333) % 2**32 + 2**31) % 2**32 * 1000 - 2**31 * 1000 for index in range(N_FRAMES)
+    ],
+}
+"""Stamps of clocks that begin again after the third image."""
+
+
+@pytest.mark.parametrize(("clock", "layout", "rolled"), [
+    ("32 bits of ns", "walk.mcap", "depth"),
+    ("32 bits of ns", "walk.bag", "both"),
+    ("32 bits of us", "walk.db3", "both"),
+    ("32 bits of us", "walk.mcap", "gray"),
+    ("32 bits of us, signed", "walk.db3", "both"),
+])  # fmt: skip
+def test_a_clock_that_rolls_over_loses_no_frame_and_is_told(
+    clock: str, layout: str, rolled: str, tmp_path: Path
+) -> None:
+    stamps_ns = ROLLED_NS[clock]
+    depth, gray = (restamped(topic, stamps_ns) for topic in (depth_topic(), gray_topic()))
+    depth, gray = (depth_topic() if rolled == "gray" else depth), (gray_topic() if rolled == "depth" else gray)
+    with pytest.warns(UserWarning, match="message 3 after .* the times at which the images were received count"):
+        dataset = open_dataset(write(tmp_path, layout, depth + gray + info_topic("/camera_info")))
+    require_recorded_order(dataset)
+
+
+@pytest.mark.parametrize(("layout", "first_ns", "has_stamps"), [
+    ("walk.mcap", -S // 12, True), ("walk-mcap", -10 * S, False), ("walk.mcap", -S // 12, False),
+    ("walk-mcap", -10 * S, True), ("walk.db3", -S // 12, False),
+])  # fmt: skip
+def test_times_before_1970_that_are_stored_unsigned_lose_no_frame(
+    layout: str, first_ns: int, has_stamps: bool, tmp_path: Path
+) -> None:
+    """A recorder whose clock was at 0 when it began: MCAP has numbers without a sign."""
+    times_ns = [first_ns + index * S // 30 for index in range(N_FRAMES)]
+    stamps_ns = STAMPS_NS if has_stamps else [START_NS] * N_FRAMES
+    topics = [restamped(topic, stamps_ns) for topic in (depth_topic(), gray_topic())]
+    stored_ns = [time_ns % 2**64 if "mcap" in layout else time_ns for time_ns in times_ns]
+    path = write_bag(tmp_path / layout, received_at(stored_ns, *topics, info_topic("/camera_info")))
+    with nullcontext() if has_stamps else pytest.warns(UserWarning, match="times at which the images were received"):
+        dataset = open_dataset(path)
+    require_recorded_order(dataset)
+    expected_ns = STAMPS_NS if has_stamps else times_ns
+    assert [dataset.header(index).stamp_ns for index in range(N_FRAMES)] == expected_ns
+
+
+def test_an_index_that_lacks_messages_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path, "walk.mcap", whole())
+    monkeypatch.setattr(Bag, "recorded", lambda bag, topic: list(range(N_FRAMES + 1)))
+    with pytest.raises(DatasetError, match=r"/cam/depth.* indexed by the times of its 6 messages, got 5, .*recover"):
+        open_dataset(path)
 
 
 # Which topics belong together

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -30,7 +31,10 @@ def list_text(folder: str, stamps_s: Sequence[float]) -> str:
     return "# a comment\n\n" + "".join(f"{s:.6f} {folder}/{s:.6f}.png\n" for s in stamps_s)
 
 
-pytestmark = pytest.mark.filterwarnings("ignore:. of 4 depth images have no gray image")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:. of 4 depth images have no gray image"),
+    pytest.mark.filterwarnings("ignore:.*(rgbd_dataset_freiburg1|fr1) is taken to have depth in steps of 1/5000 m"),
+]
 
 
 @pytest.fixture
@@ -99,7 +103,9 @@ def test_the_published_camera_is_taken_by_the_folders_name(
     with nullcontext() if is_known else pytest.warns(UserWarning, match=rf"{name} .* steps of 1/5000 m, .*units_per_m"):
         dataset = open_dataset(folder)
     camera = dataset.intrinsics
-    assert bool(getattr(dataset, "assumed", "")) is not is_known, "what the name does not tell is assumed, and said"
+    assumed = next(dataset.assumed())
+    assert ("focal length of 525 px" in assumed) is not is_known, "what the name does not tell is assumed, and said"
+    assert ("has depth in steps of 1/5000 m, as TUM RGB-D has it" in assumed) is is_known
     assert (camera.fx_px, camera.cy_px, camera.shape, camera.baseline_m) == (fx_px, cy_px, (480, 640), None)
 
 
@@ -122,7 +128,7 @@ def test_images_of_another_size_need_a_calibration(folder: Path) -> None:
         ("1e999 a.png\n", "expected a time"),
         ("2.0 a.png\n1.0 b.png\n", r"expected times in .*rgb\.txt that increase, got 1\.0 s after 2\.0 s"),
         ("1.0 a.png\n1.0 b.png\n", "that increase"),
-        ("\x80\x81\xff", r"expected text in .*rgb\.txt"),
+        ("\x80\x81\xff", r"a time and a file in line 1 of .*rgb\.txt, got .\\udc80"),
         ("1.0 a\0b.png\n", r"expected text in .*rgb\.txt"),
         ("", "got none among 4 and 0"),
         ("9.0 a.png\n", "within 20 ms of each other, got none among 4 and 1"),
@@ -155,8 +161,8 @@ def test_links_to_another_place_are_followed(folder: Path, tmp_path: Path, linke
     expected = [(frame.gray, frame.depth_m) for frame in open_dataset(folder, intrinsics=CAMERA)]
     (folder / linked).rename(tmp_path / "elsewhere")
     (folder / linked).symlink_to(tmp_path / "elsewhere")
-    (tmp_path / "desk").symlink_to(folder)
-    for frame, (gray, depth_m) in zip(open_dataset(tmp_path / "desk", intrinsics=CAMERA), expected, strict=True):
+    (tmp_path / "fr1").symlink_to(folder)
+    for frame, (gray, depth_m) in zip(open_dataset(tmp_path / "fr1", intrinsics=CAMERA), expected, strict=True):
         assert np.array_equal(frame.gray, gray) and np.array_equal(frame.depth_m, depth_m)
 
 
@@ -199,11 +205,25 @@ def test_millimetres_that_would_be_nearer_than_a_kinect_sees_are_asked_about(tmp
     assert np.allclose(open_dataset(folder, intrinsics=CAMERA, units_per_m=1000)[0].depth_m, depth_mm / 1000)
 
 
+@pytest.mark.filterwarnings("default:.* steps of 1/5000 m")
+@pytest.mark.parametrize("name", ["rgbd_dataset_freiburg1_mydesk", "fr2", "my_fr3_walk"])
+@pytest.mark.parametrize("fx_px", [9.5, 4.0])
+def test_the_name_of_the_benchmark_alone_makes_no_unit_certain(tmp_path: Path, name: str, fx_px: float) -> None:
+    """The images of a D435 of 8 pixels have 1.5 m in millimetres; the benchmark's camera sees nothing at 0.3 m."""
+    camera = replace(CAMERA, fx_px=fx_px)
+    with pytest.warns(UserWarning, match=rf"{name} .* its camera is none of that: state units_per_m"):
+        dataset = open_dataset(write_millimetres(tmp_path / name, 1500), intrinsics=camera)
+    with pytest.raises(DatasetError, match=r"median depth of 0\.4 to 300 m, got 0\.3 m"):
+        dataset[0]
+    published = replace(CAMERA, fx_px=6.5)
+    assert "1/5000 m" in next(open_dataset(write_millimetres(tmp_path / name, 5000), intrinsics=published).assumed())
+
+
 def test_frames_without_a_partner_are_told_and_the_tolerance_can_be_stated(folder: Path) -> None:
     with pytest.warns(UserWarning, match="1 of 4 depth images have no gray image within 15 ms"):
         open_dataset(folder, intrinsics=CAMERA, within_s=0.015)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.filterwarnings("error", "depth images")
         assert len(open_dataset(folder, intrinsics=CAMERA, within_s=0.11)) == 4
 
 

@@ -17,6 +17,7 @@ import pytest
 from scenarios.evaluation import SimulatedSource, shipped
 from scenarios.sequences import load_sequence
 from sim.recording import Recording, RecordingWriter
+from tests.commands import invoke
 from tests.evaluation_clips import CAMERA, capture_of, method, shadow_of, truth_of, write_recording
 from voxdepth.checksums import LIST, unsealed_json
 from voxdepth.datasets import open_dataset
@@ -30,6 +31,7 @@ from voxdepth.tools.evaluation.recordings import HELD_OUT, RecordedSource
 from voxdepth.tools.evaluation.results import STORED, Result, load, path_of, store
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.tools.files import locked, to_toml
+from voxdepth.tools.recorded import Opener
 
 GOOD = method("good")
 BAD = method("bad", lambda depth_m: depth_m[:-1])
@@ -220,6 +222,18 @@ def test_a_recording_without_the_truth_is_scored_by_each_kind_that_is_held_out(t
         coverage = Selector("coverage", mask, on="filled")
         assert info.hidden_pixels > 0
         assert select(done.measurements, coverage).loc[name, "value"].to_dict() == {"good": 0, "ip-basic": 1}
+
+
+def test_an_evaluation_begins_with_a_later_frame_where_no_truth_is_that_of_the_first(tmp_path: Path) -> None:
+    folder = plain_recording(tmp_path / "plain", 3)
+    for one in requested_of(folder, Opener(None, 20, start=1)):
+        source = one.open(tmp_path, 2, lambda what: None)
+        assert len(source) == 2 and next(iter(source.frames(1))).frame.stamp_s == open_dataset(folder)[1].stamp_s
+    write_recording(tmp_path / "with truth", 3)
+    for of in (["sim-LN"], ["--data", tmp_path / "with truth"]):
+        done = invoke("evaluate", *of, "--start", "1", "--out", tmp_path / "out")
+        assert "--start 1 is for recordings of real cameras (--data)" in str(done.exception)
+    assert not (tmp_path / "out").exists()
 
 
 def test_held_out_shadows_lie_to_the_left_of_near_objects_in_mirrored_images(tmp_path: Path) -> None:

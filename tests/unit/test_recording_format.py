@@ -23,7 +23,7 @@ from voxdepth.checksums import LIST
 from voxdepth.types import Intrinsics
 
 SMALL = Intrinsics(
-    fx_px=1 / 3, fy_px=0.1 + 0.2, cx_px=np.pi / 10, cy_px=1e-17, width_px=9, height_px=7, baseline_m=0.0949999999999999
+    fx_px=4 / 3, fy_px=0.1 + 0.2, cx_px=np.pi / 10, cy_px=1e-17, width_px=9, height_px=7, baseline_m=0.0949999999999999
 )
 CONFIG = "seed = 3\r\n# Straße\n"
 N = 4

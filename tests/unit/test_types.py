@@ -96,6 +96,7 @@ def test_intrinsics_from_hfov_see_that_angle() -> None:
         ({"fy_px": np.inf}, "are they in pixels"),
         ({"fx_px": -1.0}, "are they in pixels"),
         ({"fx_px": 1e-6}, "are they in pixels"),
+        ({"fy_px": -80.0}, r"fy_px must be positive, got -80.0: .*as in ICL-NUIM, it is 80.0"),
         ({"fy_px": 1e9}, "are they in pixels"),
         ({"cx_px": 999.0}, "far outside of an image"),
         ({"cy_px": -150.0}, "far outside of an image"),
@@ -112,6 +113,29 @@ def test_intrinsics_that_do_not_fit_the_image_are_refused(bad: dict[str, float],
     good = {"fx_px": 80.0, "fy_px": 80.0, "cx_px": 63.5, "cy_px": 47.5, "width_px": 128, "height_px": 96}
     with pytest.raises(FrameError, match=message):
         Intrinsics(**(good | bad))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("width_px", [640, 848, 1280])
+@pytest.mark.parametrize("fx_px", [87.0, 69.4, 90, 1.5])
+def test_an_angle_in_place_of_a_focal_length_is_refused(fx_px: float, width_px: int) -> None:
+    lens: dict[str, Any] = {"cx_px": 320.0, "cy_px": 240.0, "width_px": width_px, "height_px": 480}
+    with pytest.raises(FrameError, match=r"is a field of view of 1\d\d degrees: is it an angle.*from_hfov takes"):
+        Intrinsics(fx_px=fx_px, fy_px=58.0, **lens)
+    for hfov_deg in (86, 150, 169):
+        Intrinsics.from_hfov(width_px=width_px, height_px=480, hfov_deg=hfov_deg)
+
+
+@pytest.mark.parametrize("hfov_deg", [1.204, 0.9, 3.14])
+def test_a_field_of_view_in_radians_is_refused(hfov_deg: float) -> None:
+    with pytest.raises(FrameError, match="is it in radians"):
+        Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=hfov_deg)
+
+
+@pytest.mark.parametrize("per_s", [1e3, 1e6, 1e9])
+def test_times_in_other_units_than_seconds_are_refused(per_s: float) -> None:
+    with pytest.raises(FrameError, match=r"number of seconds.*is it in nanoseconds, .*Divide it"):
+        Frame(stamp_s=1.7e9 * per_s, gray=GRAY, depth_m=DEPTH)
+    assert Frame(stamp_s=1.7e9, gray=GRAY, depth_m=DEPTH).stamp_s == 1.7e9
 
 
 @pytest.mark.parametrize("hfov_deg", [180.0, -1.0])

@@ -51,6 +51,32 @@ def test_values_that_contradict_an_assumed_unit_are_asked_about_in_spite_of_spec
         Unit(1000).metres(values)
 
 
+@pytest.mark.parametrize("range_m", [(1.5, 60), (0.6, 2), (3, 1000), (100, 1250)])
+def test_bits_of_floats_are_not_taken_for_millimetres(range_m: tuple[float, float]) -> None:
+    floats = np.geomspace(*range_m, 1200, dtype=np.float16).reshape(30, 40)
+    floats[0, :5] = np.inf, np.inf, 65504, 0, 0
+    bits, usual = floats.view(np.uint16), Unit(may_be_halves=True)
+    with pytest.raises(FrameError, match=r"floats of 16 bits of .* to inf m, .*: state units_per_m = 1000"):
+        usual.metres(bits)
+    np.testing.assert_array_equal(Unit(1000, may_be_halves=False).metres(bits), bits.astype(np.float32) / 1000)
+    for other in (0, 2000):  # A renderer leaves no holes, and what is in millimetres begins nearer.
+        usual.metres(np.where(floats < np.quantile(floats, 0.05), other, bits))
+
+
+@pytest.mark.parametrize(
+    ("unit", "stored", "told"),
+    [
+        (Unit(convention="X has it"), (1000 * ROOM_M).astype(np.uint16), "has depth in millimetres, as X has it, 3"),
+        (Unit(convention="X has it"), ROOM_M.astype(np.float32), "has depth in metres, as X"),
+        (Unit(100, convention="X"), (100 * ROOM_M).astype(np.uint16), "depth in centimetres"),
+        (Unit(256, convention="X"), (256 * ROOM_M).astype(np.uint16), "depth in steps of 1/256 m"),
+    ],
+)
+def test_how_an_image_is_read_is_told_with_its_median(unit: Unit, stored: np.ndarray, told: str) -> None:
+    assert told in unit.told(stored)
+    assert " m in the median of its first image; if that is wrong, state --units-per-m" in unit.told(stored)
+
+
 def test_an_image_without_depth_contradicts_nothing() -> None:
     for kind in (np.uint16, np.float32):
         assert not Unit().metres(np.zeros((3, 4), kind)).any()

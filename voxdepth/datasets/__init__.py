@@ -6,12 +6,14 @@ for frame in open_dataset(Path("rgbd_dataset_freiburg1_desk")):
     corrected = corrector.process(frame)
 """
 
+from collections.abc import Iterator
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ..errors import ConfigError, DatasetError
 from ..types import Frame, Intrinsics
+from ..units import Unit
 
 if TYPE_CHECKING:
     from ..ros import Header
@@ -28,8 +30,18 @@ class Dataset(Protocol):
     intrinsics: Intrinsics
     """Intrinsics of the camera; every frame has its shape."""
 
+    unit: Unit
+    """Unit of the depth."""
+
     def __len__(self) -> int:
         """Number of frames."""
+
+    def assumed(self) -> Iterator[str]:
+        """What nobody states of the camera and of the depth, and is read as usual; clauses that follow the path.
+
+        Raises:
+            DatasetError: The first frame contradicts it, or cannot be read.
+        """
 
     def name(self, index: int) -> str:
         """Name of a frame without a suffix, unique, usable as a file name, perhaps with dots; sorts like the frames."""

@@ -26,11 +26,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DatasetError, FrameError
-from ..ros import DEPTH_ENCODINGS, GRAY_ENCODINGS, Header, are_apart, encoding_of, frame_of, header_of
+from ..ros import (
+    DEPTH_ENCODINGS,
+    GRAY_ENCODINGS,
+    LABELS,
+    Header,
+    are_apart,
+    encoding_of,
+    frame_of,
+    header_of,
+    values_of,
+)
 from ..types import Frame, Intrinsics
 from ..units import Unit
 from . import WITHIN_S
-from .files import CALIBRATION, calibration_path, choose_intrinsics, choose_unit, list_folder
+from .files import CALIBRATION, calibration_path, choose_intrinsics, choose_unit, list_folder, no_camera
 from .pairs import matched
 
 if TYPE_CHECKING:
@@ -58,6 +68,9 @@ AT_ONCE_NS = 5_000_000
 """Time within which an image is received that a driver sends again [ns]."""
 ZSTD = b"\x28\xb5\x2f\xfd"
 """How compressed data begin."""
+END_NS = 2**64
+"""End of the times of MCAP [ns]. Those before 1970 are stored as if they were after 2262, and rosbags leaves them out
+of some files unless they are asked for."""
 UNREADABLE = re.compile("support|json|proto|ros1|flatbuffer")
 """Words in errors of rosbags about bags that are whole."""
 REPAIR = "if it was cut short, repair it with `rosbag reindex` (ROS 1), `ros2 bag reindex` or `mcap recover`"
@@ -102,7 +115,7 @@ class BagDataset:
         depth = images.depth(depth_topic)
         gray = images.gray(gray_topic, depth)
         self.intrinsics = choose_intrinsics(path, intrinsics, lambda: images.camera(depth, gray))
-        self._units_per_m = choose_unit(path, units_per_m, Unit(images.units_per_m(depth))).units_per_m
+        self.unit = choose_unit(path, units_per_m, images.unit(depth))
         self._depth, self._gray = Stream(found, depth), Stream(found, gray)
         self._frames = _frames(self._depth, self._gray, within_s)
 
@@ -114,6 +127,12 @@ class BagDataset:
     def __len__(self) -> int:
         """Number of frames."""
         return len(self._frames)
+
+    def assumed(self) -> Iterator[str]:
+        """See `Dataset`."""
+        if self.unit.convention:
+            with self._named(*self._frames[0][1:]):
+                yield self.unit.told(values_of(self._depth[self._frames[0][1]]))
 
     def name(self, index: int) -> str:
         """Number of the frame."""
@@ -127,12 +146,9 @@ class BagDataset:
     def __getitem__(self, index: int) -> Frame:
         """See `Dataset`; a negative index counts from the end."""
         stamp_ns, depth, gray = self._frames[index]
-        images = self._gray[gray], self._depth[depth]
-        try:
-            frame = frame_of(*images, stamp_s=stamp_ns / 1e9, units_per_m=self._units_per_m)
-        except FrameError as error:
-            where = f"message {depth} of {self._depth.topic} and {gray} of {self._gray.topic} in {self._path}"
-            raise DatasetError(f"{where} give no frame: {error}") from error
+        with self._named(depth, gray):
+            images = self._gray[gray], self._depth[depth]
+            frame = frame_of(*images, stamp_s=stamp_ns / 1e9, units_per_m=self.unit.units_per_m)
         if frame.depth_m.shape != (shape := self.intrinsics.shape):
             raise DatasetError(
                 f"expected {shape[1]}x{shape[0]} pixels in {self._path}, as camera_info or {CALIBRATION} says, got "
@@ -140,10 +156,19 @@ class BagDataset:
             )
         return frame
 
+    @contextmanager
+    def _named(self, depth: int, gray: int) -> Iterator[None]:
+        """Name the messages of a frame in an error of the block."""
+        try:
+            yield
+        except FrameError as error:
+            where = f"message {depth} of {self._depth.topic} and {gray} of {self._gray.topic} in {self._path}"
+            raise DatasetError(f"{where} give no frame: {error}") from error
+
 
 def _frames(depth: "Stream", gray: "Stream", within_s: float) -> list[tuple[int, int, int]]:
     """Time [ns] and messages of depth and gray of every frame, in the order in which they were recorded."""
-    faults: list[DatasetError] = []
+    faults: list[str] = []  # Not the errors, which would keep the file open.
     for by_stamp in (True, False):
         try:
             times = depth.times(by_stamp), gray.times(by_stamp)
@@ -151,7 +176,7 @@ def _frames(depth: "Stream", gray: "Stream", within_s: float) -> list[tuple[int,
             first, second = ([((t - origin_ns) / 1e9, (t, k)) for t, k in stream] for stream in times)
             pairs = matched(first, second, depth.source, gray.source, within_s=within_s)
         except DatasetError as fault:
-            faults.append(fault)
+            faults.append(str(fault))
             continue
         if faults:
             instead = "the times at which the images were received count in place of all stamps"
@@ -179,7 +204,7 @@ class Images:
 
         One that is named gets a warning if something says that it is of another camera.
         """
-        topics = self._of_kind(_is_gray)
+        topics = [topic for topic in self._of_kind(_is_gray) if not LABELS.search(topic)]
         self._doubts = {topic: doubt for topic in topics if (doubt := self._doubt(depth, topic))}
         what = f"the camera of {depth} in gray or colour ({', '.join(GRAY_ENCODINGS)})"
         chosen = self._chosen(named, [topic for topic in topics if topic not in self._doubts], what, "--gray-topic")
@@ -198,16 +223,14 @@ class Images:
         names = dict.fromkeys(name for name in map(self._info, (depth, gray)) if name)
         cameras = [self._constant(name) for name in names]
         if not cameras:
-            path, calibration = self._bag.path, calibration_path(self._bag.path)
-            raise DatasetError(
-                f"{path} has no camera_info for {depth} or {gray}; record it, or write the camera into {calibration}"
-            )
+            raise no_camera(f"{self._bag.path} has no camera_info for {depth} or {gray}", self._bag.path)
         return replace(cameras[0], baseline_m=self._baseline_m(depth) or cameras[0].baseline_m)
 
-    def units_per_m(self, topic: str) -> float | None:
-        """The steps of a metre in the depth; None where the bag does not state them."""
+    def unit(self, topic: str) -> Unit:
+        """The unit of the depth; the usual one where the bag does not state it."""
         unit_m = self._option(topic, "Depth_Units")
-        return float(f"{1 / unit_m:.6g}") if unit_m else None  # The option is a float of 32 bits.
+        # The option is a float of 32 bits.
+        return Unit(float(f"{1 / unit_m:.6g}")) if unit_m else Unit(convention="ROS has it (REP 118)")
 
     def _chosen(self, named: str | None, topics: Sequence[str], what: str, option: str) -> str:
         path = self._bag.path
@@ -378,7 +401,7 @@ class Bag:
         connections = self._connections(topic)
         with _bag_errors(self.path):
             if self._reader.is2:
-                parts = enumerate(getattr(reader.storage, "storages", [reader.storage]))
+                parts = enumerate(_storages(self._reader))
                 times = [(number, time_ns) for number, part in parts for time_ns in _stored_ns(part, topic)]
             else:
                 index = sorted(e[1:] + e[:1] for each in connections for e in reader.indexes[each.id])
@@ -391,8 +414,10 @@ class Bag:
         connections = self._connections(topic)
         if not connections:
             return
+        is_sqlite = self._reader.is2 and hasattr(_storages(self._reader)[0], "dbconn")
         with _bag_errors(self.path):
-            for connection, received_ns, data in self._reader.messages(connections, start=start_ns):
+            end_ns = None if is_sqlite else END_NS
+            for connection, received_ns, data in self._reader.messages(connections, start_ns, end_ns):
                 yield received_ns, _deserialised(self._reader, data, connection.msgtype)
 
     def _connections(self, topic: str) -> list["Connection"]:
@@ -419,7 +444,13 @@ class Stream:
             if before is not None and _is_repeat(*before, *read):
                 repeats.add(number)
             before = None if number in repeats else read
-        self._recorded = [number for number in self._bag.recorded(topic) if number not in repeats]
+        recorded = self._bag.recorded(topic)
+        if len(recorded) != len(self.headers) or self.received_ns != sorted(self.received_ns):
+            raise DatasetError(
+                f"expected {self.source} to be indexed by the times of its {len(recorded)} messages, got "
+                f"{len(self.headers)}, or others; {REPAIR}"
+            )
+        self._recorded = [number for number in recorded if number not in repeats]
         self._next, self._later = 0, self._bag.messages(topic)
 
     def times(self, by_stamp: bool) -> list[tuple[int, int]]:
@@ -428,7 +459,7 @@ class Stream:
         Raises:
             DatasetError: The times do not increase.
         """
-        times_ns = [header.stamp_ns for header in self.headers] if by_stamp else self.received_ns
+        times_ns = [header.stamp_ns for header in self.headers] if by_stamp else [*map(_signed, self.received_ns)]
         for before, number in pairwise(self._recorded):
             if times_ns[number] <= times_ns[before]:
                 what = "stamps" if by_stamp else "times of reception"
@@ -461,7 +492,18 @@ def _stored_ns(storage: Any, topic: str) -> list[int]:
         query = "SELECT timestamp FROM messages JOIN topics ON topic_id = topics.id WHERE name = ? ORDER BY messages.id"
         return [time_ns for (time_ns,) in storage.dbconn.execute(query, (topic,))]
     connections = [connection for connection in storage.connections if connection.topic == topic]
-    return [time_ns for _, time_ns, _ in storage.messages_scan(connections)]
+    return [time_ns for _, time_ns, _ in storage.messages_scan(connections, stop=END_NS)]
+
+
+def _storages(reader: "AnyReader") -> list[Any]:
+    """The files of a bag of ROS 2."""
+    storage: Any = reader.readers[0].storage  # type: ignore[union-attr]
+    return list(getattr(storage, "storages", [storage]))
+
+
+def _signed(time_ns: int) -> int:
+    """A time [ns] that was stored unsigned."""
+    return time_ns - END_NS if time_ns >= END_NS // 2 else time_ns
 
 
 def _deserialised(reader: "AnyReader", data: bytes, kind: str) -> Any:

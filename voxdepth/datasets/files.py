@@ -1,6 +1,5 @@
 """Reading of folders, lists, calibrations and paths. A `DatasetError` names the file that is damaged, and its fault."""
 
-import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import MISSING, asdict, fields
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -8,6 +7,7 @@ from typing import Any
 
 from ..checksums import DamageError, require_whole
 from ..errors import DatasetError, FrameError, did_you_mean, similar
+from ..text import decoded, parsed_toml
 from ..types import Intrinsics
 from ..units import Unit
 
@@ -83,16 +83,12 @@ def read_bytes(path: Path) -> bytes:
         raise DatasetError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}; restore it") from error
 
 
-def read_text(path: Path) -> str:
-    """Read a text file in UTF-8."""
-    data = read_bytes(path)
+def read_text(path: Path, *, has_names: bool = False) -> str:
+    """Read a text file, see `decoded`."""
     try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"expected text in {path}, got other bytes at {error.start}; restore the file") from error
-    if "\0" in text:
-        raise DatasetError(f"expected text in {path}, got zero bytes; restore the file")
-    return text
+        return decoded(read_bytes(path), has_names=has_names)
+    except ValueError as error:
+        raise DatasetError(f"expected text in {path}: {error}") from error
 
 
 def path_inside(folder: Path, name: str, source: str) -> Path:
@@ -119,8 +115,8 @@ def read_calibration(dataset: Path) -> dict[str, object]:
     if not path.exists():
         return {}
     try:
-        return tomllib.loads(read_text(path))
-    except (ValueError, RecursionError) as error:
+        return parsed_toml(read_bytes(path))
+    except ValueError as error:
         raise DatasetError(f"{path} is no TOML ({error}); write the fields of Intrinsics into it") from error
 
 
@@ -142,6 +138,22 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
         except DatasetError as error:  # Told below, with what is missing.
             found.append(str(error))
     return intrinsics_from(values, path, found)
+
+
+def no_camera(reason: str, dataset: Path, shape: tuple[int, int] | None = None) -> DatasetError:
+    """The error that nothing tells the camera of a dataset; the lines that would are a note, with the shape (H, W)."""
+    keys = ", ".join(WANTED)
+    error = DatasetError(f"{reason}; write {calibration_path(dataset)} with {keys} and perhaps baseline_m")
+    _note_lines(error, WANTED, shape)
+    return error
+
+
+def _note_lines(error: DatasetError, names: Iterable[str], shape: tuple[int, int] | None = None) -> None:
+    """Add lines for some fields to an error, which are to be pasted and completed."""
+    known = {} if shape is None else {"height_px": shape[0], "width_px": shape[1]}
+    for name in names:
+        value = known.get(name, 0 if name in ("width_px", "height_px") else "nan")
+        error.add_note(f"{name} = {value}  # {WANTED[name]}")
 
 
 def choose_unit(dataset: Path, given: float | None, of_format: Unit) -> Unit:
@@ -179,8 +191,7 @@ def intrinsics_from(values: Mapping[str, object], path: Path, found: Iterable[st
         found.append(f"it lacks {', '.join(missing)}: add these lines with the values of your camera")
     if found:
         error = DatasetError(f"{path}: {'; '.join(found)}")
-        for name in missing:
-            error.add_note(f"{name} = {0 if kinds[name] is int else 'nan'}  # {WANTED[name]}")
+        _note_lines(error, missing)
         raise error
     numbers: dict[str, Any] = dict(values)
     try:

@@ -21,6 +21,10 @@ from ..types import GrayImage
 from .files import read_bytes
 
 ARRAY = ".npy"
+DEEP = {("PNG", "I;16"), ("TIFF", "I;16"), ("TIFF", "I;16B"), ("TIFF", "F")}
+"""Formats and modes of images with more than 8 bits in one channel."""
+LARGEST_FLOAT_M = 1e5
+"""Depth beyond it [m] is none; pictures in colours have larger numbers where they are opaque."""
 LARGEST_IMAGE_PX = 2**26
 """Images of more than 67 million pixels are refused."""
 _READERS: dict[bytes, Any] = {
@@ -56,8 +60,27 @@ def read_depth(path: Path, shape: Shape) -> npt.NDArray[Any]:
         if array.shape != shape:
             raise DatasetError(f"expected an array of shape {shape} in {path}, as the camera has, got {array.shape}")
         return array
-    kinds = {("PNG", "I;16"), ("TIFF", "I;16"), ("TIFF", "I;16B"), ("TIFF", "F")}
-    return _decode(path, shape, "depth as a PNG or TIFF of 16 bits or a TIFF of float32, in 1 channel", kinds)
+    wanted = "depth as a PNG or TIFF of 16 bits or a TIFF of float32, in 1 channel, or the bytes of float32 as RGBA"
+    image = _decode(path, shape, wanted, {*DEEP, ("PNG", "RGBA")})
+    return image if image.ndim == 2 else _floats(image, path)
+
+
+def is_deep(path: Path) -> bool:
+    """Whether an image has values of more than 8 bits, as depth has and gray has not."""
+    if path.suffix == ARRAY:
+        return True
+    header = _open(read_bytes(path), path)
+    return (header.format, header.mode) in DEEP
+
+
+def _floats(image: npt.NDArray[Any], path: Path) -> npt.NDArray[np.float32]:
+    """The floats of 32 bits whose four bytes are the channels of a PNG in the order of OpenCV, as TartanAir V2 has."""
+    values = np.ascontiguousarray(image).view("<f4")[..., 0].astype(np.float32)
+    if image.dtype != np.uint8 or not np.all((values >= 0) & (values < LARGEST_FLOAT_M) | (values == np.inf)):
+        raise DatasetError(
+            f"expected depth in {path}, got a picture in colours and transparency; choose another folder"
+        )
+    return values
 
 
 def _array(path: Path) -> npt.NDArray[Any]:

@@ -2,7 +2,8 @@
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
@@ -52,10 +53,7 @@ class PairedImages(ABC):
     """
 
     format: str
-    assumed = ""
-    """What the format takes for granted of this camera, in words; empty if it knows it."""
-
-    _unit = Unit()
+    unit = Unit()
     """Unit of the depth, as far as the format knows it."""
 
     def __init__(
@@ -72,7 +70,7 @@ class PairedImages(ABC):
             raise DatasetError(f"expected frames in {folder}, got none; is the export complete?")
         require_increasing([pair.stamp_s for pair in pairs], f"the frames of {folder}")
         self.intrinsics = choose_intrinsics(folder, intrinsics, lambda: self._known_intrinsics(folder, pairs[0]))
-        self._unit = choose_unit(folder, units_per_m, self._unit)
+        self.unit = choose_unit(folder, units_per_m, self.unit)
         self._pairs = tuple(pairs)
         stems = [pair.depth.stem for pair in pairs]
         are_sorted = all(before < after for before, after in pairwise(stems))
@@ -104,6 +102,12 @@ class PairedImages(ABC):
         """Name of a frame: that of its depth image, or its number where those would not sort."""
         return self._names[index]
 
+    def assumed(self) -> Iterator[str]:
+        """See `Dataset`."""
+        if self.unit.convention:
+            with self._named(self._pairs[0]):
+                yield self.unit.told(read_depth(self._pairs[0].depth, self.intrinsics.shape))
+
     def header(self, index: int) -> Header:
         """Time of a frame; the formats do not name the coordinate frame of the camera."""
         return Header(round(self._pairs[index].stamp_s * 1e9), FRAME_ID)
@@ -111,10 +115,16 @@ class PairedImages(ABC):
     def __getitem__(self, index: int) -> Frame:
         """See `Dataset`; a negative index counts from the end."""
         pair = self._pairs[index]
-        try:
+        with self._named(pair):
             gray = read_gray(pair.gray, self.intrinsics.shape)
-            depth_m = self._unit.metres(read_depth(pair.depth, self.intrinsics.shape))
+            depth_m = self.unit.metres(read_depth(pair.depth, self.intrinsics.shape))
             return Frame(stamp_s=pair.stamp_s, gray=gray, depth_m=depth_m)
+
+    @contextmanager
+    def _named(self, pair: Pair) -> Iterator[None]:
+        """Name the files of a frame in an error of the block."""
+        try:
+            yield
         except (FrameError, OSError) as error:
             raise DatasetError(f"{pair.gray} and {pair.depth} give no frame: {error}") from error
 

@@ -1,29 +1,34 @@
 """RealSense exports: depth of 16 bits that is aligned with a colour or infrared image, as other tools store it.
 
-Open3D's recorder and its bag reader write a folder `depth` of 16-bit PNG beside one of gray or colour images, `color`,
-`rgb`, `infra1` or `ir` in this order of precedence. `camera_intrinsic.json` or `intrinsic.json` describes the camera by
-`width`, `height`, `intrinsic_matrix` by columns, and perhaps `fps` and `depth_scale` (units in a metre, or RealSense's
-metres in a unit, which are below 1). The default unit is 1 mm, as in all cameras but the D405, whose unit is 0.1 mm.
-Files of one frame have the same number in their names, which counts frames, at `fps` or else 30 a second, or times
-within 20 ms of each other, see `voxdepth.datasets.names`. Depth may also be a TIFF of 16 bits or of floats in metres,
-or an array of NumPy.
+Open3D's recorder and its bag reader write a folder `depth` of 16-bit PNG beside one of gray or colour images, `color`;
+other names of both are in `DEPTHS` and `GRAYS`, in order of precedence. `camera_intrinsic.json` or `intrinsic.json`
+describes the camera by `width`, `height`, `intrinsic_matrix` by columns, and perhaps `fps` and `depth_scale` (units in
+a metre, or RealSense's metres in a unit, which are below 1). The default unit is 1 mm, as in all cameras but the D405,
+whose unit is 0.1 mm. Files of one frame have the same number in their names, which counts frames, at `fps` or else 30 a
+second, or times within 20 ms of each other, see `voxdepth.datasets.names`. Depth may also be a TIFF of 16 bits or of
+floats in metres, or an array of NumPy.
 """
 
 import json
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..errors import DatasetError
 from ..types import Intrinsics
 from ..units import Unit
-from .files import CALIBRATION, intrinsics_from, list_images, read_text
-from .images import image_shape
+from .files import CALIBRATION, intrinsics_from, list_folder, list_images, no_camera, read_text
+from .images import image_shape, is_deep
 from .names import in_order
 from .pairs import Pair, PairedImages
 
-DEPTH = "depth"
-GRAYS = ("color", "rgb", "infra1", "ir")
+DEPTHS = ("depth", "depths", "depth_left", "depth_images")
+GRAYS = (
+    *("color", "colour", "colors", "rgb", "gray", "grey", "infra1", "ir"),
+    *("left", "image", "images", "image_left", "color_left", "gray_left"),
+)
+"""Names of the folders of depth and of gray or colour images, in lower case."""
 METADATA = ("camera_intrinsic.json", "intrinsic.json")
 DEPTH_SUFFIXES = (".png", ".tiff", ".tif", ".npy")
 GRAY_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -36,14 +41,20 @@ class RealSenseDataset(PairedImages):
     """Frames exported of a RealSense camera."""
 
     format = "realsense"
+    unit = Unit(convention="most cameras have it", may_be_halves=True)
 
     def __init__(self, folder: Path, intrinsics: Intrinsics | None = None, **options: Any) -> None:
         self._metadata_path, self._metadata = _read_metadata(folder)
         if "depth_scale" in self._metadata:
             scale = self._positive("depth_scale")
-            self._unit = Unit(1 / scale if scale < 1 else scale)
+            self.unit = Unit(1 / scale if scale < 1 else scale)
         super().__init__(folder, intrinsics, **options)
         pair = self._pairs[0]
+        if is_deep(pair.gray) and not is_deep(pair.depth):
+            raise DatasetError(
+                f"{pair.gray} has 16 bits, as depth has, and {pair.depth} has 8, as images have: exchange the names of "
+                f"the folders {pair.gray.parent.name} and {pair.depth.parent.name}"
+            )
         if (depth := image_shape(pair.depth)) != (gray := image_shape(pair.gray)):
             raise DatasetError(
                 f"{pair.depth} is {depth[1]}x{depth[0]} and {pair.gray} is {gray[1]}x{gray[0]}; "
@@ -55,14 +66,15 @@ class RealSenseDataset(PairedImages):
         """See `PairedImages`."""
         lists = [name for name in ("rgb.txt", "depth.txt", "associations.txt") if (folder / name).exists()]
         if lists:
-            return f"nothing, but it has {' and '.join(lists)} of TUM RGB-D, whose depth has other units"
-        if (folder / DEPTH).is_dir() and _gray_folder(folder):
+            had = f"nothing, but it has {' and '.join(lists)} of TUM RGB-D, whose depth has other units"
+            return f"{had}: write both rgb.txt and depth.txt, or none of these"
+        if _named(folder, DEPTHS) and _named(folder, GRAYS):
             return ""
-        return f"folders {DEPTH} and {' or '.join(GRAYS)}"
+        return f"a folder of depth ({', '.join(DEPTHS)}) and one of images ({', '.join(GRAYS)})"
 
     def _find_pairs(self, folder: Path) -> list[Pair]:
         """Files of one number, or of nearest time."""
-        depth_folder, gray_folder = folder / DEPTH, _gray_folder(folder) or folder / GRAYS[0]
+        depth_folder, gray_folder = (_named(folder, names) or folder / names[0] for names in (DEPTHS, GRAYS))
         depth, gray = in_order(_depth_files(depth_folder)), in_order(list_images(gray_folder, GRAY_SUFFIXES))
         if depth.are_times and gray.are_times:
             depth_s, gray_s = ([(time_ns / 1e9, path) for time_ns, path in each.files] for each in (depth, gray))
@@ -75,21 +87,21 @@ class RealSenseDataset(PairedImages):
                 "files of a frame alike"
             )
         if alone := [depths.get(number) or grays[number] for number in depths.keys() ^ grays.keys()]:
-            raise DatasetError(
-                f"expected a depth and a gray image of each number, got {min(alone)} alone and {len(alone) - 1} "
-                "others; restore what is missing, or move what is alone away"
+            warnings.warn(
+                f"{len(alone)} of {len(depths) + len(grays)} images are left out, since no image of the other kind has "
+                f"their number: the first is {min(alone)}",
+                stacklevel=3,
             )
         rate_hz = self._positive("fps", RATE_HZ)
-        return [Pair(stamp_s=number * (1 / rate_hz), gray=grays[number], depth=depths[number]) for number in depths]
+        both = [number for number in depths if number in grays]
+        return [Pair(stamp_s=number * (1 / rate_hz), gray=grays[number], depth=depths[number]) for number in both]
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
         """The camera of `intrinsic_matrix`, `width` and `height` in the metadata."""
         path, metadata = self._metadata_path, self._metadata
         if not metadata:
-            raise DatasetError(
-                f"expected the camera in {CALIBRATION} or {' or '.join(METADATA)} in {folder}, got none; "
-                "write one of them"
-            )
+            reason = f"expected the camera in {CALIBRATION} or {' or '.join(METADATA)} in {folder}, got none"
+            raise no_camera(reason, folder, image_shape(first.depth))
         matrix = metadata.get("intrinsic_matrix")
         if not isinstance(matrix, list) or len(matrix) != 9:
             raise DatasetError(f"expected an intrinsic_matrix of 9 numbers in {path}, got {str(matrix)[:80]}")
@@ -109,13 +121,21 @@ class RealSenseDataset(PairedImages):
         return float(value)
 
 
-def _gray_folder(folder: Path) -> Path | None:
-    return next((folder / name for name in GRAYS if (folder / name).is_dir()), None)
+def _named(folder: Path, names: Sequence[str]) -> Path | None:
+    """The first folder in a folder that has one of some names, in upper or lower case; None without one."""
+    found = {path.name.lower(): path for path in list_folder(folder) if path.is_dir()}
+    return next((found[name] for name in names if name in found), None)
 
 
 def _depth_files(folder: Path) -> list[Path]:
     """The images of depth, in the first format that is there."""
-    return next((files for suffix in DEPTH_SUFFIXES if (files := list_images(folder, (suffix,)))), [])
+    found = next((files for suffix in DEPTH_SUFFIXES if (files := list_images(folder, (suffix,)))), [])
+    if not found and (others := list_images(folder, GRAY_SUFFIXES)):
+        raise DatasetError(
+            f"{others[0]} is a JPEG, which holds no depth, as {', '.join(DEPTH_SUFFIXES)} do: if the depth is in the "
+            "folder of the images, exchange the names of the two folders, else export it without loss"
+        )
+    return found
 
 
 def _read_metadata(folder: Path) -> tuple[Path, Mapping[str, Any]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..errors import DatasetError
 from ..types import Intrinsics
-from .files import CALIBRATION, read_text
+from .files import CALIBRATION, no_camera, read_text
 from .pairs import Pair, PairedImages, parse_stamp
 
 FRAMES, GRAY, DEPTH = "frames.csv", "gray_left", "depth_raw"
@@ -33,7 +33,7 @@ class RecordingDataset(PairedImages):
         ]
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
-        raise DatasetError(f"expected a {CALIBRATION} with the camera in {folder}; restore it, or give the intrinsics")
+        raise no_camera(f"the {CALIBRATION} of {folder} has no camera", folder)
 
 
 def _read_stamps(path: Path) -> list[float]:

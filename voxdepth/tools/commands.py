@@ -13,6 +13,7 @@ from .options import (
     Baseline,
     DepthTopic,
     GrayTopic,
+    Start,
     UnitsPerM,
     Within,
     counter,
@@ -52,23 +53,38 @@ def correct(
     within: Within = 20.0,
     units_per_m: UnitsPerM = None,
     baseline: Baseline = None,
+    start: Start = 0,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Your own poses of the camera, a trajectory of TUM RGB-D: lines of a time, tx ty tz and qx qy qz qw.",
+        ),
+    ] = None,
+    ply: Annotated[bool, typer.Option("--ply", help="Write points/NAME.ply, too.")] = False,
 ) -> None:
     """Correct the depth of a recorded sequence; the result appears when it is complete.
 
     Writes depth/NAME.png in 16 bits and millimetres (0 is invalid, farther than 65.535 m is 65535), confidence/NAME.png
-    in 0..255, frames.csv, report.json, and config.toml with everything that the result depends on. A .mcap file has
-    topics for depth, source, confidence and camera_info below /voxdepth, with the stamps and frames of the input.
+    in 0..255, source/NAME.png (0 invalid, 1 sensor, 2 memory, 3 inpainted), frames.csv, report.json, and config.toml
+    with everything that the result depends on. A .mcap file has topics for gray, depth, source, confidence and
+    camera_info below /voxdepth, with the stamps and frames of the input.
     """
     import time
+    from dataclasses import replace
 
     from rich.console import Console
 
+    from ..errors import printable
+    from ..units import MILLIMETRES
     from .correction import require_absent
     from .output import MCAP
     from .recorded import Opener, restrict_opencv
 
     spec = _spec(corrector, config)
     _refuse_mixing(folder, out, record)
+    if ply and out.suffix == MCAP:
+        raise ToolError(f"--ply writes files into a folder, got --out {out}: name a folder")
     require_absent(out)
     if record is not None:
         require_installed("rerun")
@@ -76,12 +92,16 @@ def correct(
         require_installed("rosbags")
     restrict_opencv()
     topics: dict[str, Any] = {"depth_topic": depth_topic, "gray_topic": gray_topic}
-    dataset = Opener(baseline, within, units_per_m=units_per_m, **topics)(folder)
-    correction = _planned(folder, dataset, spec, frames)
-    console, start = Console(), time.perf_counter()
+    dataset = Opener(baseline, within, start, poses, units_per_m=units_per_m, **topics)(folder)
+    of_input = {"start": start or None, "poses": None if poses is None else printable(poses.name)}
+    correction = replace(_planned(folder, dataset, spec, frames, of_input), has_points=ply)
+    if out.suffix != MCAP and (dataset.unit.units_per_m or 0) > MILLIMETRES:
+        steps = f"1/{dataset.unit.units_per_m:g} m"
+        typer.echo(f"depth in steps of {steps} is written in whole millimetres; --out FILE.mcap keeps it", err=True)
+    console, begun_s = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
         report = correction.run(out, record, update)
-    rate = correction.frames / (time.perf_counter() - start)
+    rate = correction.frames / (time.perf_counter() - begun_s)
     _print_report(console, report)
     typer.echo(f"{rate:.1f} frames per second; depth, confidence and report.json are in {out}")
     if record is not None:
@@ -100,9 +120,16 @@ def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
         raise ToolError(f"--record must name an .rrd file, got {record}")
 
 
-def _planned(folder: Path, dataset: "Dataset", spec: "CorrectorSpec", frames: int | None) -> "Correction":
-    """Resolve and check everything before anything is written."""
+def _planned(
+    folder: Path,
+    dataset: "Dataset",
+    spec: "CorrectorSpec",
+    frames: int | None,
+    of_input: Mapping[str, int | str | None],
+) -> "Correction":
+    """Resolve and check everything before anything is written; `of_input` is what was asked for of the dataset."""
     from ..datasets.files import stated
+    from ..errors import printable
     from ..registry import config_of
     from .correction import Correction
     from .provenance import CORRECTION, versions
@@ -112,8 +139,10 @@ def _planned(folder: Path, dataset: "Dataset", spec: "CorrectorSpec", frames: in
     resolved = spec.resolved_config() or config_of(spec.name)
     made_from = {
         "corrector": spec.name,
-        "folder": folder.resolve().name,  # Without its path, since a folder may be moved.
+        "folder": printable(folder.resolve().name),  # Without its path, since a folder may be moved.
         "format": dataset.format,
+        "units_per_m": dataset.unit.units_per_m,
+        **of_input,
         "intrinsics": stated(dataset.intrinsics),
         "versions": versions(CORRECTION),
         "config": None if resolved is None else resolved.model_dump(mode="json", exclude_none=True),
@@ -165,6 +194,8 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     table.add_row("pixels with depth", f"{raw:.1%} raw, [bold]{corrected:.1%} corrected[/bold]")
     median_m = report["raw_median_m"]["p50"]
     table.add_row("median depth, raw", f"{median_m:.3g} m (if the scene is nearer or farther, state --units-per-m)")
+    if n_empty := report["frames_without_depth"]:
+        table.add_row("frames without any depth", f"{n_empty} of {report['frames']}")
     table.add_row("all pixels", ", ".join(f"{name} {share:.1%}" for name, share in report["pixel_shares"].items()))
     for fact, summary in report["facts"].items():
         table.add_row(_words(fact), ", ".join(f"{_words(name)} {value:g}" for name, value in summary.items()))

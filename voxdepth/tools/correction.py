@@ -15,7 +15,7 @@ import numpy as np
 import tomli_w
 
 from ..datasets import Dataset
-from ..errors import PipelineError
+from ..errors import PipelineError, printable
 from ..pipeline import CorrectionPipeline
 from ..registry import PAPER
 from ..types import CorrectedDepth, DepthCorrector, Frame, Source
@@ -43,6 +43,8 @@ class Correction:
     frames: int
     """Number of frames of the dataset to correct, from the first one on."""
     corrector: DepthCorrector
+    has_points: bool = False
+    """Whether a folder gets a cloud of points of every frame, too."""
 
     def run(self, out: Path, record: Path | None, progress: Progress) -> dict[str, Any]:
         """Correct the frames into a new folder or file, which appears when all are done; return its `report.json`.
@@ -53,16 +55,21 @@ class Correction:
             progress: Receives the number of corrected frames after each frame.
 
         Raises:
-            ToolError: The folder exists, or a file cannot be written.
+            ToolError: The folder exists, a file cannot be written, or no frame has any depth.
             VoxDepthError: A frame cannot be read or corrected.
         """
         require_absent(out)
         with (  # What is entered first is finished last: no recording appears, or is replaced, without its output.
             self._recording(record) as listener,
             atomic(out) as path,
-            open_output(path, self.dataset) as output,
+            open_output(path, self.dataset, has_points=self.has_points) as output,
         ):
             lines = list(self._correct(output, listener, progress))
+            if not any(line.values["raw_pixels"] for line in lines):
+                raise ToolError(
+                    f"no pixel of {len(lines)} frames of {self.made_from['folder']} has a depth, all are 0, 65535 or "
+                    "not finite: is it another folder or topic?"
+                )
             report = _report(self.made_from, lines)
             table = _csv([{**line.values, **line.facts} for line in lines])
             text = json.dumps(report, indent=2, allow_nan=False) + "\n"
@@ -75,7 +82,7 @@ class Correction:
         frames = (self.dataset[index] for index in range(self.frames))
         with _original_errors(), CorrectionPipeline(self.corrector, frames) as pipeline:
             for index, (frame, corrected) in enumerate(pipeline):
-                output.add(index, corrected)
+                output.add(index, frame, corrected)
                 listener(index, frame, corrected)
                 progress(index + 1)
                 yield FrameLine.of(self.dataset.name(index), frame, corrected)
@@ -107,7 +114,7 @@ class FrameLine(NamedTuple):
         pixels = {"raw_pixels": int(np.count_nonzero(frame.depth_m)), "raw_median_m": median_m(frame.depth_m)}
         pixels |= {_column(source): int(np.count_nonzero(corrected.source == source)) for source in Source}
         facts = {} if corrected.diagnostics is None else corrected.diagnostics.facts()
-        return cls({"name": name, "stamp_s": frame.stamp_s} | pixels, facts, dict(corrected.timings_s))
+        return cls({"name": printable(name), "stamp_s": frame.stamp_s} | pixels, facts, dict(corrected.timings_s))
 
 
 def _column(source: Source) -> str:
@@ -130,6 +137,7 @@ def _report(made_from: Mapping[str, Any], lines: Sequence[FrameLine]) -> dict[st
     return {
         **made_from,
         "frames": len(lines),
+        "frames_without_depth": sum(line.values["raw_pixels"] == 0 for line in lines),
         "pixel_shares": {source.name.lower(): n / n_pixels for source, n in pixels.items()},
         "raw_median_m": _spread([line.values["raw_median_m"] for line in lines if line.values["raw_pixels"]] or [0.0]),
         "coverage": {"raw": n_raw / n_pixels, "corrected": 1 - pixels[Source.INVALID] / n_pixels},

@@ -9,7 +9,7 @@ import typer
 
 from .errors import ToolError
 from .extensions import extensions
-from .options import Baseline, DepthTopic, GrayTopic, UnitsPerM, Within, counter
+from .options import Baseline, DepthTopic, GrayTopic, Start, UnitsPerM, Within, counter
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -42,6 +42,7 @@ def evaluate(
         ),
     ] = None,
     frames: Annotated[int, typer.Option(min=1, help="How many of the first frames of each sequence.")] = 30,
+    start: Start = 0,
     seed: Annotated[
         int | None, typer.Option(help="Master seed of the shipped sequences. Default: the file's, or 0.")
     ] = None,
@@ -71,7 +72,8 @@ def evaluate(
     from voxdepth.tools.recorded import Opener, restrict_opencv
 
     restrict_opencv()
-    opened = Opener(baseline, within, units_per_m=units_per_m, depth_topic=depth_topic, gray_topic=gray_topic)
+    _require_later(start, sequences or [], data or [])
+    opened = Opener(baseline, within, start, units_per_m=units_per_m, depth_topic=depth_topic, gray_topic=gray_topic)
     plan = _planned(sequences or [], data or [], opened, methods, frames, seed, out)
     console = Console()
     try:
@@ -81,6 +83,18 @@ def evaluate(
         typer.echo(f"stopped; the finished results in {out} are safe, and the same command goes on")
         raise
     _tell(console, evaluation, out)
+
+
+def _require_later(start: int, sequences: Sequence[str], data: Sequence[Path]) -> None:
+    """Require that all sequences can begin with a later frame: their truth is not that of the first one."""
+    from .evaluation.references import TRUE_DEPTH
+
+    known = [folder for folder in data if any(each.recorded(folder) for each in extensions())]
+    if start and (sequences or not data or known or any((folder / TRUE_DEPTH).is_file() for folder in data)):
+        raise ToolError(
+            f"--start {start} is for recordings of real cameras (--data); shipped sequences, recordings of the "
+            f"simulator and those with a {TRUE_DEPTH} begin with their first frame"
+        )
 
 
 def _tell(console: "Console", evaluation: "Evaluation", out: Path) -> None:

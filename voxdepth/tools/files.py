@@ -1,7 +1,6 @@
 """Files: TOML, atomic writing, and folders that one process at a time writes to."""
 
 import os
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,10 +11,9 @@ import pydantic
 import tomli_w
 
 from ..checksums import DamageError, require_whole
+from ..text import parsed_toml
 from .errors import ToolError
 
-DEEPEST = 50
-"""Levels of tables and arrays that a TOML file may have: on more, functions that recurse would fail."""
 LOCK = "write.lock"
 """File on which `locked` holds its lock; it stays empty."""
 
@@ -27,22 +25,14 @@ def read_toml(path: Path) -> dict[str, Any]:
             raise ToolError(f"{path} is no file: name a TOML file")
         data = path.read_bytes()
         require_whole(path, data)
-        text = data.decode()
     except DamageError as error:
         raise ToolError(str(error)) from error
-    except (OSError, ValueError) as error:  # A path may hold a null character, and a file bytes that are no text.
+    except (OSError, ValueError) as error:  # A path may hold a null character.
         raise ToolError(f"cannot read {path}: {error}") from error
     try:
-        content = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # Numbers may be too long, and arrays too deep.
+        return parsed_toml(data)
+    except ValueError as error:
         raise ToolError(f"{path} is not valid TOML: {error}") from error
-    level: list[Any] = [content]
-    for _ in range(DEEPEST):
-        level = [value for one in level for value in (one.values() if isinstance(one, dict) else one)]
-        level = [value for value in level if isinstance(value, dict | list)]
-    if level:
-        raise ToolError(f"{path} nests tables and arrays more than {DEEPEST} deep: no file of ours does")
-    return content
 
 
 def to_toml(configuration: pydantic.BaseModel) -> str:

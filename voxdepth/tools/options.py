@@ -45,6 +45,7 @@ UnitsPerM = Annotated[
         "data or their format say.",
     ),
 ]
+Start = Annotated[int, typer.Option(min=0, metavar="N", help="Number of the first frame, which is 0 in a recording.")]
 Baseline = Annotated[
     float | None,
     typer.Option(

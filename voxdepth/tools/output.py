@@ -1,6 +1,6 @@
-"""What a correction writes: a folder of images, or an MCAP file of ROS 2."""
+"""What a correction writes: a folder of images, perhaps with clouds of points, or an MCAP file of ROS 2."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -19,10 +19,12 @@ from ..ros import (
     confidence_fields,
     confidence_levels,
     depth_fields,
+    gray_fields,
     source_fields,
 )
-from ..types import CorrectedDepth, FloatImage
+from ..types import CorrectedDepth, FloatImage, Frame
 from .errors import ToolError
+from .point_cloud import ply
 
 if TYPE_CHECKING:
     from rosbags.rosbag2 import Writer
@@ -31,6 +33,15 @@ CONFIG, FRAMES, REPORT = "config.toml", "frames.csv", "report.json"
 """Texts about a correction: what it depends on, one row for each frame, and their summary."""
 DEPTH, CONFIDENCE = "depth", "confidence"
 """Sub-folders with one PNG of every frame."""
+Encoder = Callable[[Frame, CorrectedDepth], bytes]
+"""Makes the content of a file of a frame and its correction."""
+IMAGES: Mapping[str, Encoder] = {
+    f"{DEPTH}/{{}}.png": lambda frame, corrected: encode(to_millimetres(corrected.depth_m)),
+    f"{CONFIDENCE}/{{}}.png": lambda frame, corrected: encode(confidence_levels(corrected.confidence)),
+    "source/{}.png": lambda frame, corrected: encode(corrected.source),
+}
+"""Files of every frame in a folder, by their path with {} for the name of the frame."""
+POINTS = "points/{}.ply"
 MCAP = ".mcap"
 TOPICS = "/voxdepth"
 """Where the topics of a bag begin."""
@@ -41,26 +52,25 @@ BAG_VERSION: Final = 8
 class Output(Protocol):
     """Where a correction goes."""
 
-    def add(self, index: int, corrected: CorrectedDepth) -> None:
-        """Write a frame."""
+    def add(self, index: int, frame: Frame, corrected: CorrectedDepth) -> None:
+        """Write a frame and its correction."""
 
     def describe(self, texts: Mapping[str, str]) -> None:
         """Write the texts about the correction, by name, after all frames."""
 
 
-class ImageFolder:
-    """Images of depth in millimetres and of confidence, see `to_millimetres`, the texts as files, and checksums."""
+class Folder:
+    """Files of every frame, the texts as files, and the checksums of all."""
 
-    def __init__(self, folder: Path, dataset: Dataset) -> None:
-        self._folder, self._dataset = folder, dataset
-        for kind in (DEPTH, CONFIDENCE):
-            (folder / kind).mkdir(parents=True)
+    def __init__(self, folder: Path, dataset: Dataset, files: Mapping[str, Encoder]) -> None:
+        self._folder, self._dataset, self._files = folder, dataset, files
+        for path in files:
+            (folder / path).parent.mkdir(parents=True)
 
-    def add(self, index: int, corrected: CorrectedDepth) -> None:
+    def add(self, index: int, frame: Frame, corrected: CorrectedDepth) -> None:
         """See `Output`."""
-        name = f"{self._dataset.name(index)}.png"
-        (self._folder / DEPTH / name).write_bytes(encode(to_millimetres(corrected.depth_m)))
-        (self._folder / CONFIDENCE / name).write_bytes(encode(confidence_levels(corrected.confidence)))
+        for path, encoder in self._files.items():
+            (self._folder / path.format(self._dataset.name(index))).write_bytes(encoder(frame, corrected))
 
     def describe(self, texts: Mapping[str, str]) -> None:
         """See `Output`."""
@@ -70,7 +80,7 @@ class ImageFolder:
 
 
 class BagTopics:
-    """Topics of depth, source, confidence and camera in a bag, with the headers of the dataset."""
+    """Topics of the gray image, depth, source, confidence and camera in a bag, with the headers of the dataset."""
 
     def __init__(self, writer: "Writer", dataset: Dataset) -> None:
         from rosbags.typesys import Stores, get_typestore
@@ -87,16 +97,17 @@ class BagTopics:
             "binning_y": 0,
             "roi": self._message("RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
         }
-        kinds = dict.fromkeys(("depth", "source", "confidence"), "Image") | {"camera_info": "CameraInfo"}
+        kinds = dict.fromkeys(("gray", "depth", "source", "confidence"), "Image") | {"camera_info": "CameraInfo"}
         self._connections = {
             name: writer.add_connection(f"{TOPICS}/{name}", f"sensor_msgs/msg/{kind}", typestore=self._store)
             for name, kind in kinds.items()
         }
 
-    def add(self, index: int, corrected: CorrectedDepth) -> None:
+    def add(self, index: int, frame: Frame, corrected: CorrectedDepth) -> None:
         """See `Output`."""
         header = self._dataset.header(index)
         self._write("camera_info", header, "CameraInfo", self._camera_info)
+        self._write("gray", header, "Image", gray_fields(frame.gray))
         self._write("depth", header, "Image", depth_fields(corrected.depth_m))
         self._write("source", header, "Image", source_fields(corrected.source))
         self._write("confidence", header, "Image", confidence_fields(corrected.confidence))
@@ -118,13 +129,15 @@ class BagTopics:
 
 
 @contextmanager
-def open_output(path: Path, dataset: Dataset) -> Iterator[Output]:
+def open_output(path: Path, dataset: Dataset, *, has_points: bool = False) -> Iterator[Output]:
     """Open a folder of images, or an MCAP file that ROS 2 plays, by its name; it is whole when the block ends.
 
-    Nothing is at the path or, for a file, in its folder, where rosbags writes a whole bag first.
+    Nothing is at the path or, for a file, in its folder, where rosbags writes a whole bag first. A folder has a cloud
+    of points of every frame, too, if `has_points`.
     """
     if path.suffix != MCAP:
-        yield ImageFolder(path, dataset)
+        points = {POINTS: partial(ply, dataset.intrinsics)} if has_points else {}
+        yield Folder(path, dataset, {**IMAGES, **points})
         return
     from backports import zstd
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer

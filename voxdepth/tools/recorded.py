@@ -9,6 +9,7 @@ import typer
 
 from ..datasets import Dataset, open_dataset
 from ..datasets.files import calibration_path
+from ..datasets.views import Later, Posed
 from ..types import ASSUMED_BASELINE_M
 
 
@@ -25,12 +26,17 @@ class Opener:
 
     Args:
         baseline_m: Baseline in place of the one that is stated [m]; None keeps that.
-        within_ms: Largest difference of the times of a depth and a gray image of one frame [ms].
+        within_ms: Largest difference of the times of a depth and a gray image, or a pose, of one frame [ms].
+        start: Number of the first frame.
+        poses: File of a trajectory, see `Posed`; None for frames without poses.
         options: Other options of `open_dataset`.
     """
 
-    def __init__(self, baseline_m: float | None, within_ms: float, **options: Any) -> None:
+    def __init__(
+        self, baseline_m: float | None, within_ms: float, start: int = 0, poses: Path | None = None, **options: Any
+    ) -> None:
         self._baseline_m, self._options = baseline_m, options | {"within_s": within_ms / 1000}
+        self._start, self._poses = start, poses
         self._told: set[Path] = set()
 
     def __call__(self, path: Path) -> Dataset:
@@ -42,13 +48,19 @@ class Opener:
         for assumption in _assumptions(path, dataset) if path not in self._told else ():
             self._told.add(path)
             typer.echo(f"{path} {assumption}", err=True)
-        return dataset
+        dataset = Later(dataset, self._start) if self._start else dataset
+        return dataset if self._poses is None else self._posed(dataset, self._poses)
+
+    def _posed(self, dataset: Dataset, poses: Path) -> Dataset:
+        posed = Posed(dataset, poses, self._options["within_s"])
+        if posed.n_poses < len(posed):
+            typer.echo(f"{poses} has a pose for {posed.n_poses} of {len(posed)} frames: the others have none", err=True)
+        return posed
 
 
 def _assumptions(path: Path, dataset: Dataset) -> Iterator[str]:
-    """What is assumed of the camera of a dataset, as a clause after its name."""
-    if assumed := getattr(dataset, "assumed", ""):
-        yield f"{assumed}; state the camera in {calibration_path(path)} if it is another one"
+    """What is assumed of the camera and the depth of a dataset, as a clause after its name."""
+    yield from dataset.assumed()
     if dataset.intrinsics.baseline_m is None:
         yield (
             f"states no baseline of its camera, {ASSUMED_BASELINE_M:g} m is assumed: state it in metres by "
