@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .errors import ConfigError, FrameError
+from .errors import ConfigError, FrameError, LateFrameError
 from .model import Model
 from .types import CorrectedDepth, Frame, Intrinsics
 
@@ -54,8 +54,8 @@ class StreamCorrector(ABC):
         """Correct one frame.
 
         Raises:
-            FrameError: The frame has another size than the camera, or is not later than the one before; or the
-                corrector is closed, or another thread uses it.
+            FrameError: The frame has another size than the camera; or the corrector is closed, or another thread uses
+                it. A frame that is not later than the one before is a `LateFrameError`, and forgets nothing.
         """
         with self._alone():
             return self.combine(self.align(frame))
@@ -73,8 +73,9 @@ class StreamCorrector(ABC):
         frame.require_shape(self._intrinsics.shape)
         with self._alone():
             if not frame.stamp_s > self._last_stamp_s:
-                raise FrameError(
-                    f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s"
+                raise LateFrameError(
+                    f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s; leave it "
+                    "out, or call reset() before another stream"
                 )
             aligned = self._align(frame)
             self._last_stamp_s = frame.stamp_s  # A frame that raises an error may come again, repaired.

@@ -17,6 +17,10 @@ class FrameError(VoxDepthError, ValueError):
     """A frame or a stream of frames is invalid."""
 
 
+class LateFrameError(FrameError):
+    """A frame is not later than one before it; the stream may go on without it."""
+
+
 class ConfigError(VoxDepthError, ValueError):
     """A configuration value is out of range, or a name is unknown."""
 
