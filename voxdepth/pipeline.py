@@ -13,7 +13,7 @@ from functools import partial
 from threading import Condition, RLock, Thread, current_thread
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
-from .errors import FrameError, LateFrameError, PipelineError
+from .errors import CopyError, FrameError, LateFrameError, PipelineError
 from .order import FrameOrder
 from .types import CorrectedDepth, DepthCorrector, Frame
 
@@ -63,7 +63,7 @@ class CorrectionPipeline:
             steps = [("registering", corrector.align), ("combining", corrector.combine)]
         self._channels: list[Channel[_Job]] = [Channel(latest=latest) for _ in range(1 + len(steps))]
         self._threads = [_thread("reading", _read, frames, self._channels[0])]
-        admits = partial(_is_in_time, FrameOrder(corrector))
+        admits: Callable[[_Job], bool] = partial(_is_in_time, FrameOrder(corrector))
         for (name, run), source, output in zip(steps, self._channels[:-1], self._channels[1:], strict=True):
             self._threads.append(_thread(name, _work, name, admits, run, source, output))
             admits = _passed
@@ -108,6 +108,13 @@ class CorrectionPipeline:
         with self._lock:
             self._closed = True
         _stop(self._channels, self._threads)
+
+    def __reduce__(self) -> Any:
+        """Refuse to be copied."""
+        raise CopyError(
+            "a CorrectionPipeline has threads and a source, and cannot be copied or sent to another process: make one "
+            "there, of a corrector that is made there"
+        )
 
     def __enter__(self) -> "CorrectionPipeline":
         return self

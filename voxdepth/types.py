@@ -174,9 +174,9 @@ class Intrinsics:
         """Whether two cameras differ by no more than the calibrations of one camera do, see `SAME_LENS`."""
         if self.shape != other.shape or (self.baseline_m is None) != (other.baseline_m is None):
             return False
-        lenses = ((each.fx_px, each.fy_px, each.cx_px, each.cy_px) for each in (self, other))
+        one, another = ((each.fx_px, each.fy_px, each.cx_px, each.cy_px) for each in (self, other))
         return (
-            bool(np.allclose(*lenses, rtol=0, atol=SAME_LENS * max(self.shape)))
+            bool(np.allclose(one, another, rtol=0, atol=SAME_LENS * max(self.shape)))
             and isclose(self.baseline_m or 0, other.baseline_m or 0, rel_tol=SAME_LENS)
             and isclose(self.disparity_scale, other.disparity_scale, rel_tol=SAME_LENS)
         )
