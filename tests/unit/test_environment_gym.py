@@ -93,7 +93,7 @@ def test_without_the_testbed_a_scenario_says_what_installs_it(monkeypatch: pytes
     [
         {"corrector": "median"},
         {"observation": "nearness"},
-        {"rig": {"depth": "noisy", "width_px": 64, "height_px": 48}},
+        {"rig": {"depth": "noisy", "width_px": 96, "height_px": 72}},
     ],
 )
 def test_gray_images_are_observed_beside_the_depth(options: dict[str, Any]) -> None:
