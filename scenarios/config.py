@@ -98,3 +98,11 @@ def load_run(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Ru
     scenario = run.scenario
     latency_s = {**scenario.corrector_latency_s, scenario.corrector.name: scenario.latency_of_corrector_s}
     return run.model_copy(update={"scenario": scenario.model_copy(update={"corrector_latency_s": latency_s})})
+
+
+def load_setup(name_or_path: str) -> MissionSetup:
+    """Return the parts of a scenario's missions, whose `mission.latency_s` includes the time of its corrector."""
+    scenario = load_run(name_or_path, None, {}).scenario
+    mission = scenario.mission.model_copy(update={"latency_s": scenario.latency_s})
+    parts = {name: getattr(scenario, name) for name in MissionSetup.model_fields}
+    return MissionSetup(**parts | {"mission": mission})

@@ -10,7 +10,8 @@
 Only NumPy, OpenCV, Numba and pydantic are needed for that.
 """
 
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 
@@ -60,10 +61,15 @@ class DepthCamera:
                 f"a pair of images can only be matched, got the sensor model {config.depth!r}: expected 'stereo' "
                 "without a colour camera, a projected texture and artefacts, which need a world and StereoSensor"
             )
+        self._copy = partial(DepthCamera, config, seed=seed)
         self._rate_hz = config.rate_hz
         self._sensor = DepthSensor(config, seed=seed)
         self.intrinsics = config.full_intrinsics
         """Camera model of the images to render, with the baseline: the right camera is so far to the right."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy the camera, or send it to another process: it keeps nothing of the frames."""
+        return self._copy, ()
 
     def from_pair(self, left: GrayImage, right: GrayImage, *, frame: int) -> Capture:
         """Add camera noise to a rectified pair of images, and match them. The true depth in the capture is +inf.

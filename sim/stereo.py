@@ -192,7 +192,7 @@ def fail_one_to_one(
             if disparity[row, col] >= 0 and target >= 0:
                 nearest[target] = max(nearest[target], disparity[row, col])
         for col in range(width):
-            target = col - ((disparity[row, col] + 8) >> 4)
+            target = col - ((max(disparity[row, col], 0) + 8) >> 4)  # A pixel without one stays within the row.
             rival = OUTSIDE if target < 0 else nearest[target]
             fails[row, col] = disparity[row, col] < 0 or rival - disparity[row, col] > tolerance
 

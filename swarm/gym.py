@@ -10,7 +10,7 @@ import gymnasium
 from sim.bodies import Weather, WindConfig
 from sim.scenes import LawnSpec
 
-from .environments.task import pair
+from .environments.task import as_data, pair
 
 HOVER = {
     "scene": LawnSpec(
@@ -24,4 +24,4 @@ ID = "voxdepth/LeaderFollower-v0"
 TASKS: dict[str, dict[str, Any]] = {ID: {}, "voxdepth/Hover-v0": HOVER}
 
 for name, task in TASKS.items():
-    gymnasium.register(id=name, entry_point="swarm.environments.gym_env:LeaderFollowerEnv", kwargs=task)
+    gymnasium.register(id=name, entry_point="swarm.environments.gym_env:LeaderFollowerEnv", kwargs=as_data(task))

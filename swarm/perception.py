@@ -80,6 +80,7 @@ class Perception:
             T_world_cam=capture.T_world_cam,
             T_odom_cam=T_odom_cam,
             corrected=corrected,
+            gray=capture.gray_left,
             detections=self._detector.detect(capture, corrected),
         )
         self._busy_until_s = capture.stamp_s + self._latency_s

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.types import Contact
-from voxdepth.types import CorrectedDepth, FloatArray
+from voxdepth.types import CorrectedDepth, FloatArray, GrayImage
 
 MetricValue = float | int | None
 """A metric of a mission; None where it is undefined."""
@@ -57,6 +57,8 @@ class Percept:
     T_odom_cam: FloatArray
     """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth
+    gray: GrayImage | None = None
+    """The gray image of the capture, shape (H, W), uint8; black if nothing asked for it."""
     detections: Mapping[int, FloatArray] = field(default_factory=dict)
     """Centres of the other drones that were found in the image, by their numbers: in the camera frame, shape (3,)."""
 

@@ -6,6 +6,7 @@ fits to rendered sequences. Measured pixels keep 1: how far a sensor errs depend
 
 import tomllib
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -33,12 +34,20 @@ class Calibrated:
     """
 
     def __init__(self, bare: DepthCorrector, fills: Fills) -> None:
-        self.bare = bare
+        self.bare, self._fills = bare, fills
         self.uses_gray = bare.uses_gray
         self._table = np.zeros(256, np.float32)
         self._table[:4] = 0, 1, fills.get("memory", 0), fills.get("inpainted", 0)  # In the order of `Source`.
         if isinstance(bare, StagedCorrector):
             self.align, self.combine = bare.align, lambda aligned: self._calibrated(bare.combine(aligned))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy the corrector as its bare one is copied."""
+        return Calibrated, (self.bare, self._fills)
+
+    def __copy__(self) -> "Calibrated":
+        """A copy with a memory of its own."""
+        return deepcopy(self)
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame."""

@@ -97,6 +97,10 @@ class Compiled:
             compile_all()
         return self.dispatcher(*arguments)
 
+    def __reduce__(self) -> str:
+        """Find the function in its module, in another process, too."""
+        return str(self.dispatcher.__qualname__)
+
     def compile(self) -> bool:
         """Compile the function, or read it from the disk; whether it had to be compiled."""
         try:

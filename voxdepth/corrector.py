@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .errors import ConfigError, FrameError
+from .errors import ConfigError, CopyError, FrameError, LateFrameError
 from .model import Model
 from .types import CorrectedDepth, Frame, Intrinsics
 
@@ -28,8 +28,10 @@ class StreamCorrector(ABC):
 
     uses_gray = True
 
-    def __init__(self, intrinsics: Intrinsics) -> None:
+    def __init__(self, intrinsics: Intrinsics, *settings: Any) -> None:
+        """Call this at the end of the constructor, with all its arguments: a copy is made by them."""
         self._intrinsics = intrinsics
+        self._arguments = (intrinsics, *settings)
         self._closed = False
         self._busy = RLock()
         # A daemon thread that comes back from compiled code when the interpreter is gone would abort the process.
@@ -50,12 +52,22 @@ class StreamCorrector(ABC):
         with self._busy:
             self._closed = True
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy a corrector, or send it to another process, before its first frame."""
+        if self._closed or self._last_stamp_s > -np.inf:
+            state = "is closed" if self._closed else "remembers frames (until reset())"
+            raise CopyError(
+                f"a {type(self).__name__} that {state} cannot be copied or sent to another process: make one there, "
+                "with its CorrectorSpec or create_corrector"
+            )
+        return type(self), self._arguments
+
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame.
 
         Raises:
-            FrameError: The frame has another size than the camera, or is not later than the one before; or the
-                corrector is closed, or another thread uses it.
+            FrameError: The frame has another size than the camera; or the corrector is closed, or another thread uses
+                it. A frame that is not later than the one before is a `LateFrameError`, and forgets nothing.
         """
         with self._alone():
             return self.combine(self.align(frame))
@@ -73,8 +85,9 @@ class StreamCorrector(ABC):
         frame.require_shape(self._intrinsics.shape)
         with self._alone():
             if not frame.stamp_s > self._last_stamp_s:
-                raise FrameError(
-                    f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s"
+                raise LateFrameError(
+                    f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s; leave it "
+                    "out, or call reset() before another stream"
                 )
             aligned = self._align(frame)
             self._last_stamp_s = frame.stamp_s  # A frame that raises an error may come again, repaired.

@@ -21,6 +21,14 @@ class FrameError(VoxDepthError, ValueError):
     """A frame or a stream of frames is invalid."""
 
 
+class LateFrameError(FrameError):
+    """A frame is not later than one before it; the stream may go on without it."""
+
+
+class CopyError(VoxDepthError, TypeError):
+    """An object holds what cannot be copied or sent to another process, as threads or a memory of frames."""
+
+
 class ConfigError(VoxDepthError, ValueError):
     """A configuration value is out of range, or a name is unknown."""
 

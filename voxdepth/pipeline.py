@@ -5,13 +5,16 @@ those of the corrector alone.
 """
 
 import time
+import warnings
 import weakref
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from functools import partial
 from threading import Condition, RLock, Thread, current_thread
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
-from .errors import FrameError, PipelineError
+from .errors import CopyError, FrameError, LateFrameError, PipelineError
+from .order import FrameOrder
 from .types import CorrectedDepth, DepthCorrector, Frame
 
 LATENCIES_KEPT = 100_000
@@ -41,14 +44,17 @@ class CorrectionPipeline:
 
     The threads start with the first frame asked for. They stop when the iteration ends, when its iterator is dropped,
     with the `with` block, or by `close`. A pipeline is iterated once, and its corrector must not be used elsewhere
-    meanwhile; it is neither reset nor closed here.
+    meanwhile; it is not closed here.
+
+    A frame that is not later than one before it is left out with a warning. Where the stamps go back by half a second,
+    or three of them in a row, a new stream begins: the corrector is reset, also with a warning.
 
     Args:
         corrector: A `StagedCorrector` runs in two threads, any other one whole in a single thread.
         frames: Read in a thread of their own. A generator is also closed there; any other source stays the caller's.
         latest: For live cameras: a frame replaces the one that waits behind a stage, so that what is delivered is never
             old, whether correction or the caller lags. Otherwise the stages wait for each other and for the caller, and
-            no frame is lost.
+            no other frame is left out.
     """
 
     def __init__(self, corrector: DepthCorrector, frames: Iterable[Frame], *, latest: bool = False) -> None:
@@ -57,8 +63,10 @@ class CorrectionPipeline:
             steps = [("registering", corrector.align), ("combining", corrector.combine)]
         self._channels: list[Channel[_Job]] = [Channel(latest=latest) for _ in range(1 + len(steps))]
         self._threads = [_thread("reading", _read, frames, self._channels[0])]
+        admits: Callable[[_Job], bool] = partial(_is_in_time, FrameOrder(corrector))
         for (name, run), source, output in zip(steps, self._channels[:-1], self._channels[1:], strict=True):
-            self._threads.append(_thread(name, _work, name, run, source, output))
+            self._threads.append(_thread(name, _work, name, admits, run, source, output))
+            admits = _passed
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._lock = RLock()
         self._iterated = False
@@ -100,6 +108,13 @@ class CorrectionPipeline:
         with self._lock:
             self._closed = True
         _stop(self._channels, self._threads)
+
+    def __reduce__(self) -> Any:
+        """Refuse to be copied."""
+        raise CopyError(
+            "a CorrectionPipeline has threads and a source, and cannot be copied or sent to another process: make one "
+            "there, of a corrector that is made there"
+        )
 
     def __enter__(self) -> "CorrectionPipeline":
         return self
@@ -226,11 +241,19 @@ def _read(frames: Iterable[Frame], output: Channel[_Job]) -> None:
         iterator.close()
 
 
-def _work(name: str, run: Callable[[Any], Any], source: Channel[_Job], output: Channel[_Job]) -> None:
+def _work(
+    name: str,
+    admits: Callable[[_Job], bool],
+    run: Callable[[Any], Any],
+    source: Channel[_Job],
+    output: Channel[_Job],
+) -> None:
     """Any other stage: process the result of the stage before until the source or the output ends."""
     error = None
     for job in source:
         try:
+            if not admits(job):
+                continue
             done = job._replace(result=run(job.result))
         except BaseException as cause:
             error = _failure(name, f"frame {job.number}, stamped {job.frame.stamp_s} s", cause)
@@ -239,6 +262,21 @@ def _work(name: str, run: Callable[[Any], Any], source: Channel[_Job], output: C
             break
     output.end(error or source.error)
     source.close()
+
+
+def _is_in_time(order: FrameOrder, job: _Job) -> bool:
+    """Whether the first stage after reading takes a frame; a late one is left out with a warning."""
+    try:
+        order.admit(job.frame)
+    except LateFrameError as late:
+        warnings.warn(f"frame {job.number} is left out: {late}", stacklevel=1)
+        return False
+    return True
+
+
+def _passed(_: _Job) -> bool:
+    """Take what the stage before has taken."""
+    return True
 
 
 def _failure(stage: str, where: str, cause: BaseException) -> PipelineError:

@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from math import atan, degrees
 from numbers import Integral, Real
 from typing import Any, Protocol, Self, TypeVar
 
@@ -47,6 +46,15 @@ LARGEST_LENS = 1000
 """Largest ratio of a focal length to the longer side of its image. The shortest is a pixel divided by that."""
 SHORTEST_BASELINE_M, LARGEST_BASELINE_M = 1e-3, 10.0
 """Range of the baseline of a stereo pair [m]. One in millimetres lies beyond it."""
+SAME_LENS = 1e-3
+"""Largest difference of the lenses of one camera, in longer sides of the image, and of its baselines, in baselines.
+
+Drivers calibrate again while they run, and store numbers of 32 bits. At the border of an image of 640 pixels it is less
+than a pixel."""
+NEGLIGIBLE_DISTORTION = 1e-3
+"""A coefficient of distortion below it moves no pixel by as much as one."""
+RIGID_TOLERANCE, LAST_ROW_TOLERANCE = 1e-3, 1e-6
+"""Largest error of the rotation of a pose, and of its last row, which 32 bits leave."""
 LARGEST_POSITION_M = 1e9
 """Largest coordinate of a camera [m], beyond which 32 bits overflow."""
 LARGEST_DISPARITY_SCALE = 1000.0
@@ -110,7 +118,7 @@ class Intrinsics:
                 f"focal lengths must be {1 / LARGEST_LENS} to {longest_px} px for an image of {size} pixels, "
                 f"got {self.fx_px} and {self.fy_px}: are they in pixels?"
             )
-        hfov_deg = degrees(2 * atan(self.width_px / 2 / self.fx_px))
+        hfov_deg = math.degrees(2 * math.atan(self.width_px / 2 / self.fx_px))
         is_like_an_angle = ANGLES_DEG[0] <= self.fx_px <= ANGLES_DEG[1] and round(self.fx_px, 1) == self.fx_px
         if hfov_deg > (WIDE_DEG if is_like_an_angle else WIDEST_DEG):
             raise FrameError(
@@ -169,7 +177,7 @@ class Intrinsics:
         fx, _, cx, tx, _, fy, cy = (float(x) for x in projection[:7])
         if not any(projection):
             fx, _, cx, _, fy, cy = (float(x) for x in getattr(info, "k", getattr(info, "K", [0] * 9))[:6])
-            if any(getattr(info, "d", getattr(info, "D", ()))):
+            if is_distorted(info):
                 raise FrameError("the CameraInfo has a distortion, but no projection matrix: rectify the images")
         if fx <= 0 or fy <= 0:
             raise FrameError(f"the CameraInfo has focal lengths {fx}, {fy}: is the camera calibrated?")
@@ -177,7 +185,8 @@ class Intrinsics:
         is_cut = (getattr(roi, "width", 0), getattr(roi, "height", 0)) not in ((0, 0), (info.width, info.height))
         if max(getattr(info, "binning_x", 0), getattr(info, "binning_y", 0)) > 1 or is_cut:
             raise FrameError("the CameraInfo is of binned or cut images: pass the Intrinsics of the images themselves")
-        if baseline_m is None and tx < 0 and not (projection[7] or projection[11]):
+        others = max(abs(float(projection[7])), abs(float(projection[11])))
+        if baseline_m is None and tx < 0 and others <= SAME_LENS * -tx:
             baseline_m = -tx / fx
         size = {"width_px": int(info.width), "height_px": int(info.height)}
         return cls(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, baseline_m=baseline_m, **size)
@@ -186,6 +195,17 @@ class Intrinsics:
     def shape(self) -> tuple[int, int]:
         """Image shape (H, W)."""
         return self.height_px, self.width_px
+
+    def is_same_camera(self, other: "Intrinsics") -> bool:
+        """Whether two cameras differ by no more than the calibrations of one camera do, see `SAME_LENS`."""
+        if self.shape != other.shape or (self.baseline_m is None) != (other.baseline_m is None):
+            return False
+        one, another = ((each.fx_px, each.fy_px, each.cx_px, each.cy_px) for each in (self, other))
+        return (
+            bool(np.allclose(one, another, rtol=0, atol=SAME_LENS * max(self.shape)))
+            and math.isclose(self.baseline_m or 0, other.baseline_m or 0, rel_tol=SAME_LENS)
+            and math.isclose(self.disparity_scale, other.disparity_scale, rel_tol=SAME_LENS)
+        )
 
     def scaled(self, width_px: int, height_px: int) -> "Intrinsics":
         """The camera of the images that `cv2.resize` makes of the images of this one, after they were matched."""
@@ -303,6 +323,11 @@ class Frame:
             raise FrameError(f"frames of this camera have shape {shape}, got {self.depth_m.shape}")
 
 
+def is_distorted(info: Any) -> bool:
+    """Whether a ROS `CameraInfo` is of images that are distorted before they are rectified."""
+    return any(abs(x) > NEGLIGIBLE_DISTORTION for x in getattr(info, "d", getattr(info, "D", ())))
+
+
 def _require_numbers(kind: type[Real] | type[Integral], /, **given: object) -> None:
     """Raise a `FrameError` for a value that is no number of a kind."""
     for name, value in given.items():
@@ -332,11 +357,11 @@ def _is_rigid(T: object) -> bool:
     if not isinstance(T, np.ndarray) or not _is_plain(T) or T.shape != (4, 4) or T.dtype.kind not in "fiu":
         return False
     rotation, position_m = T[:3, :3], T[:3, 3]
-    if not np.isfinite(T).all() or (T[3] != (0, 0, 0, 1)).any():
+    if not np.isfinite(T).all() or np.abs(T[3] - (0, 0, 0, 1)).max() > LAST_ROW_TOLERANCE:
         return False
     if np.abs(rotation).max() > 2 or np.abs(position_m).max() > LARGEST_POSITION_M:
         return False
-    return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0)
+    return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=RIGID_TOLERANCE) and np.linalg.det(rotation) > 0)
 
 
 class Source(IntEnum):

@@ -31,6 +31,7 @@ never tilted).
 
 - `depth_m`: corrected depth along the optical axis [m], shape (H, W); 0 = unknown, `max_depth_m` = that far or farther.
 - `nearness`: in its place with `observation="nearness"`, shape (1, H, W), uint8.
+- `gray`: beside them with `gray=True`, the image of that depth, shape (1, H, W), uint8.
 - `velocity_m_s`: own velocity, shape (3,).
 - `leader_m`: from the drone to its leader, as heard by radio, shape (3,).
 - `slot_m`: from the drone to its slot, which moves with the leader as it is heard, shape (3,).
@@ -48,8 +49,11 @@ def observe(situation: Situation, role: Role, task: LearningTask) -> Observation
         "leader_m": np.clip(leader_m, -lost_m, lost_m),
         "slot_m": np.clip(leader_m + matmul(to_own, role.offset_m), -lost_m, lost_m),
     }
-    observation = {name: vector.astype(np.float32) for name, vector in vectors.items()}
-    depth_m = situation.percept.corrected.depth_m
+    observation: Observation = {name: vector.astype(np.float32) for name, vector in vectors.items()}
+    depth_m, gray = situation.percept.corrected.depth_m, situation.percept.gray
+    if task.gray:
+        assert gray is not None, "captures have gray images"
+        observation["gray"] = gray[None].copy()
     if task.observation == "metres":
         return {"depth_m": np.clip(depth_m, 0.0, task.rig.max_depth_m), **observation}
     nearness = np.where(depth_m > 0, 255 * NEAR_M / np.maximum(depth_m, NEAR_M), 0)

@@ -1,9 +1,14 @@
 """The task of learning: the world, the mission, what is observed, and the reward."""
 
+import json
+from collections.abc import Mapping
+from functools import reduce
+from importlib.metadata import entry_points
 from typing import Any, Literal
 
 import pydantic
 from pydantic import Field
+from pydantic_core import PydanticSerializationError, to_jsonable_python
 
 from sim.bodies import Weather
 from sim.scenes import AnyScene, CitySpec
@@ -20,6 +25,8 @@ CALM = Weather(shadows=False)
 SMALL_BLOCKS = RigConfig().stereo.model_copy(update={"block_px": 3})
 SMALL_RIG = RigConfig(width_px=240, height_px=180, decimate=3, stereo=SMALL_BLOCKS)
 RULES = RuleWeights()
+SCENARIOS = "voxdepth.scenarios"
+"""Group of the entry point that gives the parts of a scenario: this package does not import the testbed's scenarios."""
 STREETS = CitySpec(columns=3, rows=6, poles=6, tower_height_m=(9.0, 13.0), weather=CALM)
 
 
@@ -35,6 +42,28 @@ def pair(start_m: Point, goal_m: Point, **changes: Any) -> MissionConfig:
             "latency_s": 0.0,
             **changes,
         }
+    )
+
+
+def as_data(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options of a task as tables, lists, texts and numbers, as JSON has them; what else there is stays."""
+    data = {}
+    for name, value in options.items():
+        try:
+            data[name] = to_jsonable_python(value)
+        except PydanticSerializationError:
+            data[name] = value
+    return data
+
+
+def setup_of(scenario: str) -> MissionSetup:
+    """Return the parts of a scenario; `mission.latency_s` includes the time of its corrector."""
+    for found in entry_points(group=SCENARIOS):
+        setup: MissionSetup = found.load()(scenario)
+        return setup
+    raise MissionError(
+        f"the scenario {scenario!r} is of the testbed, which is not installed: `pip install -e '.[sim,gym]'` in a "
+        "checkout installs it"
     )
 
 
@@ -83,17 +112,24 @@ class LearningTask(MissionSetup):
     be free, and with `same` they have the eyes of the learner and the controller of the mission."""
     observation: Literal["metres", "nearness"] = "metres"
     """The depth in metres, or its nearness as an image for convolutions."""
+    gray: bool = False
+    """Whether the gray image is observed beside the depth."""
     reward: RewardConfig = RewardConfig()
 
     @classmethod
-    def of(cls, depth: str | None = None, **fields: Any) -> "LearningTask":
+    def of(cls, scenario: str | None = None, depth: str | None = None, **fields: Any) -> "LearningTask":
         """Create a task from fields by name, of which tables change single keys, and the `depth` of the rig.
 
-        What is unknown or impossible is a `MissionError`.
+        The parts of a scenario, a shipped one by name or a file, take the places of the defaults, and all drones have
+        the same eyes. What is unknown or impossible is a `MissionError`.
         """
-        with explained(cls, MissionError):
-            task = cls(**changed(cls().model_dump(), fields))
-            return task if depth is None else cls(**changed(task.model_dump(), {"rig": {"depth": depth}}))
+        changes = [as_data(fields), {} if depth is None else {"rig": {"depth": depth}}]
+        if scenario is not None:
+            changes.insert(0, {**setup_of(scenario).model_dump(mode="json"), "others": "same"})
+        with explained(cls, MissionError):  # As JSON, in which a list may stand for a tuple.
+            return cls.model_validate_json(
+                json.dumps(reduce(changed, changes, cls().model_dump(mode="json")), default=repr)
+            )
 
     @pydantic.field_validator("mission")
     @classmethod

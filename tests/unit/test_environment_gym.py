@@ -1,5 +1,6 @@
 """The environment as Gymnasium knows it."""
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,6 +16,7 @@ from swarm.environments.task import LearningTask, pair
 from swarm.errors import MissionError
 from swarm.gym import TASKS
 from tests.learning import FORWARD, QUICK_RIG, TURN, quick
+from voxdepth.errors import VoxDepthError
 
 NAME = "swarm.gym:voxdepth/LeaderFollower-v0"
 
@@ -46,6 +48,68 @@ def test_the_parts_of_a_scenario_make_a_task() -> None:
     observation, _ = env.reset(seed=3)
     assert observation["depth_m"].shape == scenario.rig.intrinsics.shape
     env.close()
+
+
+def shown(name: str, **options: Any) -> tuple[dict[str, Any], LeaderFollowerEnv]:
+    env = gymnasium.make(NAME, scenario=name, corrector="raw", **options).unwrapped
+    observation, _ = env.reset(seed=1)
+    env.close()
+    return observation, env
+
+
+@pytest.mark.parametrize("name", ["forest", "gap", "pillars"])
+def test_the_scene_of_a_scenario_is_had_by_its_name(name: str) -> None:
+    scenario = load_run(name, None, {}).scenario
+    observation, env = shown(name, depth="truth")
+    task, mission = env.task, scenario.mission
+    assert (task.scene, task.airframe, task.others) == (scenario.scene, scenario.airframe, "same")
+    assert task.mission == mission.model_copy(update={"latency_s": scenario.latency_s})
+    assert task.rig == scenario.rig.model_copy(update={"depth": "truth"})
+    assert observation in env.observation_space
+
+
+def test_options_change_the_parts_of_a_scenario() -> None:
+    task = LearningTask.of(scenario="forest", mission={"drones": 3}, others="blind", scene={"bushes": 5})
+    forest = load_run("forest", None, {}).scenario
+    assert (task.mission.drones, task.others) == (3, "blind")
+    assert task.scene == forest.scene.model_copy(update={"bushes": 5})
+
+
+def test_a_file_is_a_scenario_as_well(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text('name = "mine"\n[scene]\nkind = "gap"\n[mission]\ndrones = 2\n')
+    assert LearningTask.of(scenario=str(tmp_path / "mine.toml")).scene == GapSpec()
+    with pytest.raises(VoxDepthError, match="did you mean forest"):
+        LearningTask.of(scenario="forrest")
+
+
+def test_without_the_testbed_a_scenario_says_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swarm.environments.task.entry_points", lambda group: ())
+    with pytest.raises(MissionError, match="'forest' is of the testbed, which is not installed"):
+        LearningTask.of(scenario="forest")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"corrector": "median"},
+        {"observation": "nearness"},
+        {"rig": {"depth": "noisy", "width_px": 96, "height_px": 72}},
+    ],
+)
+def test_gray_images_are_observed_beside_the_depth(options: dict[str, Any]) -> None:
+    given = {name: value for name, value in quick().items() if name not in options}
+    seen = []
+    for gray in (True, False):
+        env = gymnasium.make(NAME, gray=gray, **given, **options)
+        env.reset(seed=2)
+        seen.append(env.step(array(FORWARD))[0])
+        assert seen[-1] in env.observation_space
+        env.close()
+    image = seen[0].pop("gray")
+    assert (image.dtype, image.shape[1:]) == (np.uint8, env.unwrapped.task.rig.intrinsics.shape)
+    assert image.std() > 5
+    assert all(np.array_equal(seen[0][name], seen[1][name]) for name in seen[1])
+    assert seen[0].keys() == seen[1].keys()
 
 
 def steps(env: LeaderFollowerEnv, seed: int | None, n: int = 4) -> list[Any]:

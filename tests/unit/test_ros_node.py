@@ -1,7 +1,9 @@
 """The ROS 2 node without ROS: what it makes of messages, and how it is wired, by stand-ins for rclpy."""
 
 import sys
+import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -71,6 +73,7 @@ def test_a_frame_becomes_what_the_corrector_makes_of_it() -> None:
         np.testing.assert_allclose(gray_of(made["confidence"]) / 255, expected.confidence, atol=0.002)
 
 
+@pytest.mark.filterwarnings("ignore:the stamps go back")
 def test_another_camera_gets_a_new_corrector_and_an_earlier_stamp_a_new_stream(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Any] = []
 
@@ -107,6 +110,54 @@ def test_bad_messages_are_frame_errors_and_the_next_good_one_is_corrected(gray: 
     assert corrector.correct(gray_message(10 * S), depth_message(10 * S), info_message())
 
 
+class Cameras:
+    """`camera_info` whose numbers differ from frame to frame as those of one camera do, or by more."""
+
+    def __init__(self, **change: float) -> None:
+        self._change = change
+
+    def __call__(self, index: int) -> Any:
+        moved = {name: getattr(CAMERA, name) + (index % 3) * value for name, value in self._change.items()}
+        return message("sensor_msgs/msg/CameraInfo", camera_info(replace(CAMERA, **moved), (S, "left")))
+
+
+@pytest.mark.parametrize(
+    ("change", "n_made"),
+    [
+        ({"fx_px": 1e-6, "fy_px": 1e-6}, 1),
+        ({"cx_px": 0.01}, 1),
+        ({"fx_px": 1e-3, "cy_px": -1e-3}, 1),
+        ({"fx_px": 0.1}, 6),
+    ],
+)
+def test_a_calibration_that_trembles_keeps_the_corrector(
+    change: dict[str, float], n_made: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+    create = CorrectorSpec.create
+    monkeypatch.setattr(CorrectorSpec, "create", lambda spec, camera: made.append(camera) or create(spec, camera))
+    corrector, info = stream().MessageCorrector(CorrectorSpec(name="median")), Cameras(**change)
+    for index in range(6):
+        corrector.correct(gray_message(S + index), depth_message(S + index), info(index))
+    assert len(made) == n_made
+
+
+def test_a_late_frame_is_left_out_and_the_memory_is_kept() -> None:
+    spec = CorrectorSpec(name="temporal")
+    corrector, reference = stream().MessageCorrector(spec), stream().MessageCorrector(spec)
+    for index in range(4):
+        stamp_ns = S + index * 33_000_000
+        if index == 3:
+            for late_ns in (stamp_ns - 50_000_000, stamp_ns - 33_000_000):
+                with pytest.raises(FrameError, match="it comes late"):
+                    corrector.correct(gray_message(late_ns), depth_message(late_ns), info_message())
+        both = [
+            each.correct(gray_message(stamp_ns), depth_message(stamp_ns), info_message())
+            for each in (corrector, reference)
+        ]
+    assert all(np.array_equal(both[0][name]["data"], both[1][name]["data"]) for name in both[0])
+
+
 def paired(*images: tuple[int, int], slop_s: float = 0.02) -> tuple[list[tuple[int, ...]], int]:
     """The stamps of the pairs of images, which are topics and stamps [ms], and the number of images left out."""
     pairs = stream().Pairs(slop_s)
@@ -126,13 +177,45 @@ def test_stamps_may_differ_by_the_slop_and_no_more() -> None:
 
 def test_the_nearest_image_is_taken_and_those_before_it_are_left_out() -> None:
     images = (0, 100), (0, 110), (0, 130), (1, 112), (1, 113), (1, 131)
-    assert paired(*images) == ([(110, 112), (130, 113)], 1)
+    assert paired(*images) == ([(110, 112), (130, 131)], 1)
 
 
 def test_an_image_waits_until_there_are_too_many_later_ones() -> None:
     waiting = [(0, 100 * k) for k in range(1, 7)]
-    assert paired(*waiting, (1, 200)) == ([(200, 200)], 1)
-    assert paired(*waiting, (1, 100)) == ([], 1)
+    assert paired(*waiting, (1, 200))[0] == [(200, 200)]
+    assert paired(*waiting, (1, 100))[0] == []
+
+
+def test_images_from_before_the_other_topic_began_are_not_told() -> None:
+    waiting = [(0, 100 * k) for k in range(1, 9)]
+    assert paired(*waiting, (1, 800)) == ([(800, 800)], 0)
+    assert paired((1, 50), *waiting, (1, 800)) == ([(800, 800)], 8)
+
+
+def exact_pairs(period_ms: float, lost: set[int], offset_ms: float = 0.0) -> tuple[int, int]:
+    """The number of pairs of 300 images of two topics, some of the first lost, and of those of one time."""
+    both = [(topic, round(k * period_ms) + round(topic * offset_ms), k) for k in range(300) for topic in (0, 1)]
+    pairs, _ = paired(*((topic, ms) for topic, ms, k in both if topic or k not in lost))
+    return len(pairs), sum(depth_ms - gray_ms == round(offset_ms) for gray_ms, depth_ms in pairs)
+
+
+@pytest.mark.parametrize("period_ms", [1000 / 30, 1000 / 60, 1000 / 90, 1000 / 200])
+@pytest.mark.parametrize("lost", [{10}, {10, 11, 12}, set(range(20, 300, 7))])
+def test_after_a_lost_image_each_depth_has_its_own_image_at_every_rate(period_ms: float, lost: set[int]) -> None:
+    assert exact_pairs(period_ms, lost) == (300 - len(lost), 300 - len(lost))
+
+
+def test_topics_of_steadily_other_times_are_paired_at_once() -> None:
+    n, n_right = exact_pairs(1000 / 60, {50}, offset_ms=6.0)
+    assert (n, n_right) == (299, 299)
+
+
+def test_a_late_image_loses_no_pair_but_its_own() -> None:
+    on_time = [(topic, 33 * k) for k in range(1, 20) for topic in (0, 1)]
+    late = [*on_time[:20], (0, 303), *on_time[20:]]
+    assert paired(*late)[0] == paired(*on_time)[0]
+    waits = [*on_time[:21], (0, 303), *on_time[21:]]
+    assert paired(*waits)[0] == paired(*on_time)[0]
 
 
 def test_a_topic_of_half_the_rate_leaves_every_second_image_of_the_other_out() -> None:
@@ -170,6 +253,7 @@ class FakeNode:
     """The methods of rclpy.node.Node that the node uses."""
 
     def __init__(self, name: str) -> None:
+        self.told: list[str] = []
         self.topics: dict[str, Publisher] = {}
         self.callbacks: dict[str, Callable[[Any], None]] = {}
         self.warnings: list[str] = []
@@ -178,7 +262,8 @@ class FakeNode:
     def declare_parameter(self, name: str, value: Any, descriptor: Any) -> Any:
         self.settings[name] = value
         given = PARAMETERS.get(name, value)
-        assert descriptor.dynamic_typing or type(given) is type(value)
+        assert descriptor.dynamic_typing
+        assert descriptor.read_only, "a change would have no effect"
         return SimpleNamespace(value=given)
 
     def create_publisher(self, kind: Any, topic: str, depth: int) -> Publisher:
@@ -188,7 +273,22 @@ class FakeNode:
         self.callbacks[topic] = callback
 
     def get_logger(self) -> Any:
-        return SimpleNamespace(warning=lambda text, throttle_duration_sec: self.warnings.append(text))
+        return SimpleNamespace(
+            warning=lambda text, throttle_duration_sec: self.warnings.append(text), info=self.told.append
+        )
+
+    def resolve_topic_name(self, name: str) -> str:
+        return f"/camera/{name}"
+
+
+class FakeExecutor:
+    """Those of an executor; what waits without a limit never ends."""
+
+    def add_node(self, node: Any) -> None:
+        pass
+
+    def spin_once(self, timeout_sec: float) -> None:
+        time.sleep(min(timeout_sec, 0.01))
 
 
 PARAMETERS: dict[str, Any] = {"corrector": "median", "units_per_m": 0, "baseline_m": 0}
@@ -204,7 +304,7 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Any:
 
     modules: dict[str, dict[str, Any]] = {
         "rclpy": {"ok": lambda: True},
-        "rclpy.executors": {"ExternalShutdownException": RuntimeError},
+        "rclpy.executors": {"ExternalShutdownException": RuntimeError, "SingleThreadedExecutor": FakeExecutor},
         "rclpy.node": {"Node": FakeNode},
         "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
         "rcl_interfaces": {},
@@ -235,7 +335,6 @@ def test_the_node_publishes_the_latest_pair_with_the_header_of_its_depth(
     node: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     receive(node, gray_message(S), depth_message(S))
-    assert "no camera_info yet" in node.warnings[0]
     node.callbacks["camera_info"](info_message())
     for stamp_ns in (2 * S, 3 * S):
         receive(node, gray_message(stamp_ns), depth_message(stamp_ns))
@@ -263,10 +362,13 @@ def test_the_node_warns_of_images_without_a_partner_and_of_other_cameras(
     node: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node.callbacks["camera_info"](info_message())
-    for stamp_ns in range(S, 8 * S, S):
+    receive(node, gray_message(S), depth_message(S))
+    for stamp_ns in range(2 * S, 16 * S, S):
+        assert not node.warnings
         node.callbacks["depth"](depth_message(stamp_ns))
-    assert node.warnings[-1] == "2 images so far had no partner within slop_s, as in topics of different rates"
-    gray = gray_message(7 * S)
+    node.callbacks["depth"](depth_message(16 * S))
+    assert node.warnings[-1] == "10 images so far had no partner within slop_s, as in topics of different rates"
+    gray = gray_message(16 * S)
     gray.header.frame_id = "rear"
     node.callbacks["image"](gray)
     run(node, monkeypatch)
@@ -287,6 +389,75 @@ def test_a_publisher_that_ros_has_ended_is_no_error(node: Any, monkeypatch: pyte
     monkeypatch.setattr(sys.modules["rclpy"], "ok", lambda: True)
     with pytest.raises(RuntimeError, match="context is invalid"):
         node.correct_until_shutdown()
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"slop_s": -1}, "parameters of the node: slop_s: expected at least 0, got -1"),
+        ({"units_per_m": "many"}, "parameters of the node: units_per_m: expected a valid number, got 'many'"),
+        ({"corrector": "temporl"}, "there is no corrector 'temporl' (did you mean temporal?)"),
+        ({"corrector": "temporal[fil=all]"}, "unknown key 'fil'"),
+        ({"config": "nowhere.toml"}, "cannot read the config 'nowhere.toml' as TOML"),
+    ],
+)
+def test_parameters_that_make_no_sense_end_the_node_in_one_line(
+    node: Any, given: dict[str, Any], told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in given.items():
+        monkeypatch.setitem(PARAMETERS, name, value)
+    monkeypatch.setattr(sys.modules["rclpy"], "init", lambda: None, raising=False)
+    monkeypatch.setattr(sys.modules["rclpy"], "try_shutdown", lambda: None, raising=False)
+    with pytest.raises(SystemExit) as ended:
+        import_module("voxdepth_ros.node").main()
+    assert str(ended.value.code).startswith("voxdepth: ")
+    assert told in str(ended.value.code)
+    assert "\n" not in str(ended.value.code)
+
+
+def test_a_corrector_with_settings_counts_before_the_file(node: Any, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("fill = 'sure'\nshadow_factor = 1.0\n")
+    settings = stream().Settings.of({"corrector": "temporal[fill=all]", "config": str(tmp_path / "mine.toml")})
+    assert settings.message_corrector()._spec.config == {"fill": "all", "shadow_factor": 1.0}
+
+
+@pytest.mark.parametrize("corrector", ["realsense", "temporal", "global-smoother"])
+def test_without_a_baseline_the_assumed_one_serves_every_corrector_and_is_told(corrector: str) -> None:
+    told: list[str] = []
+    messages = stream().MessageCorrector(CorrectorSpec(name=corrector))
+    messages.tell = told.append
+    messages.correct(gray_message(S), depth_message(S), info_message())
+    assert told == [
+        f"{corrector} corrects a camera of 32x24 pixels, focal length {CAMERA.fx_px:.6g} px, baseline 0.05 m "
+        "(assumed: camera_info has none; set baseline_m)"
+    ]
+
+
+def test_topics_without_a_message_are_told_after_a_while(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert node.told == ["waiting for /camera/image, /camera/depth, /camera/camera_info"]
+    run(node, monkeypatch)
+    assert not node.warnings
+    receive(node, gray_message(S), depth_message(S))
+    now_s = time.monotonic()
+    monkeypatch.setattr(sys.modules["voxdepth_ros.node"], "monotonic", lambda: now_s + 6)
+    run(node, monkeypatch)
+    (warning,) = node.warnings
+    assert warning.startswith("no message has come yet for camera_info (/camera/camera_info): is it published")
+    node.callbacks["camera_info"](info_message())
+    run(node, monkeypatch)
+    assert len(node.warnings) == 1
+
+
+def test_the_node_ends_with_ros_although_no_message_comes(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = [True]
+    ended: list[str] = []
+    fake = {"init": lambda: None, "ok": lambda: bool(runs), "try_shutdown": runs.clear}
+    for name, call in fake.items():
+        monkeypatch.setattr(sys.modules["rclpy"], name, call, raising=False)
+    monkeypatch.setattr(FakeNode, "destroy_node", lambda self: ended.append("node"), raising=False)
+    monkeypatch.setattr(type(node), "correct_until_shutdown", lambda self: None)
+    import_module("voxdepth_ros.node").main()
+    assert ended == ["node"]
 
 
 def test_the_parameters_of_the_file_are_those_of_the_node(node: Any) -> None:

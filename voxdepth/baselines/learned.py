@@ -77,7 +77,7 @@ class Learned(StreamCorrector):
         self._upsampler = Upsampler(intrinsics.shape, self._resolution)
         self._flow = optical_flow()
         compile_all()
-        super().__init__(intrinsics)
+        super().__init__(intrinsics, network)
 
     def _forget(self) -> None:
         self._last: tuple[GrayImage, Result] | None = None

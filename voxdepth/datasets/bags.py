@@ -37,7 +37,7 @@ from ..ros import (
     header_of,
     values_of,
 )
-from ..types import Frame, Intrinsics
+from ..types import SAME_LENS, Frame, Intrinsics, is_distorted
 from ..units import Unit
 from . import WITHIN_S
 from .files import CALIBRATION, calibration_path, choose_intrinsics, choose_unit, list_folder, no_camera
@@ -60,10 +60,6 @@ RIGHT_INFRARED = ("/Infrared_2/", "/infra2/")
 left one."""
 COPIES = re.compile(r"/compressed(Depth)?$")
 """What ends the topic of a compressed copy of an image."""
-SAME_LENS = 1e-3
-"""Relative difference of the numbers of one lens."""
-LEAST_DISTORTION = 1e-3
-"""A coefficient of distortion below it moves no pixel by as much as one."""
 AT_ONCE_NS = 5_000_000
 """Time within which an image is received that a driver sends again [ns]."""
 ZSTD = b"\x28\xb5\x2f\xfd"
@@ -264,9 +260,9 @@ class Images:
             return "is that of the right camera"
         infos = [self._infos.get(self._info(topic)) for topic in (depth, gray)]
         first, second = map(_lens_of, infos)
-        if first is not None and second is not None and not _is_same(first, second):
+        if first is not None and second is not None and not first.is_same_camera(second):
             return "has another lens or size by its camera_info"
-        if "rect" not in _original(gray).rsplit("/", 1)[-1] and _is_distorted(infos[1]):
+        if "rect" not in _original(gray).rsplit("/", 1)[-1] and is_distorted(infos[1]):
             return "is distorted by its camera_info, and not rectified by its name; image_proc rectifies"
         if are_apart(self._images[depth], self._images[gray]):
             ids = (self._images[topic].header.frame_id for topic in (gray, depth))
@@ -296,7 +292,7 @@ class Images:
             except FrameError as error:
                 raise DatasetError(f"{where} describes no camera: {error}") from error
             first = first or lens
-            if not _is_same(first, lens):
+            if not first.is_same_camera(lens):
                 raise DatasetError(
                     f"{where} describes another camera than before, {lens} after {first}: cut the bag there, or state "
                     f"the camera of all images in {calibration_path(self._bag.path)}"
@@ -311,8 +307,8 @@ class Images:
             return in_mm / 1000
         beside = _folder(_folder(_original(topic))) + "/"
         lenses = [_lens_of(info) for name, info in self._infos.items() if name.startswith(beside)]
-        found = {round(lens.baseline_m, 6) for lens in lenses if lens is not None and lens.baseline_m is not None}
-        return found.pop() if len(found) == 1 else None
+        found = [lens.baseline_m for lens in lenses if lens is not None and lens.baseline_m is not None]
+        return found[0] if found and np.allclose(found, found[0], rtol=SAME_LENS) else None
 
     def _option(self, topic: str, name: str) -> float | None:
         """The value of an option of the sensor of a topic, which files of librealsense have."""
@@ -336,12 +332,6 @@ def _lens_of(info: Any) -> Intrinsics | None:
     return None
 
 
-def _is_same(first: Intrinsics, second: Intrinsics) -> bool:
-    """Whether two cameras have one lens, and none is the right one of a pair."""
-    a, b = ((lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *lens.shape) for lens in (first, second))
-    return first.baseline_m == second.baseline_m and bool(np.allclose(a, b, rtol=SAME_LENS))
-
-
 def _original(topic: str) -> str:
     """The topic whose images a topic of compressed images has."""
     return COPIES.sub("", topic)
@@ -356,11 +346,6 @@ def _n_shared(first: str, second: str) -> int:
     """Number of parts that two topics have in common from the beginning on."""
     alike = [a == b for a, b in zip(first.split("/"), second.split("/"), strict=False)]
     return [*alike, False].index(False)
-
-
-def _is_distorted(info: Any) -> bool:
-    """Whether a `camera_info` is of images that are distorted before they are rectified."""
-    return any(abs(x) > LEAST_DISTORTION for x in getattr(info, "d", getattr(info, "D", ())))
 
 
 class Bag:

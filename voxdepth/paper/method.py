@@ -72,7 +72,7 @@ class VoxDepth(StreamCorrector):
         )
         self._warped_m = np.empty(camera.shape, np.float32)
         compile_all()
-        super().__init__(camera)
+        super().__init__(camera, config)
 
     def _forget(self) -> None:
         """Forget template and window; the next frame starts a new epoch."""

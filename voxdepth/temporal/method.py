@@ -67,7 +67,7 @@ class TemporalCorrector(StreamCorrector):
         self._upsampler = Upsampler(camera.shape, self._resolution)
         self._filler = HoleFiller(self._resolution, config.shadow_factor)
         compile_all()
-        super().__init__(camera)
+        super().__init__(camera, config)
 
     def _forget(self) -> None:
         self._odometry.reset()

@@ -4,61 +4,61 @@ The executor receives messages in a thread of its own, and the main thread corre
 correction leaves out frames and delays none.
 """
 
-import tomllib
+import sys
 from array import array
 from collections.abc import Mapping
 from contextlib import suppress
 from copy import deepcopy
 from functools import partial
-from pathlib import Path
 from threading import Thread
+from time import monotonic
 from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image
 
-from voxdepth.corrector_spec import CorrectorSpec
-from voxdepth.errors import FrameError
+from voxdepth.errors import FrameError, VoxDepthError
 from voxdepth.ros import are_apart
 
-from .stream import Latest, MessageCorrector, Pairs
+from .stream import TOPICS, Arrivals, Latest, Pairs, Settings
 
 WARN_EVERY_S = 5.0
 REMIND_EVERY_S = 60.0
 WAIT_S = 0.2
-"""How often the main thread looks whether ROS still runs, without images [s]."""
+"""How often both threads look whether ROS still runs, without images [s]."""
 IMAGES = ("depth", "source", "confidence")
 
 
 class VoxDepthNode(Node):
     """Subscribes to `image`, `depth` and `camera_info`; publishes `depth`, `source`, `confidence` and `camera_info`.
 
-    What it publishes is below its own name, as in `/voxdepth/depth`.
+    What it publishes is below its own name, as in `/voxdepth/depth`. Parameters that make no sense are a `ConfigError`.
     """
 
     def __init__(self) -> None:
         super().__init__("voxdepth")
-        values = {"corrector": "temporal", "config": "", "baseline_m": 0.0, "units_per_m": 0.0, "slop_s": 0.02}
-        any_type = ParameterDescriptor(dynamic_typing=True)  # 5000 is a number as well as 5000.0.
-        given = {name: self.declare_parameter(name, value, any_type).value for name, value in values.items()}
-        config = tomllib.loads(Path(given["config"]).read_text(encoding="utf-8")) if given["config"] else {}
-        self._corrector = MessageCorrector(
-            CorrectorSpec(name=given["corrector"], config=config),
-            baseline_m=float(given["baseline_m"]) or None,
-            units_per_m=float(given["units_per_m"]) or None,
-        )
+        # 5000 is a number as well as 5000.0; a change while the node runs would have no effect.
+        kind = ParameterDescriptor(dynamic_typing=True, read_only=True)
+        defaults = Settings().model_dump()
+        given = {name: self.declare_parameter(name, value, kind).value for name, value in defaults.items()}
+        settings = Settings.of(given)
+        self._corrector = settings.message_corrector()
+        self._corrector.prepare()
+        self._corrector.tell = self.get_logger().info
         self._latest: Latest[tuple[Image, Image, CameraInfo]] = Latest()
         self._info: CameraInfo | None = None
         self._image_topics = {name: self.create_publisher(Image, f"~/{name}", 1) for name in IMAGES}
         self._info_topic = self.create_publisher(CameraInfo, "~/camera_info", 1)
+        self._pairs = Pairs(settings.slop_s)
+        self._arrivals = Arrivals({name: self.resolve_topic_name(name) for name in TOPICS}, monotonic())
         self.create_subscription(CameraInfo, "camera_info", self._keep_info, qos_profile_sensor_data)
-        self._pairs = Pairs(float(given["slop_s"]))
         for number, topic in enumerate(("image", "depth")):
             self.create_subscription(Image, topic, partial(self._keep_image, number), qos_profile_sensor_data)
+        self.get_logger().info(f"waiting for {', '.join(self._arrivals.topics.values())}")
 
     def correct_until_shutdown(self) -> None:
         """Correct the latest images until ROS ends; call it outside of the executor."""
@@ -67,6 +67,8 @@ class VoxDepthNode(Node):
                 taken = self._latest.take(WAIT_S)
                 if taken is not None:
                     self._correct(*taken)
+                if missing := self._arrivals.missing(monotonic()):
+                    self.get_logger().warning(missing, throttle_duration_sec=WARN_EVERY_S)
         finally:
             self._corrector.close()
 
@@ -87,18 +89,16 @@ class VoxDepthNode(Node):
                 raise
 
     def _keep_info(self, info: CameraInfo) -> None:
+        self._arrivals.note("camera_info")
         self._info = info
 
     def _keep_image(self, topic: int, image: Image) -> None:
+        self._arrivals.note(TOPICS[topic])
         pair = self._pairs.add(topic, image)
-        if self._pairs.n_alone:
+        if self._pairs.are_many_alone:
             text = f"{self._pairs.n_alone} images so far had no partner within slop_s, as in topics of different rates"
             self.get_logger().warning(text, throttle_duration_sec=REMIND_EVERY_S)
-        if pair is None:
-            return
-        if self._info is None:
-            self.get_logger().warning("images, but no camera_info yet", throttle_duration_sec=WARN_EVERY_S)
-        else:
+        if pair is not None and self._info is not None:
             self._latest.put((*pair, self._info))
 
     def _publish(self, images: Mapping[str, Mapping[str, Any]], header: Any, info: CameraInfo) -> None:
@@ -115,8 +115,14 @@ class VoxDepthNode(Node):
 def main() -> None:
     """Run the node until ROS ends."""
     rclpy.init()
-    node = VoxDepthNode()
-    receiver = Thread(target=_receive, args=(node,), daemon=True)
+    try:
+        node = VoxDepthNode()
+    except VoxDepthError as error:
+        rclpy.try_shutdown()
+        sys.exit(f"voxdepth: {error}")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    receiver = Thread(target=_receive, args=(executor,), daemon=True)
     receiver.start()
     try:
         with suppress(KeyboardInterrupt):
@@ -127,6 +133,11 @@ def main() -> None:
         node.destroy_node()
 
 
-def _receive(node: Node) -> None:
+def _receive(executor: SingleThreadedExecutor) -> None:
+    """Receive messages until ROS ends.
+
+    A wait without a limit would never end where ROS does just before it begins, as by SIGTERM.
+    """
     with suppress(ExternalShutdownException):
-        rclpy.spin(node)
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=WAIT_S)

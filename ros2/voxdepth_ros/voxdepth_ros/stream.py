@@ -1,17 +1,69 @@
 """What the node does with messages; nothing of ROS is imported, so that it is tested without."""
 
+import tomllib
+from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
 from threading import Condition
 from typing import Any, Generic, TypeVar
 
+from pydantic import Field
+
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import ConfigError, FrameError
+from voxdepth.model import Model, changed, explained
+from voxdepth.order import FrameOrder, Place, StampOrder
 from voxdepth.ros import confidence_fields, depth_fields, frame_of, header_of, source_fields
-from voxdepth.types import DepthCorrector, Intrinsics
+from voxdepth.types import ASSUMED_BASELINE_M, DepthCorrector, Intrinsics
 
 T = TypeVar("T")
+TOPICS = ("image", "depth", "camera_info")
+"""What the node subscribes to; the first two are paired."""
 MOST_WAITING = 5
 """Images of a topic that wait for one of the other topic."""
+INTERVALS = 9
+"""Intervals between images of a topic whose median is its period."""
+MANY_ALONE = 10
+"""Images without a partner that are told: a few of them are lost at a start."""
+PATIENCE_S = 5.0
+"""Time after which topics without a message are told [s]."""
+TYPICAL = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=80, baseline_m=ASSUMED_BASELINE_M)
+"""A camera for which a corrector is made before that of the images is known."""
+
+
+class Settings(Model):
+    """The parameters of the node; they are read when it starts."""
+
+    corrector: str = "temporal"
+    """Corrector by name, perhaps with settings, as in `temporal[fill=all]`."""
+    config: str = ""
+    """TOML file with lines of `voxdepth config` to change; empty takes the defaults."""
+    baseline_m: float = Field(default=0.0, ge=0)
+    """Baseline of the stereo pair [m]; 0 takes that of the `camera_info`, or else 0.05."""
+    units_per_m: float = Field(default=0.0, ge=0)
+    """Steps of a metre in the depth; 0 takes 1000 for 16 bits and 1 for floats."""
+    slop_s: float = Field(default=0.02, ge=0)
+    """Largest difference of the stamps of a pair [s]."""
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> "Settings":
+        """Return the settings by name; what makes no sense is a `ConfigError` in one line."""
+        with explained(cls, ConfigError, "parameters of the node: "):
+            return cls.model_validate(dict(given))
+
+    def message_corrector(self) -> "MessageCorrector":
+        """Return what corrects the messages; a corrector that cannot be made is a `ConfigError`."""
+        spec = CorrectorSpec.of(self.corrector)
+        if self.config:
+            try:
+                table = tomllib.loads(Path(self.config).read_text(encoding="utf-8"))
+            except (OSError, ValueError) as error:
+                raise ConfigError(f"cannot read the config {self.config!r} as TOML: {error}") from error
+            with explained(CorrectorSpec, ConfigError):
+                spec = CorrectorSpec(name=spec.name, config=changed(table, spec.config))
+        return MessageCorrector(spec, baseline_m=self.baseline_m or None, units_per_m=self.units_per_m or None)
 
 
 class MessageCorrector:
@@ -19,7 +71,7 @@ class MessageCorrector:
 
     Args:
         spec: The corrector.
-        baseline_m: Baseline of the stereo pair [m]; None takes that of the `CameraInfo`, if it has one.
+        baseline_m: Baseline of the stereo pair [m]; None takes that of the `CameraInfo`, or else `ASSUMED_BASELINE_M`.
         units_per_m: Steps of a metre in the depth; None takes 1000 for 16 bits and 1 for floats if the depths fit that.
     """
 
@@ -27,57 +79,77 @@ class MessageCorrector:
         self, spec: CorrectorSpec, *, baseline_m: float | None = None, units_per_m: float | None = None
     ) -> None:
         self._spec, self._baseline_m, self._units_per_m = spec, baseline_m, units_per_m
+        self.tell: Callable[[str], None] | None = None
+        """Takes a line about every corrector that is made: its camera, and the baseline."""
         self._camera: Intrinsics | None = None
         self._corrector: DepthCorrector
-        self._stamp_s = 0.0
+        self._order: FrameOrder
+
+    def prepare(self) -> None:
+        """Compile what the corrector needs before the first image comes; one that cannot be made is a `ConfigError`."""
+        _close(self._spec.create(TYPICAL))
 
     def correct(self, gray: Any, depth: Any, info: Any) -> Mapping[str, Mapping[str, Any]]:
         """Correct a frame.
 
-        Another camera than before gets a new corrector, and a stamp before the last one, as of a bag that begins again,
-        a new stream.
+        Another camera than before gets a new corrector, but one whose calibration only trembles is the same, see
+        `Intrinsics.is_same_camera`. Stamps that go back, as of a bag that begins again, are a new stream, but a single
+        frame that comes late is left out, see `voxdepth.order`.
 
         Returns:
             Fields of the images `depth`, `source` and `confidence`, but for their headers.
 
         Raises:
-            FrameError: A message is damaged, of another encoding, size or unit, or as old as that before; or the
-                corrector does not suit the camera.
+            FrameError: A message is damaged, of another encoding, size or unit, or late; or the corrector does not suit
+                the camera.
         """
         camera = Intrinsics.from_camera_info(info, baseline_m=self._baseline_m)
         frame = frame_of(gray, depth, units_per_m=self._units_per_m)
         frame.require_shape(camera.shape)
-        if camera != self._camera:
-            self.close()
-            self._corrector, self._camera = self._created(camera), camera
-        elif frame.stamp_s < self._stamp_s:
-            self._corrector.reset()
+        if self._camera is None or not camera.is_same_camera(self._camera):
+            self._begin(camera)
+        self._order.admit(frame)
         corrected = self._corrector.process(frame)
-        self._stamp_s = frame.stamp_s
         return {
             "depth": depth_fields(corrected.depth_m),
             "source": source_fields(corrected.source),
             "confidence": confidence_fields(corrected.confidence),
         }
 
-    def _created(self, camera: Intrinsics) -> DepthCorrector:
+    def _begin(self, camera: Intrinsics) -> None:
+        """Make the corrector of a camera."""
+        self.close()
+        baseline_m = camera.baseline_m or ASSUMED_BASELINE_M
         try:
-            return self._spec.create(camera)
+            self._corrector = self._spec.create(replace(camera, baseline_m=baseline_m))
         except ConfigError as error:
             raise FrameError(f"the corrector does not suit this camera: {error}") from error
+        self._camera, self._order = camera, FrameOrder(self._corrector)
+        if self.tell is not None:
+            assumed = " (assumed: camera_info has none; set baseline_m)" if camera.baseline_m is None else ""
+            lens = f"{camera.width_px}x{camera.height_px} pixels, focal length {camera.fx_px:.6g} px"
+            self.tell(f"{self._spec.name} corrects a camera of {lens}, baseline {baseline_m:.6g} m{assumed}")
 
     def close(self) -> None:
         """End the threads of the corrector if it has some."""
-        if self._camera is not None and (close := getattr(self._corrector, "close", None)) is not None:
-            close()
+        if self._camera is not None:
+            _close(self._corrector)
         self._camera = None
+
+
+def _close(corrector: DepthCorrector) -> None:
+    if (close := getattr(corrector, "close", None)) is not None:
+        close()
 
 
 class Pairs:
     """Pairs the images of two topics by their stamps; each image is in one pair at most.
 
-    After a stamp before the last one of its topic, as of a bag that begins again, images with later stamps no longer
-    wait. The synchroniser of `message_filters` in Python would pair nothing until it has caught up with them.
+    Stamps of a pair differ by less than half the period of the faster topic, as soon as it is known: an image is then
+    paired with the nearest one, and none with the next one where its own was lost.
+
+    Where the stamps of a topic go back, as of a bag that begins again, images with later stamps no longer wait. The
+    synchroniser of `message_filters` in Python would pair nothing until it has caught up with them.
 
     Args:
         slop_s: Largest difference of the stamps of a pair [s].
@@ -85,34 +157,105 @@ class Pairs:
 
     def __init__(self, slop_s: float) -> None:
         self._slop_ns = round(slop_s * 1e9)
-        self._waiting: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
-        self._last_ns = [0, 0]
-        self.n_alone = 0
-        """Images that were left out for want of a partner."""
+        self._topics = (_Topic(), _Topic())
+        self._n_alone = 0
+
+    @property
+    def n_alone(self) -> int:
+        """Images that were left out for want of a partner since both topics have come."""
+        return self._n_alone
+
+    @property
+    def are_many_alone(self) -> bool:
+        """Whether so many had no partner that it is worth a line."""
+        return self._n_alone >= MANY_ALONE
 
     def add(self, topic: int, image: Any) -> tuple[Any, Any] | None:
         """Add an image of topic 0 or 1; return it with its partner, in the order of the topics, if that was there."""
-        n_before = sum(map(len, self._waiting)) + 1
+        n_before = self._n_waiting() + 1
+        have_come = all(each.n for each in self._topics)
         pair = self._added(topic, image)
-        self.n_alone += n_before - sum(map(len, self._waiting)) - (0 if pair is None else 2)
+        if have_come:
+            self._n_alone += n_before - self._n_waiting() - (0 if pair is None else 2)
         return pair
 
+    def _n_waiting(self) -> int:
+        return sum(len(each.waiting) for each in self._topics)
+
     def _added(self, topic: int, image: Any) -> tuple[Any, Any] | None:
-        stamp_ns, own, other = header_of(image).stamp_ns, self._waiting[topic], self._waiting[1 - topic]
-        if stamp_ns < self._last_ns[topic]:
-            for waiting in self._waiting:
-                _drop(waiting, lambda waiting_ns: waiting_ns > stamp_ns)
-        self._last_ns[topic] = stamp_ns
-        nearest_ns = min(other, key=lambda other_ns: abs(other_ns - stamp_ns), default=None)
-        if nearest_ns is None or abs(nearest_ns - stamp_ns) > self._slop_ns:
-            own[stamp_ns] = image
-            if len(own) > MOST_WAITING:
-                del own[min(own)]
+        stamp_ns, own, other = header_of(image).stamp_ns, self._topics[topic], self._topics[1 - topic]
+        if own.place(stamp_ns) is Place.RESTART:
+            for each in self._topics:
+                each.drop(lambda waiting_ns: waiting_ns > stamp_ns)
+        nearest_ns = min(other.waiting, key=lambda other_ns: abs(other_ns - stamp_ns), default=None)
+        if nearest_ns is None or abs(nearest_ns - stamp_ns) > self._reach_ns():
+            own.waiting[stamp_ns] = image
+            if len(own.waiting) > MOST_WAITING:
+                del own.waiting[min(own.waiting)]
             return None
-        partner = other[nearest_ns]
-        own.clear()
-        _drop(other, lambda waiting_ns: waiting_ns <= nearest_ns)
+        partner = other.waiting[nearest_ns]
+        own.drop(lambda waiting_ns: waiting_ns < stamp_ns)
+        other.drop(lambda waiting_ns: waiting_ns <= nearest_ns)
         return (image, partner) if topic == 0 else (partner, image)
+
+    def _reach_ns(self) -> float:
+        """Largest difference of the stamps of a pair [ns]."""
+        return min(self._slop_ns, *(each.period_ns() / 2 for each in self._topics))
+
+
+class _Topic:
+    """The images of a topic that wait, by their stamps [ns], and its period."""
+
+    def __init__(self) -> None:
+        self.waiting: dict[int, Any] = {}
+        self.n = 0
+        """Images so far."""
+        self._order = StampOrder()
+        self._last_ns = 0
+        self._intervals_ns: deque[int] = deque(maxlen=INTERVALS)
+
+    def place(self, stamp_ns: int) -> Place:
+        """Take note of the stamp of an image, and tell where it belongs."""
+        place = self._order.place(stamp_ns / 1e9)
+        if place is Place.NEXT and self.n:
+            self._intervals_ns.append(stamp_ns - self._last_ns)
+        if place is not Place.LATE:
+            self._last_ns = stamp_ns
+        self.n += 1
+        return place
+
+    def period_ns(self) -> float:
+        """The usual time between two images; infinite before two have come."""
+        return median(self._intervals_ns) if self._intervals_ns else float("inf")
+
+    def drop(self, is_passed: Callable[[int], bool]) -> None:
+        """Drop the waiting images whose stamps [ns] have passed."""
+        for stamp_ns in [stamp_ns for stamp_ns in self.waiting if is_passed(stamp_ns)]:
+            del self.waiting[stamp_ns]
+
+
+class Arrivals:
+    """Which topics have had a message.
+
+    Args:
+        topics: Full names of the topics by what they are for.
+        start_s: Time by any clock [s].
+    """
+
+    def __init__(self, topics: Mapping[str, str], start_s: float) -> None:
+        self.topics, self._start_s = topics, start_s
+        self._come: set[str] = set()
+
+    def note(self, topic: str) -> None:
+        """A message has come."""
+        self._come.add(topic)
+
+    def missing(self, now_s: float) -> str:
+        """What has not come, as a line; empty if all has, or in the first seconds."""
+        silent = [f"{name} ({full})" for name, full in self.topics.items() if name not in self._come]
+        if not silent or now_s - self._start_s < PATIENCE_S:
+            return ""
+        return f"no message has come yet for {', '.join(silent)}: is it published, and remapped to its name?"
 
 
 class Latest(Generic[T]):
@@ -134,9 +277,3 @@ class Latest(Generic[T]):
             self._changed.wait_for(lambda: self._item is not None, timeout_s)
             item, self._item = self._item, None
             return item
-
-
-def _drop(waiting: dict[int, Any], is_passed: Callable[[int], bool]) -> None:
-    """Drop the images whose stamps [ns] have passed."""
-    for stamp_ns in [stamp_ns for stamp_ns in waiting if is_passed(stamp_ns)]:
-        del waiting[stamp_ns]
