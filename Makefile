@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast fuzz lint bench profile acceptance picture sequences regress docs wheel clean
+.PHONY: help setup demo test fast fuzz matrix lint bench profile acceptance picture sequences regress docs wheel clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -42,6 +42,9 @@ fast: setup      ## run the tests that answer within a minute
 
 fuzz: setup      ## try EXAMPLES streams of odd frames by SEED, or the usual number
 	VOXDEPTH_FUZZ_EXAMPLES=$(EXAMPLES) VOXDEPTH_FUZZ_SEED=$(SEED) $(BIN)/pytest tests/fuzz
+
+matrix: $(INSTALLED) ## run the library's tests with its lowest and newest versions on every Python
+	$(BIN)/python -m tests.matrix
 
 docs: $(INSTALLED) ## build the documentation site in site/, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'

@@ -66,7 +66,7 @@ class Outcome(NamedTuple):
 
 def required(root: Path, extras: Iterable[str]) -> dict[str, str]:
     """The lowest version that a pyproject.toml allows of all that the library and some extras require, by names."""
-    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     texts = [*project["dependencies"], *(text for extra in extras for text in project["optional-dependencies"][extra])]
     found = [match for match in map(REQUIREMENT.match, texts) if match]
     return {re.sub("[._]", "-", match["name"].lower()): match["lowest"] for match in found}

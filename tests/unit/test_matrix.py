@@ -1,8 +1,10 @@
 """Which tests belong to the library, what counts as the lowest version, and what the command of the matrix refuses."""
 
+import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tests import matrix
 from tests.matrix import Outcome, counted, library_tests, main, raised, required, table
@@ -71,6 +73,17 @@ def test_the_lowest_versions_are_those_of_the_project_and_a_higher_one_is_told(c
     assert raised(lowest, installed | {"numpy": "2.0.1", "pandas": "2.2"}) == ["numpy 2.0.1 for 2.0"]
     assert raised({"pyarrow": "20"}, {"pyarrow": "20.0.0"}) == raised({"pyarrow": "2"}, {}) == []
     assert raised({"pyarrow": "2"}, {"pyarrow": "20.0.0"}) == ["pyarrow 20.0.0 for 2"]
+
+
+def test_the_workflow_runs_what_the_package_promises_and_make_runs_all_of_it() -> None:
+    project = tomllib.loads((matrix.ROOT / "pyproject.toml").read_text())["project"]
+    named = [each.rpartition(" ")[2] for each in project["classifiers"] if "Python :: 3." in each]
+    jobs = yaml.safe_load((matrix.ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
+    assert jobs["library"]["strategy"]["matrix"]["python"] == named
+    assert {*named} <= {*matrix.PYTHONS}
+    assert {*matrix.EXTRAS, *matrix.TESTBED_EXTRAS, "all", "dev", "docs", "release"} == {
+        *project["optional-dependencies"]
+    }
 
 
 REPORT = """<testsuites><testsuite tests="9" failures="1" errors="2" skipped="3"/></testsuites>"""
