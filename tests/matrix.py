@@ -34,8 +34,6 @@ TESTBED_EXTRAS = ("sim", "gym")
 TESTS = ("unit", "property", "integration", "fuzz")
 """The folders of `tests` that are searched. What `packaging` tests is the same on every Python."""
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<lowest>[\d.]+)")
-
-
 COMPILE = """
 import pkgutil
 from importlib import import_module
@@ -53,6 +51,8 @@ class Outcome(NamedTuple):
 
     python: str
     versions: str
+    status: int
+    """What pytest ended with, which is 5 if there were no tests."""
     passed: int = 0
     failed: int = 0
     skipped: int = 0
@@ -61,7 +61,7 @@ class Outcome(NamedTuple):
     @property
     def is_ok(self) -> bool:
         """Whether there were tests, and none failed."""
-        return self.passed > 0 and self.failed == 0
+        return self.status == 0 and self.passed > 0
 
 
 def required(root: Path, extras: Iterable[str]) -> dict[str, str]:
@@ -141,9 +141,9 @@ def run(version: str, versions: str, tests: Sequence[str]) -> Outcome:
     subprocess.run([inside, "-c", COMPILE], check=True, cwd=ROOT, env=environment)
     report = folder / "report.xml"
     pytest = [inside, "-m", "pytest", "-q", "-n", "2", "--dist", "worksteal", "-m", "not testbed"]
-    subprocess.run([*pytest, f"--junit-xml={report}", *tests], check=False, cwd=ROOT, env=environment)
+    done = subprocess.run([*pytest, f"--junit-xml={report}", *tests], check=False, cwd=ROOT, env=environment)
     counts = counted(report) if report.is_file() else {}
-    return Outcome(version, versions, **counts, seconds=time.monotonic() - begun)
+    return Outcome(version, versions, done.returncode, **counts, seconds=time.monotonic() - begun)
 
 
 def listed(folder: Path) -> dict[str, str]:
@@ -156,7 +156,7 @@ def listed(folder: Path) -> dict[str, str]:
 def table(outcomes: Iterable[Outcome]) -> str:
     """The outcomes as lines of text."""
     rows = [
-        (o.python, o.versions, *map(str, o[2:5]), f"{o.seconds:.0f}", "ok" if o.is_ok else "FAILED") for o in outcomes
+        (o.python, o.versions, *map(str, o[3:6]), f"{o.seconds:.0f}", "ok" if o.is_ok else "FAILED") for o in outcomes
     ]
     head = ("Python", "versions", "passed", "failed", "skipped", "seconds", "")
     return "\n".join("  ".join(f"{cell:8}" for cell in row).rstrip() for row in (head, *rows))
@@ -190,12 +190,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for version, versions in combinations:
         try:
             outcomes.append(run(version, versions, tests))
-        except subprocess.CalledProcessError:
+        except subprocess.CalledProcessError as error:
             print(
                 f"Python {version}, {versions} versions: their environment cannot be made; the lines above say why",
                 file=sys.stderr,
             )
-            outcomes.append(Outcome(version, versions))
+            outcomes.append(Outcome(version, versions, error.returncode))
     print(f"\n{table(outcomes)}")
     return 0 if all(outcome.is_ok for outcome in outcomes) else 1
 

@@ -92,11 +92,13 @@ REPORT = """<testsuites><testsuite tests="9" failures="1" errors="2" skipped="3"
 def test_a_row_is_ok_if_tests_ran_and_none_failed(tmp_path: Path) -> None:
     (tmp_path / "report.xml").write_text(REPORT)
     assert counted(tmp_path / "report.xml") == {"passed": 3, "failed": 3, "skipped": 3}
-    rows = [Outcome("3.11", "lowest", 7, 0, 2, 61.4), Outcome("3.12", "newest", 7, 1, 2), Outcome("3.13", "newest")]
+    rows = [Outcome("3.11", "lowest", 0, 7, 0, 2, 61.4), Outcome("3.12", "newest", 1, 7, 1, 2)]
+    rows += [Outcome("3.12", "lowest", 3, 7), Outcome("3.13", "newest", 0)]
     assert [line.split() for line in table(rows).splitlines()] == [
         ["Python", "versions", "passed", "failed", "skipped", "seconds"],
         ["3.11", "lowest", "7", "0", "2", "61", "ok"],
         ["3.12", "newest", "7", "1", "2", "0", "FAILED"],
+        ["3.12", "lowest", "7", "0", "0", "0", "FAILED"],
         ["3.13", "newest", "0", "0", "0", "0", "FAILED"],
     ]
 
@@ -142,7 +144,7 @@ def test_an_absent_python_is_told_and_every_failure_counts(
     def run(version: str, versions: str, tests: list[str]) -> Outcome:
         if (version, versions) == ("3.13", "lowest"):
             raise failing
-        return Outcome(version, versions, len(tests))
+        return Outcome(version, versions, 0, len(tests))
 
     monkeypatch.setattr(matrix, "interpreter", lambda version: None if version == "3.14" else version)
     monkeypatch.setattr(matrix, "find_spec", lambda name: name)
