@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast fuzz bounds lint portable bench profile acceptance picture sequences regress docs wheel clean
+.PHONY: help setup demo test fast fuzz bounds matrix lint portable bench profile acceptance picture sequences regress docs wheel clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -45,6 +45,9 @@ fuzz: setup      ## try EXAMPLES streams of odd frames by SEED, or the usual num
 
 bounds: setup    ## run the tests of library and simulator with a check of each index in a compiled loop, 15 minutes
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/bounds $(BIN)/pytest -n 2 --dist worksteal -m "not slow" tests/unit tests/property tests/fuzz
+
+matrix: $(INSTALLED) ## run the library's tests with its lowest and newest versions on every Python
+	$(BIN)/python -m tests.matrix
 
 docs: $(INSTALLED) ## build the documentation site in site/, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'

@@ -18,7 +18,7 @@ from sim.frames import rotation_from_quaternion
 from sim.types import Contact
 from swarm.environments.gym_env import LeaderFollowerEnv
 from swarm.recorder import CaptureRecorder
-from tests.helpers import promised_entities
+from tests.frames import promised_entities
 from tests.learning import quick
 from voxdepth.tools.stream import REPLACED, depth_png
 from voxdepth.types import Source

@@ -1,8 +1,6 @@
 """The wheel of the library, installed into clean environments of the oldest and the newest Python that it supports."""
 
 import json
-import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.commands import in_new_process
+from tests.environments import interpreter, new_environment
 
 ROOT = Path(__file__).parents[2]
 PYTHONS = ("3.11", "3.13")
@@ -33,18 +32,6 @@ for name in installed_names():
 print(json.dumps(found))
 """
 """A program that prints a digest of what every corrector makes of some drawn frames."""
-
-
-def interpreter(version: str) -> str | None:
-    """A Python of that version on the path or below pyenv; None if there is none."""
-    root = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
-    candidates = [shutil.which(f"python{version}"), *map(str, sorted(root.glob(f"versions/{version}.*/bin/python")))]
-    code = "import sys; print('%d.%d' % sys.version_info[:2])"
-    for path in filter(None, candidates):
-        done = subprocess.run([path, "-c", code], capture_output=True, text=True, check=False)
-        if done.stdout.strip() == version:
-            return path
-    return None
 
 
 def digests(python: str | Path) -> dict[str, str]:
@@ -71,10 +58,7 @@ def environment(request: pytest.FixtureRequest, wheel: Path, tmp_path_factory: p
     if python is None:
         pytest.skip(f"there is no Python {request.param} here")
     folder = tmp_path_factory.mktemp("environment")
-    subprocess.run([python, "-m", "venv", "--without-pip", str(folder)], check=True)
-    pip = [sys.executable, "-m", "pip", "--python", str(folder / "bin/python"), "--quiet"]
-    subprocess.run([*pip, "install", "--no-compile", "-c", str(ROOT / "constraints.txt"), str(wheel)], check=True)
-    return folder / "bin"
+    return new_environment(folder, python, "--constraint", ROOT / "constraints.txt", wheel).parent
 
 
 @pytest.mark.slow

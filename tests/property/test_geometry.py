@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as numpy_st
 
 from sim import frames
-from tests.helpers import project_nearest
+from tests.frames import project_nearest
 from voxdepth.geometry import back_project, compose, exp_se3, inverse_rigid, log_se3, solve_symmetric, transform
 from voxdepth.types import FloatArray, Intrinsics
 

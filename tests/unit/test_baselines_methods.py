@@ -177,6 +177,14 @@ def test_an_outlier_lies_beyond_two_and_a_half_robust_deviations(measured_m: flo
     assert filled(LMedS(camera((3, 3))), depth_m)[1, 1] == np.float32(measured_m if kept else 4.05)
 
 
+@pytest.mark.filterwarnings("ignore:the median of depth_m is")
+@pytest.mark.parametrize("row_m", [(1, 1.7e38, 3.4e38), (3.4e38, 0.5, 1.5e38), (2e-3, 0, 3.3e38)])
+def test_of_depths_that_spread_beyond_32_bits_none_is_an_outlier(row_m: tuple[float, ...]) -> None:
+    depth_m = np.tile(np.array(row_m, np.float32), (3, 1))
+    given = depth_m > 0
+    np.testing.assert_array_equal(filled(LMedS(camera((3, 3))), depth_m)[given], depth_m[given])
+
+
 def test_the_gate_lets_small_steps_pass_unexamined() -> None:
     depth_m = np.full((9, 9), 4.0, np.float32)
     depth_m[4, 4] = 4.04

@@ -8,7 +8,7 @@ import pytest
 
 from scenarios.experiments import confidence
 from scenarios.experiments.confidence import counted, fit
-from tests.helpers import require_equal
+from tests.frames import require_equal
 from tests.swarm_scenes import capture
 from voxdepth.calibration import fitted
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector

@@ -8,7 +8,7 @@ from threading import Event, Thread
 import numpy as np
 import pytest
 
-from tests.helpers import require_equal, walk
+from tests.frames import require_equal, walk
 from voxdepth import (
     CorrectedDepth,
     Frame,

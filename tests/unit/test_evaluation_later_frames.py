@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from tests.helpers import textured
+from tests.frames import textured
 from voxdepth.tools.evaluation.later_frames import (
     LATER_FRAMES,
     LaterFrames,

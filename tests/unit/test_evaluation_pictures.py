@@ -41,6 +41,7 @@ def post(tmp_path: Path) -> Path:
     return write_recording(tmp_path / "post")
 
 
+@pytest.mark.testbed
 def test_all_methods_are_shown_on_the_same_frame_with_their_errors(post: Path, tmp_path: Path) -> None:
     failing = method("failing", lambda depth_m: depth_m[1:])
     (columns,) = shown(run(tmp_path / "out", post, method("raw"), SAME, failing, NEAR))
@@ -52,6 +53,7 @@ def test_all_methods_are_shown_on_the_same_frame_with_their_errors(post: Path, t
     assert set(map(tuple, pixels_of(near[1]).reshape(-1, 3))) == {(0, 0, 255), (0, 0, 0)}, "too near, and holes"
 
 
+@pytest.mark.testbed
 def test_the_middle_one_of_the_judged_frames_is_shown(post: Path, tmp_path: Path) -> None:
     (requested,) = requested_of(post, open_dataset)
     frames = evaluation_frames(6)
@@ -72,6 +74,7 @@ def test_holes_keep_a_colour_of_their_own_in_a_small_picture() -> None:
     assert (hole.max(), far.max() > 100) == (0, True), "far depth is far from black"
 
 
+@pytest.mark.testbed
 def test_without_the_truth_no_errors_are_shown(post: Path, tmp_path: Path) -> None:
     assert "truth unknown" in rendered(run(tmp_path / "known", post, SAME))
     rmtree(post / "depth_true")
@@ -83,6 +86,7 @@ def test_without_the_truth_no_errors_are_shown(post: Path, tmp_path: Path) -> No
     }  # fmt: skip
 
 
+@pytest.mark.testbed
 def test_an_interrupted_evaluation_shows_the_same_later_and_keeps_the_frame_once(post: Path, tmp_path: Path) -> None:
     run(tmp_path / "out", post, SAME)
     done = run(tmp_path / "out", post, SAME, NEAR)

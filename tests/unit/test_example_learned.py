@@ -61,6 +61,7 @@ def test_a_part_that_is_larger_than_its_sample_is_padded_with_what_is_unknown(sa
 
 
 @pytest.mark.slow
+@pytest.mark.testbed
 def test_every_training_world_can_be_built() -> None:
     clips = import_module("learned_plugin.clips")
     assert all(clips.sequence(world, clips.FIRST_SEED).sequence.name == world for world in clips.WORLDS)
@@ -83,6 +84,7 @@ def test_the_trained_network_corrects_by_its_name(tmp_path: Path, monkeypatch: p
 
 
 @needs_runtime
+@pytest.mark.testbed
 def test_only_a_whole_network_of_the_same_inputs_is_not_trained_again(tmp_path: Path) -> None:
     train = import_module("learned_plugin.train")
     inputs = train.digest_of_inputs(0, 3, 3000)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import textured
+from tests.frames import textured
 from voxdepth import Frame, Intrinsics, Source, VoxDepth, VoxDepthConfig
 from voxdepth.devices import cuda_devices
 from voxdepth.errors import ConfigError

@@ -24,7 +24,7 @@ from tests.fakes import (
     nothing,
     pipeline_threads,
 )
-from tests.helpers import require_equal, walk
+from tests.frames import require_equal, walk
 from voxdepth import TemporalCorrector, VoxDepth
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import FrameError, PipelineError

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.helpers import textured
+from tests.frames import textured
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.registration import (
     SIZE_PX,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.helpers import textured
+from tests.frames import textured
 from tests.temporal_scenes import depth_of
 from voxdepth import TemporalConfig, TemporalCorrector
 from voxdepth.temporal import filling

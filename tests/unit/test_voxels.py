@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from tests.helpers import project_nearest
+from tests.frames import project_nearest
 from voxdepth.devices import cuda_devices
 from voxdepth.geometry import PointArray, back_project, transform
 from voxdepth.paper.method import create_grid

@@ -66,7 +66,7 @@ class LMedS(Baseline):
         """New depth of pixels [m], shape (N,), given their own depth and the samples around them, (N, samples)."""
         n = np.isfinite(samples_m).sum(axis=1)
         location_m, half_width_m = least_median_of_squares(samples_m)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):  # Of a spread beyond 32 bits nothing lies apart.
             deviation_m = np.float32(1.4826) * (1 + 5 / np.maximum(n - 1, 1)).astype(np.float32) * half_width_m
             outlier = np.abs(measured_m - location_m) > np.float32(DEVIATIONS) * deviation_m
         replaced = (n >= MIN_SAMPLES) & (outlier | (measured_m == 0))

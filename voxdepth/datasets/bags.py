@@ -14,6 +14,7 @@ depth and the baseline in millimetres.
 """
 
 import re
+import sys
 import warnings
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -495,7 +496,10 @@ def _deserialised(reader: "AnyReader", data: bytes, kind: str) -> Any:
     from rosbags.highlevel import AnyReaderError
 
     if reader.is2 and data.startswith(ZSTD):  # rosbags decompresses the messages of a folder alone.
-        from backports import zstd
+        if sys.version_info >= (3, 14):
+            from compression import zstd
+        else:
+            from backports import zstd
 
         data = zstd.decompress(data)
     try:
