@@ -3,8 +3,7 @@
     python -m tests.portable [--setting NAME ...] [--workload NAME ...] [--short]
 
 The first setting changes nothing. What differs from it under another one is printed with its size, and a workload that
-is not among `EXPECTED` and differs ends this with exit status 1. Settings that the processor lacks are named and left
-out.
+is promised equal and differs ends this with exit status 1. Settings that the processor lacks are named and left out.
 """
 
 import argparse
@@ -38,8 +37,13 @@ SETTINGS: Mapping[str, Mapping[str, str]] = {
 """Features of the processor that libraries may use, by the environment that says so when they are loaded."""
 NEEDS = {"OpenBLAS SkylakeX": "AVX512_SKX", "OpenBLAS Haswell": "AVX2", "OpenBLAS Zen": "AVX2"}
 """The feature without which the processor cannot run what a setting asks for, by its name in NumPy."""
-EXPECTED: Mapping[str, str] = {}
-"""Workloads that may depend on the processor, with the reason; docs/limits.md says by how much."""
+EXPECTED: Mapping[str, str] = {
+    "corrector ip-basic": "OpenCV's bilateral filter",
+    "corrector learned": "ONNX Runtime",
+}
+"""Workloads that may depend on the processor, with the cause; docs/limits.md says by how much."""
+NOT_PROMISED = ("libm without FMA",)
+"""Settings of processors that are older than 2015: what differs is shown."""
 SHORT_SETTINGS = ("as it is", "OpenBLAS Prescott", "NumPy x86-64-v2")
 SHORT_WORKLOADS = ("sensor raster", "corrector temporal", "corrector voxdepth", "flight pillars", "recording of paper")
 
@@ -99,8 +103,9 @@ def report(settings: Sequence[str], workloads: Sequence[str], processes: int) ->
         for one in sorted(those, key=lambda each: -each.size):
             print(f"  {one}{f' (expected: {EXPECTED[one.workload]})' if one.workload in EXPECTED else ''}")
     differing = {one.workload for those in found.values() for one in those}
+    broken = {one.workload for setting in found if setting not in NOT_PROMISED for one in found[setting]}
     print(f"equal under all {len(settings)} settings: {len(workloads) - len(differing)} of {len(workloads)} workloads")
-    return differing <= set(EXPECTED)
+    return broken <= set(EXPECTED)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -84,3 +84,14 @@ def test_a_commit_without_workloads_is_refused(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(kept, "NEEDED", ("tests/no_such_file.py",))
     with pytest.raises(ConfigError, match=r"has no tests/no_such_file\.py, so that it cannot"), kept.checkout("HEAD"):
         pass
+
+
+def test_only_a_promise_that_is_broken_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    def found(setting: str, workload: str) -> bool:
+        one = difference(workload, {"x": np.array(1.0)}, {"x": np.array(2.0)})
+        monkeypatch.setattr(portable, "differences", lambda *_: {setting: [one]})
+        return portable.report(["as it is", setting], [workload], 1)
+
+    assert not found("OpenBLAS Prescott", "flight gap")
+    assert found("OpenBLAS Prescott", "corrector learned")
+    assert found("libm without FMA", "flight gap")

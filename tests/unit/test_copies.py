@@ -20,7 +20,7 @@ from swarm.environments.task import RewardConfig
 from swarm.errors import MissionError
 from swarm.gym import ID, TASKS
 from swarm.recorder import Recorder
-from tests.helpers import require_equal, textured, walk
+from tests.frames import require_equal, textured, walk
 from tests.learning import quick
 from voxdepth import create_corrector
 from voxdepth.corrector_spec import CorrectorSpec

@@ -8,7 +8,7 @@ import pytest
 
 from tests.fakes import Staged, Whole, indices, no_deadlock_and_no_thread_left
 from tests.fakes import frame as numbered
-from tests.helpers import require_equal, walk
+from tests.frames import require_equal, walk
 from voxdepth import TemporalCorrector
 from voxdepth.errors import LateFrameError, PipelineError
 from voxdepth.order import Place, StampOrder
