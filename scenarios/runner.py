@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from swarm.recorder import Recorder
-from voxdepth.checksums import LIST, list_of
 from voxdepth.interrupts import kept_back
 from voxdepth.tools.files import as_tool_error, to_toml, write
 from voxdepth.tools.provenance import machine, versions
@@ -123,7 +122,7 @@ def _new_folder(out: Path, run: Run) -> Iterator[Path]:
 
 
 def _write_results(finished: Finished, run: Run, folder: Path) -> None:
-    """Write `metrics.json`, trajectories in the TUM RGB-D format, `flight.png`, `summary.html` and checksums of all."""
+    """Write `metrics.json`, trajectories in the TUM RGB-D format, `flight.png` and the page `summary.html`."""
     text = json.dumps(summary(finished, run), indent=2, allow_nan=False)
     write(folder / "metrics.json", f"{text}\n".encode())
     for drone, trajectory in enumerate(finished.result.trajectories):
@@ -133,4 +132,3 @@ def _write_results(finished: Finished, run: Run, folder: Path) -> None:
         write(folder / "trajectories" / f"drone-{drone}.tum", lines.getvalue())
     save_picture(folder / "flight.png", flight_figure(run, finished))
     write_page(folder / "summary.html", run, finished, picture=folder / "flight.png")
-    write(folder / LIST, list_of(folder))

@@ -2,7 +2,7 @@
 
 A recording is a folder. Frame 7 consists of the images `gray_left/000007.png`, `gray_right`, `depth_raw`, `depth_true`,
 `occluded`, `segment` and `invalid_reason` with that name, and of row 7 of `frames.csv`, which holds its time and its
-pose. The folder appears when all frames are written, with the checksums of all files.
+pose. The folder appears when all frames are written.
 """
 
 import tomllib
@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 import tomli_w
 
-from voxdepth.checksums import LIST, DamageError, list_of, require_whole
 from voxdepth.types import FloatArray, Intrinsics
 
 from .errors import RecordingError
@@ -122,13 +121,9 @@ def read_poses(folder: Path) -> list[tuple[float, FloatArray]]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file. A file that is missing, damaged or cannot be read raises a `RecordingError`."""
+    """The content of a file. A file that is missing or cannot be read raises a `RecordingError`."""
     try:
-        content = path.read_bytes()
-        require_whole(path, content)
-        return content
-    except DamageError as error:
-        raise RecordingError(str(error)) from error
+        return path.read_bytes()
     except OSError as error:
         raise RecordingError(
             f"cannot read {path}: {error.strerror or error}; restore it from a copy or record again"
@@ -245,7 +240,6 @@ class RecordingWriter:
                 table = "".join(f"{row}\n" for row in (HEADER, *self._rows)).encode()
                 for name, data in (self._description | {FRAMES: table}).items():
                     (self._unfinished / name).write_bytes(data)
-                (self._unfinished / LIST).write_bytes(list_of(self._unfinished))
                 self._unfinished.replace(self._folder)
 
 

@@ -10,7 +10,6 @@ from sim.decimation import decimated
 from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.calibration import Fills
-from voxdepth.checksums import sealed_toml
 from voxdepth.metrics import is_correct
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
 from voxdepth.types import CorrectedDepth, FloatArray, Source
@@ -50,7 +49,7 @@ def fit_all(asked: Experiment) -> Findings:
     return Findings(
         table=shares.rename_axis("corrector").reset_index(),
         notes=(f"A depth counts where the truth is a surface. The confidences that are used are in voxdepth/{FILE}.",),
-        files={FILE: sealed_toml(text).encode()},
+        files={FILE: text.encode()},
     )
 
 

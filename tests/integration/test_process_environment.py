@@ -31,7 +31,7 @@ for command in {commands!r}:
 COMMANDS = (
     ("record", "sim-hover", "--frames", "2", "--size", "96x64", "--out", "sequence"),
     ("picture", "sequence", "--out", "sheet.png"),
-    ("correct", "sequence", "--out", "corrected", "--record", "corrected.rrd", "--corrector", "mine:Corrector"),
+    ("correct", "sequence", "--out", "corrected", "--record", "corrected.rrd", "--corrector", "own_method:Corrector"),
     ("correct", "sequence", "--out", "default"),
 )
 FOREIGN = {
@@ -78,9 +78,9 @@ def test_variables_and_files_around_a_command_change_nothing(tmp_path: Path, mon
     calm.mkdir()
     monkeypatch.chdir(calm)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    for command in (("new", "corrector", "mine"), *COMMANDS):
+    for command in (("new", "corrector", "own_method"), *COMMANDS):
         assert invoke(*command).exit_code == 0, command
-    (foreign / "mine.py").write_bytes((calm / "mine.py").read_bytes())
+    (foreign / "own_method.py").write_bytes((calm / "own_method.py").read_bytes())
     kept = {"NUMBA_CACHE_DIR": str(compiled._user_cache()), "MPLCONFIGDIR": matplotlib.get_cachedir()}
     kept["PYTHONPATH"] = str(REPOSITORY)
     # As with an installed command, the current folder is not on the path from the beginning.
@@ -97,7 +97,7 @@ def test_variables_and_files_around_a_command_change_nothing(tmp_path: Path, mon
 def test_the_settings_that_are_documented_stay() -> None:
     kept = {
         "NUMBA_CACHE_DIR": "cache", "NUMBA_CPU_NAME": "generic", "NUMBA_BOUNDSCHECK": "1", "OPENCV_CPU_DISABLE": "AVX2",
-        "OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "AVX2", "PYTHONPATH": "mine", "RUST_LOG": "debug",
+        "OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "AVX2", "PYTHONPATH": "own_method", "RUST_LOG": "debug",
     }  # fmt: skip
     with mock.patch.dict(os.environ, {**FOREIGN, **kept}, clear=True):
         settle()

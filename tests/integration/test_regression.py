@@ -64,7 +64,7 @@ def test_a_changed_parameter_of_the_corrector_fails_with_a_table_and_a_recording
     verified = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(recording)], check=False)
     assert verified.returncode == 0
     refused = voxdepth("regress", "--corrector", name, "--golden", target.parent, "--update")
-    assert refused.returncode == 1
+    assert refused.returncode == 2
     assert "say why with --because" in refused.stderr
     mended = voxdepth(
         "regress", "--corrector", name, "--golden", target.parent, "--update", "--because", "a smaller median"

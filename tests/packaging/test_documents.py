@@ -211,7 +211,8 @@ def test_the_example_of_a_study_can_be_loaded(tmp_path: Path, monkeypatch: pytes
 
 @pytest.mark.slow
 def test_the_example_of_an_environment_steps() -> None:
-    (example,) = blocks(ROOT / "docs" / "environments.md", "python")
+    example, swarm = blocks(ROOT / "docs" / "environments.md", "python")
+    compile(swarm, "environments.md", "exec")  # It flies in test_environment_pettingzoo.py.
     assert last_line(example + "print(picture.shape[2], observation['nearness'].shape)") == "3 (1, 60, 80)"
 
 

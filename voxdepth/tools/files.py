@@ -10,7 +10,6 @@ from typing import Any
 import pydantic
 import tomli_w
 
-from ..checksums import DamageError, require_whole
 from ..text import parsed_toml
 from .errors import ToolError
 
@@ -24,9 +23,6 @@ def read_toml(path: Path) -> dict[str, Any]:
         if path.exists() and not path.is_file():
             raise ToolError(f"{path} is no file: name a TOML file")
         data = path.read_bytes()
-        require_whole(path, data)
-    except DamageError as error:
-        raise ToolError(str(error)) from error
     except (OSError, ValueError) as error:  # A path may hold a null character.
         raise ToolError(f"cannot read {path}: {error}") from error
     try:

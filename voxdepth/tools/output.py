@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..checksums import LIST, list_of
 from ..datasets import Dataset
 from ..ros import (
     TIMES_S,
@@ -60,7 +59,7 @@ class Output(Protocol):
 
 
 class Folder:
-    """Files of every frame, the texts as files, and the checksums of all."""
+    """Files of every frame, and the texts as files."""
 
     def __init__(self, folder: Path, dataset: Dataset, files: Mapping[str, Encoder]) -> None:
         self._folder, self._dataset, self._files = folder, dataset, files
@@ -76,7 +75,6 @@ class Folder:
         """See `Output`."""
         for name, text in texts.items():
             (self._folder / name).write_text(text, encoding="utf-8")
-        (self._folder / LIST).write_bytes(list_of(self._folder))
 
 
 class BagTopics:
@@ -139,15 +137,12 @@ def open_output(path: Path, dataset: Dataset, *, has_points: bool = False) -> It
         points = {POINTS: partial(ply, dataset.intrinsics)} if has_points else {}
         yield Folder(path, dataset, {**IMAGES, **points})
         return
-    from backports import zstd
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     bag = path.with_suffix("")
     writer = Writer(bag, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
-        storage: Any = writer.storage  # A checksum in the compressed data: the format leaves its own at 0.
-        storage.compressor = partial(zstd.compress, options={zstd.CompressionParameter.checksum_flag: 1})
         yield BagTopics(writer, dataset)
     (bag / f"{bag.name}{MCAP}").rename(path)
 

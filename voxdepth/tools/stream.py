@@ -23,12 +23,11 @@ from .errors import ToolError
 from .output import encode
 
 CENTIMETRE = 100.0
-NEAREST_M, FARTHEST_M = 0.01, 655.0
+NEAREST_M, FARTHEST_M = 0.01, 660.0
 LOWEST_STEP = round(100 * math.log(NEAREST_M))
-STEPS_CM = np.rint(
-    CENTIMETRE * arithmetic.exp(np.arange(LOWEST_STEP, round(100 * math.log(FARTHEST_M)) + 1) / 100)
-).astype(np.uint16)
-"""Depths [cm] that a recording can hold: each is 1 % more than the one before."""
+_STEPS = np.arange(LOWEST_STEP, round(100 * math.log(FARTHEST_M)) + 1)
+STEPS_CM = np.minimum(np.rint(CENTIMETRE * arithmetic.exp(_STEPS / 100)), 65535).astype(np.uint16)
+"""Depths [cm] that a recording can hold: each is 1 % more than the one before, up to the largest of 16 bits."""
 """Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
 JPEG_QUALITY = 75
 PIPE_BYTES = 1 << 16

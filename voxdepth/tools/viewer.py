@@ -13,14 +13,11 @@ from urllib.parse import quote
 
 import typer
 
-from ..checksums import DamageError, require_whole
 from .errors import ToolError
 from .options import require_installed
 
 RECORDING, PARTIAL_RECORDING = "run.rrd", "run.part.rrd"
 """Names of the recording of a run: when the run has ended, and while it flies or after it was killed."""
-START, END, END_BYTES = b"RRF2", b"RRF2FOOT", 4
-"""How a recording begins and, with as many other bytes, ends if it is whole."""
 NO_ANALYTICS = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
 """Configuration of Rerun's statistics of use, which no environment variable switches off."""
 LOCAL = "127.0.0.1"
@@ -53,7 +50,6 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
         )
     if path.suffix != ".rrd":
         raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
-    require_whole_recording(path)
     require_installed("rerun")
     if web:
         options = _serve()
@@ -70,23 +66,6 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
     if status:
         advice = "" if web else f"; voxdepth view {path} --web shows it in a browser"
         raise ToolError(f"the viewer could not show {path}{advice}")
-
-
-def require_whole_recording(path: Path) -> None:
-    """Raise a `ToolError` for a damaged recording, and tell on stderr of one that breaks off, as of a killed run."""
-    try:
-        require_whole(path)
-        with path.open("rb") as file:
-            start = file.read(len(START))
-            file.seek(-min(path.stat().st_size, len(END) + END_BYTES), os.SEEK_END)
-            end = file.read()
-    except (OSError, DamageError) as error:
-        raise ToolError(f"cannot show the recording: {error}") from error
-    if start != START:
-        raise ToolError(f"{path} is empty, damaged or no Rerun recording: restore it from a copy, or record it again")
-    if not (end.startswith(END) and len(end) == len(END) + END_BYTES):
-        again = "it was cut short, or what wrote it was killed; it shows what came before: record again what is missing"
-        typer.echo(f"{path} has no end: {again}", err=True)
 
 
 def _run(command: list[str], environment: dict[str, str]) -> int:
