@@ -97,7 +97,7 @@ def test_variables_and_files_around_a_command_change_nothing(tmp_path: Path, mon
 def test_the_settings_that_are_documented_stay() -> None:
     kept = {
         "NUMBA_CACHE_DIR": "cache", "NUMBA_CPU_NAME": "generic", "NUMBA_BOUNDSCHECK": "1", "OPENCV_CPU_DISABLE": "AVX2",
-        "OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "AVX2", "PYTHONPATH": "own_method", "RUST_LOG": "debug",
+        "OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "AVX2", "PYTHONPATH": "mine", "RUST_LOG": "debug",
     }  # fmt: skip
     with mock.patch.dict(os.environ, {**FOREIGN, **kept}, clear=True):
         settle()
