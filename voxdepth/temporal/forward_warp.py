@@ -73,7 +73,6 @@ class ForwardWarp:
         # A margin of one pixel catches the points that fall outside of the image.
         self._keys = np.empty((height + 2, width + 2), np.uint32)
         self._marked_px = np.empty((height, width), np.float32)
-        self._row, self._col = np.indices((height, width), np.float32)
 
     def warp(self, disparity_px: FloatImage, weight: GrayImage, T_target_source: FloatArray) -> Warped:
         """The image as the target camera sees it after a motion, shape (4, 4).

@@ -35,11 +35,11 @@ WINDOW_PX = 11
 """Side of the window that is compared around a corner."""
 PYRAMID_LEVELS, NEAR_LEVELS = 2, 1
 """Halvings of the tracking image, and those where a motion is predicted. Each one doubles the radius of the search."""
-CORNER_PX = 5
 TENSOR_IMAGE = float32[:, :, ::1]
+CORNER_PX = 5
+"""Side of the neighbourhood of a corner."""
 EIGENVALUE_UNIT = np.float32((4 * 255 * CORNER_PX) ** -2)
 """Makes the eigenvalue that of a gradient in 0..1 a pixel, divided by the side of the neighbourhood."""
-"""Side of the neighbourhood of a corner."""
 MIN_EIGENVALUE = np.float32(2e-4)
 """Corners have a larger minimal eigenvalue of the gradient matrix; photon noise stays below."""
 TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 8, 0.03)
