@@ -17,6 +17,7 @@ from .fusion import Fused, PixelClass, fuse, is_steady
 from .measurement import measure
 from .memory import WEIGHT_UNIT, Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
+from .roughness import roughness
 from .smoothing import smooth_guided
 from .upsampling import Estimate, Upsampler, completed, show_pixels
 from .working_resolution import WorkingResolution, default_decimation, require_large
@@ -106,11 +107,12 @@ class TemporalCorrector(StreamCorrector):
             disparity_px = smooth_guided(whole_px, window_px)
         with timer("confidence"):
             pixel_class = fused.pixel_class | (inpainted.remembered & np.uint8(PixelClass.REMEMBERED))
+            roughness_px = roughness(aligned.depth_m, self._resolution)
             confidence = estimate_confidence(
-                disparity_px, pixel_class, fused.weight, fused.magnification, inpainted.probability
+                disparity_px, pixel_class, fused.weight, fused.magnification, inpainted.probability, roughness_px
             )
             estimate = Estimate(disparity_px, pixel_class, confidence)
-            single = self._of_single_pixels(fused, aligned.single)
+            single = self._of_single_pixels(fused, aligned.single, roughness_px)
         with timer("upsample"):
             focal_baseline_px_m, least = self._resolution.focal_baseline_px_m, config.min_shown_confidence
             shown = self._upsampler.show(aligned.depth_m, estimate, least)
@@ -126,13 +128,13 @@ class TemporalCorrector(StreamCorrector):
         warped = self._forward_warp.warp(memory.disparity_px, memory.weight, T)
         return memory.seen_by(warped), self._resolution.decimation**2 * self._forward_warp.motion_px2(warped)
 
-    def _of_single_pixels(self, fused: Fused, single: Filled) -> Estimate:
+    def _of_single_pixels(self, fused: Fused, single: Filled, roughness_px: FloatImage) -> Estimate:
         """The estimate of the pixels that are filled one by one, shape (1, N)."""
         row, col = single.place.T // self._resolution.decimation
         disparity_px = single.disparity_px[None]
         pixel_class = single.remembered[None] & np.uint8(PixelClass.REMEMBERED)
-        weight, magnification = fused.weight[row, col][None], fused.magnification[row, col][None]
-        confidence = estimate_confidence(disparity_px, pixel_class, weight, magnification, single.probability[None])
+        weight, growth, rough_px = (each[row, col][None] for each in (fused.weight, fused.magnification, roughness_px))
+        confidence = estimate_confidence(disparity_px, pixel_class, weight, growth, single.probability[None], rough_px)
         return Estimate(disparity_px, pixel_class, confidence)
 
     def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:

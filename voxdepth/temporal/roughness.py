@@ -1,0 +1,60 @@
+"""How rough the measured surfaces are around every pixel: it tells a good place of a good sensor from a bad one."""
+
+import cv2
+import numpy as np
+from numba import float32, int64, void
+
+from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled
+from ..types import FloatImage
+from .working_resolution import WorkingResolution, disparity_of
+
+STRIDE = 2
+"""Working pixels from one sample to the next along each side: roughness varies little from pixel to pixel."""
+WINDOW_SHARE = 0.1
+"""Side of the window of the mean, as a share of the width of the image."""
+MAX_ROUGHNESS_PX = float32(4)
+"""Bound of a sample, so that one depth discontinuity is not all that counts in a window."""
+PRIOR_SHARE = 0.05
+"""Share of a window that the mean of the whole image counts for: deep in a hole nothing is measured."""
+
+
+def roughness(depth_m: FloatImage, resolution: WorkingResolution) -> FloatImage:
+    """The mean absolute second difference of the disparity along rows around each working pixel [px], shape (h, w).
+
+    Planes have none, whatever their slope. What is left is the noise of the sensor, and wrong matches among right ones.
+
+    Args:
+        depth_m: Measured depth [m], shape (H, W); 0 = invalid.
+        resolution: The working resolution of that image.
+    """
+    stride = STRIDE * resolution.decimation
+    shape = (depth_m.shape[0] - 1) // stride, (depth_m.shape[1] - 1) // stride
+    sample_px, known = np.empty((2, *shape), np.float32)
+    _sample(np.ascontiguousarray(depth_m), resolution.focal_baseline_px_m, stride, sample_px, known)
+    window = (2 * round(WINDOW_SHARE * shape[1] / 2) + 1,) * 2
+    total_px, count = (cv2.blur(image, window, borderType=cv2.BORDER_CONSTANT) for image in (sample_px, known))
+    overall_px = float(sample_px.sum(dtype=np.float64)) / max(1.0, float(known.sum(dtype=np.float64)))
+    mean_px = (total_px + np.float32(PRIOR_SHARE * overall_px)) / (count + np.float32(PRIOR_SHARE))
+    return np.asarray(cv2.resize(mean_px, resolution.shape[::-1], interpolation=cv2.INTER_NEAREST), np.float32)
+
+
+@compiled(void(READABLE_IMAGE, float32, int64, FLOAT_IMAGE, FLOAT_IMAGE))
+def _sample(
+    depth_m: FloatImage,
+    focal_baseline_px_m: float,
+    stride: int,
+    # output
+    sample_px: FloatImage,
+    known: FloatImage,
+) -> None:
+    """Second differences of disparity, and 1 where all three depths are known; both are 0 elsewhere."""
+    for row in range(sample_px.shape[0]):
+        for col in range(sample_px.shape[1]):
+            v, u = stride * row, stride * col
+            before_px = disparity_of(depth_m[v, u], focal_baseline_px_m)
+            at_px = disparity_of(depth_m[v, u + 1], focal_baseline_px_m)
+            after_px = disparity_of(depth_m[v, u + 2], focal_baseline_px_m)
+            is_known = (before_px > 0) & (at_px > 0) & (after_px > 0)
+            difference_px = abs(before_px - float32(2) * at_px + after_px)
+            sample_px[row, col] = min(difference_px, MAX_ROUGHNESS_PX) if is_known else float32(0)
+            known[row, col] = float32(1) if is_known else float32(0)
