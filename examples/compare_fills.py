@@ -63,7 +63,8 @@ def main() -> None:
     columns = 2 if len(panels) <= 4 else 3
     panels += [np.full_like(panels[0], 245)] * (-len(panels) % columns)
     rows = [np.hstack(panels[start : start + columns]) for start in range(0, len(panels), columns)]
-    cv2.imwrite(str(options.out), np.vstack(rows), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    if not cv2.imwrite(str(options.out), np.vstack(rows), [cv2.IMWRITE_PNG_COMPRESSION, 9]):
+        parser.exit(2, f"cannot write {options.out}\n")
 
 
 if __name__ == "__main__":

@@ -31,7 +31,8 @@ def main() -> None:
         width_px=width_px, height_px=height_px, hfov_deg=options.hfov, baseline_m=options.baseline, max_depth_m=65.0
     )
     measured = DepthCamera(camera, seed=options.seed).from_pair(left, right, frame=0)
-    cv2.imwrite(str(options.out), np.rint(1000 * measured.depth_raw_m).astype(np.uint16))
+    if not cv2.imwrite(str(options.out), np.rint(1000 * measured.depth_raw_m).astype(np.uint16)):
+        parser.exit(2, f"cannot write {options.out}\n")
     print(f"{(measured.depth_raw_m > 0).mean():.1%} of the pixels have a depth: {options.out}")
 
 

@@ -8,14 +8,15 @@ from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sim.errors import RecordingError, SimError
-from sim.recording import Recording
+from sim.recording import CONFIG, Recording
 from sim.types import Capture
 from swarm.perception import frame_of
+from voxdepth.checksums import LIST
 from voxdepth.tools.evaluation.frames import TRUTH, Code, EvaluationFrame
 from voxdepth.tools.evaluation.suite import Requested, name_of
 from voxdepth.tools.files import to_toml
@@ -70,6 +71,7 @@ def recorded(planned: "SeededSequence", out: Path, frames: int, tell: Tell) -> R
     with suppress(RecordingError):
         recording = Recording.open(folder)
         if recording.config_text == configuration and len(recording) >= frames:
+            recording.digest(frames)  # Reads all of it: damage is an error now, and the recording is made again.
             return recording
     from .sequences import record
 
@@ -153,9 +155,24 @@ def moving_ids(recording: Recording) -> range:
 
     The range is empty for a recording that was not made from a sequence.
     """
-    try:
-        sequence = tomllib.loads(recording.config_text).get("sequence")
-    except tomllib.TOMLDecodeError:
-        return range(0)
+    sequence = _config_of(recording).get("sequence")
     movers = sequence.get("movers") if isinstance(sequence, dict) else None
     return range(len(movers) if isinstance(movers, list) else 0)
+
+
+def _config_of(recording: Recording) -> dict[str, Any]:
+    """Return the configuration of a recording.
+
+    One that was cut is a `ScenarioError`: it is no TOML, that of a sequence without the versions at its end, or empty
+    in a folder that a program wrote.
+    """
+    try:
+        config = tomllib.loads(recording.config_text)
+        is_of_sequence, is_written = isinstance(config.get("sequence"), dict), (recording.folder / LIST).exists()
+        if (is_of_sequence and "versions" not in config) or (is_written and not config):
+            raise ValueError("it was cut short")
+        return config
+    except ValueError as error:
+        raise ScenarioError(
+            f"{recording.folder / CONFIG} is damaged ({error}); restore it from a copy or record again"
+        ) from error

@@ -9,7 +9,7 @@ import pydantic
 
 from voxdepth.errors import no_such
 from voxdepth.model import explained, problems, shorten
-from voxdepth.tools.files import read_toml
+from voxdepth.tools.files import read_toml, require_end
 
 from .errors import ScenarioError
 
@@ -41,7 +41,7 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
     """
     path, data = _read_table(kind, name_or_path)
     field = SINGULAR[kind]
-    if field not in data:
+    if not (is_of_result := field in data):
         data = {field: data, "seed": 0}
     if not isinstance(data[field], dict):
         raise ScenarioError(f"{path}: {field} must be a table of keys, got {shorten(data[field])}")
@@ -51,11 +51,14 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
     if seed is not None:
         changed["seed"] = seed
     try:
-        return model.model_validate(changed)
+        loaded = model.model_validate(changed)
     except pydantic.ValidationError as error:
         _validated(model, path, data, field)  # An error of the file itself is told as such.
         chosen = ", ".join(f"{key} = {shorten(value)}" for key, value in {**changes, "seed": changed["seed"]}.items())
         raise ScenarioError(f"{name_or_path} with {chosen}: {problems(error, model, field)}") from error
+    if is_of_result:
+        require_end(path, data, loaded)
+    return loaded
 
 
 def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path, Loaded]:

@@ -2,7 +2,7 @@
 
 A recording is a folder. Frame 7 consists of the images `gray_left/000007.png`, `gray_right`, `depth_raw`, `depth_true`,
 `occluded`, `segment` and `invalid_reason` with that name, and of row 7 of `frames.csv`, which holds its time and its
-pose. The folder appears when all frames are written.
+pose. The folder appears when all frames are written, with the checksums of the images and of the table.
 """
 
 import tomllib
@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import tomli_w
 
+from voxdepth.checksums import LIST, DamageError, digest_of, list_of, require_whole
 from voxdepth.types import FloatArray, Intrinsics
 
 from .errors import RecordingError
@@ -121,9 +122,13 @@ def read_poses(folder: Path) -> list[tuple[float, FloatArray]]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file. A file that is missing or cannot be read raises a `RecordingError`."""
+    """The content of a file. A file that is missing, damaged or cannot be read raises a `RecordingError`."""
     try:
-        return path.read_bytes()
+        content = path.read_bytes()
+        require_whole(path, content)
+        return content
+    except DamageError as error:
+        raise RecordingError(str(error)) from error
     except OSError as error:
         raise RecordingError(
             f"cannot read {path}: {error.strerror or error}; restore it from a copy or record again"
@@ -196,10 +201,14 @@ class RecordingWriter:
     def __init__(self, folder: Path, *, intrinsics: Intrinsics, config_text: str) -> None:
         self._folder = folder
         calibration = asdict(intrinsics)
+        optional = {name: calibration.pop(name) for name in ("baseline_m", "disparity_scale")}
         if intrinsics.disparity_scale == 1:
-            del calibration["disparity_scale"]  # As in recordings from before it was a field.
-        self._description = {CONFIG: config_text.encode(), CALIBRATION: tomli_w.dumps(calibration).encode()}
+            del optional["disparity_scale"]  # As in recordings from before it was a field.
+        # The size of the images comes last, so that a file that was cut lacks or contradicts it.
+        calibration_text = tomli_w.dumps(optional | calibration)
+        self._description = {CONFIG: config_text.encode(), CALIBRATION: calibration_text.encode()}
         self._rows: list[str] = []
+        self._digests: dict[str, str] = {}
 
     @property
     def frames(self) -> int:
@@ -214,9 +223,8 @@ class RecordingWriter:
     def write_images(self, index: int, capture: Capture) -> None:
         """Write the images of a frame. Several threads may write different frames at once."""
         encoded = {channel.path(index): channel.encode(capture) for channel in CHANNELS}
-        with _writing(self._folder):
-            for path, data in encoded.items():
-                (self._unfinished / path).write_bytes(data)
+        for path, data in encoded.items():
+            self._write(path, data)
 
     def append_row(self, capture: Capture) -> None:
         """Add the row of the next frame, whose images are written."""
@@ -237,10 +245,17 @@ class RecordingWriter:
     def __exit__(self, error: object, *_: object) -> None:
         with self._holder, _writing(self._folder):
             if error is None:
-                table = "".join(f"{row}\n" for row in (HEADER, *self._rows)).encode()
-                for name, data in (self._description | {FRAMES: table}).items():
+                for name, data in self._description.items():
                     (self._unfinished / name).write_bytes(data)
+                self._write(FRAMES, "".join(f"{row}\n" for row in (HEADER, *self._rows)).encode())
+                (self._unfinished / LIST).write_bytes(list_of(self._digests))
                 self._unfinished.replace(self._folder)
+
+    def _write(self, name: str, data: bytes) -> None:
+        """Write a file that nobody edits, whose checksum is listed."""
+        with _writing(self._folder):
+            (self._unfinished / name).write_bytes(data)
+        self._digests[name] = digest_of(data)
 
 
 @contextmanager

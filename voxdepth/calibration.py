@@ -4,7 +4,6 @@
 fits to rendered sequences. Measured pixels keep 1: how far a sensor errs depends on the sensor, which its user knows.
 """
 
-import tomllib
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
@@ -15,10 +14,15 @@ from typing import Any
 import cv2
 import numpy as np
 
+from .checksums import DamageError, digest_of
+from .errors import ConfigError
 from .pipeline import StagedCorrector
+from .text import decoded, parsed_toml
 from .types import CorrectedDepth, DepthCorrector, Frame
 
 FILE = Path(__file__).with_name("confidence.toml")
+SEAL = "# sha256 "
+"""How the last line of the file begins, which has the digest of all before."""
 Fills = Mapping[str, float]
 """Probability of being right of what a corrector fills, by its source: `memory` or `inpainted`; 0 without one."""
 
@@ -73,5 +77,20 @@ def calibrated(corrector: DepthCorrector, name: str) -> DepthCorrector:
 
 @cache
 def fitted() -> Mapping[str, Fills]:
-    """The probabilities by corrector."""
-    return tomllib.loads(FILE.read_text(encoding="utf-8"))
+    """The probabilities by corrector; a damaged file is a `ConfigError`."""
+    try:
+        data = FILE.read_bytes()
+        text, _, digest = decoded(data).rpartition(SEAL)
+        if digest != f"{digest_of(text.encode())}\n":
+            raise DamageError("it does not end with its digest")
+        return parsed_toml(data)
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"{FILE} is damaged ({error}): restore it with pip install --force-reinstall voxdepth, or make it again "
+            "with voxdepth experiment confidence"
+        ) from error
+
+
+def sealed(text: str) -> str:
+    """Return the text of a file of probabilities with its digest at the end."""
+    return f"{text}{SEAL}{digest_of(text.encode())}\n"

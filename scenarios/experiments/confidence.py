@@ -9,7 +9,7 @@ import tomli_w
 from sim.decimation import decimated
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.calibration import Fills
+from voxdepth.calibration import Fills, sealed
 from voxdepth.metrics import is_correct
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
 from voxdepth.types import CorrectedDepth, FloatArray, Source
@@ -49,7 +49,7 @@ def fit_all(asked: Experiment) -> Findings:
     return Findings(
         table=shares.rename_axis("corrector").reset_index(),
         notes=(f"A depth counts where the truth is a surface. The confidences that are used are in voxdepth/{FILE}.",),
-        files={FILE: text.encode()},
+        files={FILE: sealed(text).encode()},
     )
 
 

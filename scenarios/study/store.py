@@ -1,7 +1,7 @@
 """The folder of a study: what it was begun with in `study.json`, and a file for each run that has ended.
 
-Every file appears whole: it is written under another name and renamed. A run has its file in `runs` by its key, or in
-`failures` if it has no result. An archive of the folder is read like the folder.
+Every file appears whole: it is written under another name and renamed, and holds its digest. A run has its file in
+`runs` by its key, or in `failures` if it has no result. An archive of the folder is read like the folder.
 """
 
 import json
@@ -18,7 +18,7 @@ import pydantic
 from sim.types import Contact
 from swarm.types import Outcome
 from voxdepth.model import Model, problems
-from voxdepth.tools.files import locked, write
+from voxdepth.tools.files import locked, sealed_json, unsealed_json, write
 from voxdepth.tools.provenance import machine
 
 from ..config import Run
@@ -169,7 +169,7 @@ def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool)
     busy = f"another process is flying the study: wait for it, or look at it with {look}"
     with locked(folder, busy):
         if not (folder / MANIFEST).exists():
-            write(folder / MANIFEST, Manifest.of(study, specs).model_dump_json(indent=1).encode())
+            write(folder / MANIFEST, sealed_json(Manifest.of(study, specs).model_dump_json()))
         data = read_study(folder)
         _require_same(folder, data, study, specs)
         if (data.records or data.failures) and not resume:
@@ -182,7 +182,7 @@ def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool)
 def add(folder: Path, done: Completion) -> None:
     """Store one run that has ended, so that a crash leaves its file whole or absent; failing is a `ToolError`."""
     kind = FAILURES if isinstance(done, Failure) else RUNS
-    write(folder / kind / f"{done.key}.json", json.dumps(asdict(done), allow_nan=False, indent=1).encode())
+    write(folder / kind / f"{done.key}.json", sealed_json(json.dumps(asdict(done), allow_nan=False)))
 
 
 def read_study(place: Path) -> StudyData:
@@ -225,11 +225,12 @@ def _files(place: Path) -> dict[str, bytes]:
 def _manifest(place: Path, text: bytes) -> Manifest:
     """Decode the manifest of a study, without settings that have become constants since it was begun."""
     try:
-        return Manifest.model_validate_json(text, extra="ignore")
-    except pydantic.ValidationError as error:
+        return Manifest.model_validate_json(unsealed_json(text), extra="ignore")
+    except ValueError as error:
+        problem = problems(error, Manifest, "study") if isinstance(error, pydantic.ValidationError) else error
         raise ScenarioError(
-            f"{place / MANIFEST} is damaged, or was written by another version of voxdepth "
-            f"({problems(error, Manifest, 'study')}): restore a copy of it, or use that version"
+            f"{place / MANIFEST} is damaged, or was written by another version of voxdepth ({problem}): restore a copy "
+            "of it, or use that version"
         ) from error
 
 
@@ -238,7 +239,7 @@ def _ended(place: Path, files: Mapping[str, bytes], kind: str, record: type[Ende
     parse, found = pydantic.TypeAdapter(record).validate_json, {}
     for name in (name for name in files if name.startswith(f"{kind}/")):
         try:
-            one = parse(files[name])
+            one = parse(unsealed_json(files[name]))
             if one.key not in keys or f"{kind}/{one.key}.json" != name:
                 raise ValueError(f"the key {one.key} is that of another run")
         except ValueError as error:

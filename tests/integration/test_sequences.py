@@ -98,7 +98,7 @@ def test_a_recording_without_movers_says_what_it_always_said(tmp_path: Path) -> 
     assert "movers" not in to_toml(planned)
     record(planned, tmp_path / "r", 1, lambda frames: None)
     assert not moving_ids(Recording.open(tmp_path / "r"))
-    for text in ("seed = 0", "sequence = 3", "this is = not TOML", "[sequence]\nmovers = 7"):
+    for text in ("seed = 0", "sequence = 3", "[sequence]\nmovers = 7\n[versions]"):
         other = Recording(tmp_path, [], planned.sequence.rig.intrinsics, text)
         assert not moving_ids(other), text
 

@@ -32,7 +32,7 @@ from voxdepth.tools.evaluation.scoring import METRICS, SETTLED_FRAMES, Score
 from voxdepth.types import CorrectedDepth
 
 PATCHES = held_out("patches")
-MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n"
+MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n[versions]\n"
 """The post has the segmentation id 1: it is the second of two movers. The first one, id 0, is the wall's."""
 NEAR_FILLED = ("all", "0-20 m", "filled")
 

@@ -1,12 +1,15 @@
 """The suite: results are kept and reused, failures stop nothing else, and a repetition gives the same figures."""
 
+import errno
 import json
 import os
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from shutil import rmtree
+from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
@@ -18,7 +21,9 @@ from scenarios.evaluation import SimulatedSource, shipped
 from scenarios.sequences import load_sequence
 from sim.recording import Recording, RecordingWriter
 from tests.commands import invoke
+from tests.damage import DAMAGES
 from tests.evaluation_clips import CAMERA, capture_of, method, shadow_of, truth_of, write_recording
+from voxdepth.checksums import LIST
 from voxdepth.datasets import open_dataset
 from voxdepth.datasets.files import LARGEST_FILE_BYTES
 from voxdepth.tools.errors import ToolError
@@ -29,7 +34,7 @@ from voxdepth.tools.evaluation.methods import Method, find_methods
 from voxdepth.tools.evaluation.recordings import HELD_OUT, RecordedSource
 from voxdepth.tools.evaluation.results import STORED, Result, load, path_of, store
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
-from voxdepth.tools.files import locked, to_toml
+from voxdepth.tools.files import locked, to_toml, unsealed_json
 from voxdepth.tools.recorded import Opener
 
 GOOD = method("good")
@@ -64,6 +69,22 @@ def test_two_evaluations_do_not_write_to_one_folder(recording: Path, tmp_path: P
         run(tmp_path, recording)
 
 
+def test_windows_locks_by_its_own_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[int] = []
+
+    def locking(descriptor: int, mode: int, count: int) -> None:
+        if taken:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        taken.append(mode)
+
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setitem(sys.modules, "fcntl", None)  # There is none.
+    monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(locking=locking, LK_NBLCK=2))
+    with locked(tmp_path, "busy"), pytest.raises(ToolError, match="busy"), locked(tmp_path, "busy"):
+        pass
+    assert taken == [2]
+
+
 def test_finished_results_are_taken_and_failed_ones_tried_again(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -89,7 +110,7 @@ def test_finished_results_are_taken_and_failed_ones_tried_again(
 
 
 def with_key(data: bytes, **changes: Any) -> bytes:
-    stored = json.loads(data)
+    stored = json.loads(unsealed_json(data))
     return json.dumps(stored | {"key": stored["key"] | changes}).encode()
 
 
@@ -101,7 +122,8 @@ def with_key(data: bytes, **changes: Any) -> bytes:
         lambda data: with_key(data, digest="0" * 64),
         lambda data: data[:300],
         lambda data: b"\xff",
-        lambda data: json.dumps({**json.loads(data), "colour": "red"}).encode(),
+        lambda data: json.dumps({**json.loads(unsealed_json(data)), "colour": "red"}).encode(),
+        DAMAGES["a wrong byte in the middle"],
     ],
 )
 def test_a_result_of_anything_else_or_damaged_or_of_another_layout_is_computed_again(
@@ -112,7 +134,7 @@ def test_a_result_of_anything_else_or_damaged_or_of_another_layout_is_computed_a
     path.write_bytes(spoil(path.read_bytes()))
     again = run(tmp_path, recording, methods=(GOOD,))
     assert (again.reused, quality(again.results[0])) == (0, quality(result))
-    assert STORED.validate_json(path.read_bytes()) == replace(again.results[0], info=None)
+    assert STORED.validate_json(unsealed_json(path.read_bytes())) == replace(again.results[0], info=None)
 
 
 def test_other_sources_or_another_number_of_frames_are_another_result(
@@ -279,6 +301,7 @@ def test_every_frame_may_have_a_true_depth_of_its_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("name", "kind"), [("depth_true_mm", np.uint16), ("gray_left/000002", np.uint8)])
 def test_another_true_depth_or_later_frame_is_another_sequence_of_holes(name: str, kind: Any, tmp_path: Path) -> None:
     folder = plain_recording(tmp_path / "real", 3)
+    (folder / LIST).unlink()
     digests = []
     for value in (40, 50):
         cv2.imwrite(str(folder / f"{name}.png"), np.full(CAMERA.shape, value, kind))
@@ -316,6 +339,12 @@ def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
     assert isinstance(source, SimulatedSource)
     assert (source.seed, len(source), told[-1]) == (3, 4, "recording sim-LN, frame 4 of 4")
     requested.open(tmp_path, 3, told.append)
+    assert made == [4]
+    (folder,) = (tmp_path / "recordings").iterdir()
+    for name in ("config.toml", "depth_raw/000002.tiff", "segment/000003.png"):
+        (folder / name).write_bytes(DAMAGES["a wrong byte in the middle"]((folder / name).read_bytes()))
+        assert requested.open(tmp_path, 4, told.append).digest(4)
+        assert made.pop() == 4, "it is made again"
     assert made == [4]
     other = shipped(load_sequence("sim-LN", 4, {}))
     done = evaluate(Plan(sequences=[other], methods=[GOOD], frames=3, out=tmp_path), lambda what, n: None)

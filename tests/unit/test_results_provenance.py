@@ -26,6 +26,8 @@ def test_a_result_says_what_it_was_made_with() -> None:
 
 
 def test_a_machine_that_does_not_name_its_processor_has_its_architecture(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(tools, "CPU_INFO", tmp_path)  # As unreadable as /proc may be.
+    assert tools.processor_name() == tools.platform.machine()
     monkeypatch.setattr(tools, "CPU_INFO", tmp_path / "absent")
     assert tools.processor_name() == tools.platform.machine()
     (tmp_path / "absent").write_text("vendor: x\nmodel name\t: Fast One\n")

@@ -16,6 +16,7 @@ from scenarios.study.store import Failure, add, begun, read_study
 from swarm.types import Outcome
 from tests.studies import HIT, arm, fake, noisy, record, study, unseen
 from voxdepth.tools.errors import ToolError
+from voxdepth.tools.files import unsealed_json
 
 AGAIN = {"resume": True}
 
@@ -50,7 +51,7 @@ def edited(name: str, **values: object) -> Damage:
 
     def edit(folder: Path) -> Path:
         path, text = next((path, path.read_text()) for path in sorted(folder.glob(name)))
-        path.write_text(json.dumps(json.loads(text) | values) if values else text[:100])
+        path.write_text(json.dumps(json.loads(unsealed_json(text.encode())) | values) if values else text[:100])
         return path
 
     return edit

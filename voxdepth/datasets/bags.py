@@ -14,7 +14,6 @@ depth and the baseline in millimetres.
 """
 
 import re
-import sys
 import warnings
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -52,6 +51,12 @@ SUFFIXES = (".bag", ".db3", ".mcap")
 METADATA = "metadata.yaml"
 """File that describes a folder of ROS 2."""
 IMAGE, COMPRESSED, CAMERA_INFO = (f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo"))
+FIELDS = {
+    IMAGE: ("height", "width", "encoding", "is_bigendian", "step", "data"),
+    COMPRESSED: ("format", "data"),
+    CAMERA_INFO: ("height", "width"),
+}
+"""What is read of a message beside its header, by its type."""
 UNIT_BYTES = 4
 """librealsense appends a float, the unit of depth, to images of ROS 1, which the definition of the message lacks."""
 SENSOR = re.compile(r"/device_\d+/sensor_\d+")
@@ -404,7 +409,9 @@ class Bag:
         with _bag_errors(self.path):
             end_ns = None if is_sqlite else END_NS
             for connection, received_ns, data in self._reader.messages(connections, start_ns, end_ns):
-                yield received_ns, _deserialised(self._reader, data, connection.msgtype)
+                message = _deserialised(self._reader, data, connection.msgtype)
+                _require_fields(message, connection.msgtype)
+                yield received_ns, message
 
     def _connections(self, topic: str) -> list["Connection"]:
         return [connection for connection in self._reader.connections if connection.topic == topic]
@@ -492,14 +499,19 @@ def _signed(time_ns: int) -> int:
     return time_ns - END_NS if time_ns >= END_NS // 2 else time_ns
 
 
+def _require_fields(message: Any, kind: str) -> None:
+    """Raise an `AttributeError` for a message whose definition in the bag lacks what is read of its kind."""
+    if kind in FIELDS:
+        header_of(message)
+        for name in FIELDS[kind]:
+            getattr(message, name)
+
+
 def _deserialised(reader: "AnyReader", data: bytes, kind: str) -> Any:
     from rosbags.highlevel import AnyReaderError
 
     if reader.is2 and data.startswith(ZSTD):  # rosbags decompresses the messages of a folder alone.
-        if sys.version_info >= (3, 14):
-            from compression import zstd
-        else:
-            from backports import zstd
+        from ..zstandard import zstd
 
         data = zstd.decompress(data)
     try:

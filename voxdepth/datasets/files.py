@@ -5,6 +5,7 @@ from dataclasses import MISSING, asdict, fields
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
+from ..checksums import DamageError, require_whole
 from ..errors import DatasetError, FrameError, did_you_mean, similar
 from ..text import decoded, parsed_toml
 from ..types import Intrinsics
@@ -65,7 +66,7 @@ def broken_links(paths: Iterable[Path]) -> str:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a whole plain file of a reasonable size."""
+    """Read a whole plain file of a reasonable size, which is as a list of checksums has it, if one does."""
     try:
         if not path.is_file():
             found = "something else" if path.exists() else "none"
@@ -73,7 +74,11 @@ def read_bytes(path: Path) -> bytes:
         size = path.stat().st_size
         if size > LARGEST_FILE_BYTES:
             raise DatasetError(f"expected at most {LARGEST_FILE_BYTES} bytes in {path}, got {size}; it is no such file")
-        return path.read_bytes()
+        content = path.read_bytes()
+        require_whole(path, content)
+        return content
+    except DamageError as error:
+        raise DatasetError(str(error)) from error
     except (OSError, ValueError) as error:
         raise DatasetError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}; restore it") from error
 

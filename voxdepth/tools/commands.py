@@ -159,24 +159,28 @@ def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
     """Return a corrector with the configuration in its text or in a TOML file, perhaps that of an earlier result."""
     from ..corrector_spec import CorrectorSpec, parse_corrector
     from ..model import explained
-    from ..registry import config_of, require_known
-    from .files import read_toml
+    from ..registry import config_of, require_known, resolve_config
+    from .files import read_toml, require_end
 
     name, given = parse_corrector(corrector)
+    is_of_result = False
     if config is not None:
         if given:
             raise ToolError(f"--corrector {corrector} has a setting: write it to {config}, or leave out --config")
         if config_of(name) is None:
             raise ToolError(f"{config}: the corrector {name!r} takes no configuration; leave out --config")
         given = read_toml(config)
-        if isinstance(given.get("config"), dict):
+        if is_of_result := isinstance(given.get("config"), dict):
             made_by = given.get("corrector", name)
             if made_by != name:
                 raise ToolError(f"{config} configures the corrector {made_by!r}: ask for that with --corrector")
             given = given["config"]
     require_known(name)
     with explained(CorrectorSpec, ToolError, f"{config or '--corrector'}: "):
-        return CorrectorSpec(name=name, config=given)
+        spec = CorrectorSpec(name=name, config=given)
+    if config is not None and is_of_result:
+        require_end(config, given, resolve_config(name, given))
+    return spec
 
 
 def _print_report(console: "Console", report: Mapping[str, Any]) -> None:

@@ -1,7 +1,9 @@
-"""Files: TOML, atomic writing, and folders that one process at a time writes to."""
+"""Files: TOML, JSON with its digest, atomic writing, and folders that one process at a time writes to."""
 
+import json
 import os
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -9,12 +11,16 @@ from typing import Any
 
 import pydantic
 import tomli_w
+from pydantic_core import from_json
 
+from ..checksums import DamageError, digest_of
 from ..text import parsed_toml
 from .errors import ToolError
 
 LOCK = "write.lock"
 """File on which `locked` holds its lock; it stays empty."""
+DIGEST = "sha256"
+"""The last key of JSON that is sealed."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -33,7 +39,55 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def to_toml(configuration: pydantic.BaseModel) -> str:
     """Return the resolved configuration as TOML."""
-    return tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True))
+    return tomli_w.dumps(_values(configuration))
+
+
+def require_end(path: Path, content: Mapping[str, Any], resolved: pydantic.BaseModel) -> None:
+    """Raise a `ToolError` for the configuration of a result that was cut short; one that was edited is taken.
+
+    `to_toml` writes all keys. A file that was cut lacks the last one, and defaults would count for it in silence.
+
+    Args:
+        path: The file, for the error.
+        content: The configuration as the file has it.
+        resolved: What it was read as.
+    """
+    expected, found, keys = _values(resolved), content, []
+    while isinstance(expected, Mapping) and expected:
+        tables = [key for key, value in expected.items() if isinstance(value, Mapping)]
+        keys.append((tables or list(expected))[-1])  # Tables come last.
+        if not isinstance(found, Mapping) or keys[-1] not in found:
+            raise ToolError(
+                f"{path} was cut short: it lacks its last key, {'.'.join(keys)}; restore it from a copy, or add that"
+            )
+        expected, found = expected[keys[-1]], found[keys[-1]]
+
+
+def _values(configuration: pydantic.BaseModel) -> dict[str, Any]:
+    return configuration.model_dump(mode="json", exclude_none=True)
+
+
+def sealed_json(text: str | bytes) -> bytes:
+    """Return a JSON object with its digest under the last key."""
+    content = from_json(text)
+    return f"{json.dumps(content | {DIGEST: _digest(content)}, indent=1)}\n".encode()
+
+
+def unsealed_json(data: bytes) -> bytes:
+    """Return JSON without its digest, or as it is if it has none.
+
+    Raises:
+        ValueError: It is no JSON, or has another digest.
+    """
+    content = from_json(data)
+    digest = content.pop(DIGEST, None) if isinstance(content, dict) else None
+    if digest not in (None, _digest(content)):
+        raise DamageError(f"its content is not that of its {DIGEST}")
+    return json.dumps(content).encode()
+
+
+def _digest(content: object) -> str:
+    return digest_of(json.dumps(content).encode())
 
 
 @contextmanager
@@ -82,8 +136,6 @@ def locked(folder: Path, busy: str) -> Iterator[None]:
     The lock is on a file of its own that is open for writing, as network file systems require. A lock that another
     process holds is a `ToolError` with the message `busy`; an unwritable folder is one, too.
     """
-    import fcntl
-
     try:
         folder.mkdir(parents=True, exist_ok=True)
         file = (folder / LOCK).open("ab")
@@ -91,9 +143,24 @@ def locked(folder: Path, busy: str) -> Iterator[None]:
         raise ToolError(f"cannot write to {folder}: {error.strerror}; choose a writable folder") from error
     with file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(file.fileno())
         except BlockingIOError as error:
             raise ToolError(busy) from error
         except OSError as error:
             raise ToolError(f"cannot lock {folder}: {error.strerror}; choose a folder on another disk") from error
         yield
+
+
+def _lock(descriptor: int) -> None:
+    """Lock an open file; a `BlockingIOError` if another process did."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError(*error.args) from error
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

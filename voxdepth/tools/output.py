@@ -139,10 +139,14 @@ def open_output(path: Path, dataset: Dataset, *, has_points: bool = False) -> It
         return
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+    from ..zstandard import zstd
+
     bag = path.with_suffix("")
     writer = Writer(bag, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
+        storage: Any = writer.storage  # rosbags leaves out the checksum of MCAP: that of Zstandard is as good.
+        storage.compressor = partial(zstd.compress, options={zstd.CompressionParameter.checksum_flag: 1})
         yield BagTopics(writer, dataset)
     (bag / f"{bag.name}{MCAP}").rename(path)
 

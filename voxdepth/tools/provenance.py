@@ -6,6 +6,7 @@ import platform
 import re
 import subprocess
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -100,7 +101,9 @@ def machine() -> str:
 
 def processor_name() -> str:
     """Return the name of the processor, or the architecture where the system does not tell it."""
-    text = CPU_INFO.read_text(encoding="utf-8") if CPU_INFO.exists() else ""
+    text = ""
+    with suppress(OSError):  # Only Linux has it, and not where /proc is closed.
+        text = CPU_INFO.read_text(encoding="utf-8", errors="replace")
     named = re.search(r"^model name\s*:(.*)", text, re.MULTILINE)
     return named[1].strip() if named else platform.machine()
 

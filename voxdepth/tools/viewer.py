@@ -14,10 +14,13 @@ from urllib.parse import quote
 import typer
 
 from .errors import ToolError
+from .files import as_tool_error
 from .options import require_installed
 
 RECORDING, PARTIAL_RECORDING = "run.rrd", "run.part.rrd"
 """Names of the recording of a run: when the run has ended, and while it flies or after it was killed."""
+START, END, END_BYTES = b"RRF2", b"RRF2FOOT", 12
+"""How a recording begins; and how its last bytes begin if it is whole, and their number."""
 NO_ANALYTICS = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
 """Configuration of Rerun's statistics of use, which no environment variable switches off."""
 LOCAL = "127.0.0.1"
@@ -37,7 +40,7 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
         web: Whether it is served to a browser, on 127.0.0.1.
 
     Raises:
-        ToolError: The file is no recording, there is no display, or the viewer failed.
+        ToolError: The file is no recording or damaged, there is no display, or the viewer failed.
     """
     if not path.is_file():
         if (path.parent / "calibration.toml").is_file():
@@ -51,11 +54,10 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
     if path.suffix != ".rrd":
         raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
     require_installed("rerun")
-    if web:
-        options = _serve()
-    else:
+    if not web:
         require_display(f"voxdepth view {path} --web")
-        options = ["--port", "auto"]
+    require_recording(path)
+    options = _serve() if web else ["--port", "auto"]
     with TemporaryDirectory(prefix="voxdepth-viewer-") as config_home:
         config = Path(config_home) / "rerun/analytics.json"
         config.parent.mkdir()
@@ -66,6 +68,18 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
     if status:
         advice = "" if web else f"; voxdepth view {path} --web shows it in a browser"
         raise ToolError(f"the viewer could not show {path}{advice}")
+
+
+def require_recording(path: Path) -> None:
+    """Raise a `ToolError` for what is no recording, and tell on stderr of one that breaks off, as of a killed run."""
+    with as_tool_error(f"cannot read {path}"), path.open("rb") as file:
+        start = file.read(len(START))
+        file.seek(max(0, path.stat().st_size - END_BYTES))
+        end = file.read()
+    if start != START:
+        raise ToolError(f"{path} is empty, damaged or no Rerun recording: restore it from a copy, or record it again")
+    if not (end.startswith(END) and len(end) == END_BYTES):
+        typer.echo(f"{path} has no end: what comes before is shown; record it again to have the rest", err=True)
 
 
 def _run(command: list[str], environment: dict[str, str]) -> int:

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter
 
-from ..files import as_tool_error, write
+from ..files import as_tool_error, sealed_json, unsealed_json, write
 from .frames import Reference
 from .measurements import Measurement
 
@@ -81,8 +81,8 @@ def path_of(out: Path, sequence: str, method: str) -> Path:
 def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> Result | None:
     """Load a finished result; None if there is none with this key. A file that cannot be read is a `ToolError`."""
     path = path_of(out, sequence, method)
-    with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValidationError):
-        result = STORED.validate_json(path.read_bytes())  # It may be damaged, or of another version.
+    with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValueError):
+        result = STORED.validate_json(unsealed_json(path.read_bytes()))  # It may be damaged, or of another version.
         if (result.method, result.key, result.error) == (method, key, None):
             return result
     return None
@@ -90,4 +90,4 @@ def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> Result |
 
 def store(out: Path, result: Result) -> None:
     """Write the file of a result in one step; a failure is a `ToolError`."""
-    write(path_of(out, result.sequence, result.method), STORED.dump_json(result, indent=1) + b"\n")
+    write(path_of(out, result.sequence, result.method), sealed_json(STORED.dump_json(result)))
