@@ -4,9 +4,11 @@ Depth errors are sums over pixels, so that frames, masks and sequences of any si
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from itertools import product
 from typing import Any, Self
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -17,6 +19,10 @@ TOO_FAR = 1.1
 """A pixel is too far when it is more than 10 % beyond the truth."""
 CLOSE = 0.05
 """A pixel is close if its relative error is at most this."""
+BINS = 6
+"""Number of equal bins of the confidence, of a reliability curve."""
+BELIEVED = 0.8
+"""A depth is believed if its confidence is at least this."""
 
 
 class Addable:
@@ -201,6 +207,132 @@ class Share(Addable):
     def value(self) -> float | None:
         """The share, 0..1; None without pixels."""
         return self.hits / self.of if self.of else None
+
+
+def _zeros() -> FloatArray:
+    return np.zeros(BINS)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reliability(Addable):
+    """How well the confidence foretells which depths are right: sums over pixels, in `BINS` equal bins of it.
+
+    Arrays have the shape (BINS,). The last bin includes a confidence of 1.
+    """
+
+    pixels: FloatArray = field(default_factory=_zeros)
+    """Number of pixels."""
+    confidence: FloatArray = field(default_factory=_zeros)
+    """Sum of their confidences."""
+    right: FloatArray = field(default_factory=_zeros)
+    """Number of them that are right, see `is_correct`."""
+    believed: Share = Share()
+    """Share of all pixels whose confidence is at least `BELIEVED`."""
+    believed_right: Share = Share()
+    """Share of these that is right."""
+
+    @classmethod
+    def of(
+        cls,
+        depth_m: FloatImage,
+        confidence: FloatImage,
+        truth_m: FloatImage,
+        mask: MaskImage,
+        focal_baseline_px_m: float,
+    ) -> "Reliability":
+        """Sum over the pixels of a mask that have a depth and a true surface, at any range.
+
+        Args:
+            depth_m: Depth under test [m], shape (H, W); 0 = invalid.
+            confidence: Probability that it is right, 0..1, shape (H, W).
+            truth_m: True depth [m], shape (H, W); 0, NaN or infinite is not counted.
+            mask: Pixels that count, shape (H, W).
+            focal_baseline_px_m: The property of `Intrinsics`.
+
+        Raises:
+            FrameError: The shapes differ, or a judged depth is negative, NaN or infinite.
+        """
+        require_same_shape(depth_m=depth_m, confidence=confidence)
+        depth, truth = select_judged(depth_m, truth_m, mask)
+        filled = depth > 0
+        said = confidence[judged_pixels(truth_m, mask)][filled].astype(np.float64)
+        right = is_correct(depth[filled], truth[filled], focal_baseline_px_m)
+        place = np.minimum((said * BINS).astype(np.intp), BINS - 1)
+        believed = said >= np.float32(BELIEVED)
+        return cls(
+            pixels=np.asarray(np.bincount(place, minlength=BINS), np.float64),
+            confidence=np.asarray(np.bincount(place, said, BINS), np.float64),
+            right=np.asarray(np.bincount(place, right, BINS), np.float64),
+            believed=Share(hits=int(np.count_nonzero(believed)), of=said.size),
+            believed_right=Share(hits=int(np.count_nonzero(believed & right)), of=int(np.count_nonzero(believed))),
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of pixels."""
+        return self.believed.of
+
+    @property
+    def said(self) -> float | None:
+        """Mean confidence, 0..1; None without pixels."""
+        return float(self.confidence.sum() / self.n) if self.n else None
+
+    @property
+    def right_share(self) -> float | None:
+        """Share of right pixels, 0..1; None without pixels."""
+        return float(self.right.sum() / self.n) if self.n else None
+
+    @property
+    def calibration_error(self) -> float | None:
+        """Mean over the pixels of the difference of mean confidence and share of right ones in their bin, 0..1."""
+        return float(np.abs(self.confidence - self.right).sum() / self.n) if self.n else None
+
+
+EDGE_PX = 9
+"""Width of the window around a pixel in which a depth edge is looked for."""
+EDGE_STEP_PX, EDGE_STEP_SHARE = 1.0, 0.03
+"""Disparities belong to one surface if they differ by at most this many pixels and this share."""
+
+
+def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, focal_baseline_px_m: float) -> Share:
+    """Pixels that hang in the empty space between two surfaces, among those with a depth that are beside a depth edge.
+
+    A pixel is beside an edge if the true disparities within `EDGE_PX` x `EDGE_PX` pixels around it span more than two
+    tolerances at the largest of them. The tolerance at a disparity is `EDGE_STEP_PX` and `EDGE_STEP_SHARE` of it. A
+    pixel flies if its disparity lies between the smallest and the largest of them, and differs from each by more than
+    the tolerance at its own.
+
+    Where the truth has gaps, the surface that a pixel belongs to may be missing in the window.
+
+    Args:
+        depth_m: Depth under test [m], shape (H, W); 0 = invalid, not counted.
+        truth_m: True depth [m], shape (H, W); 0, NaN or infinite is unknown.
+        mask: Pixels that are judged, if they have a true depth, shape (H, W).
+        focal_baseline_px_m: The property of `Intrinsics`.
+
+    Raises:
+        FrameError: See `select_judged`.
+    """
+    select_judged(depth_m, truth_m, mask)
+    known = judged_pixels(truth_m, np.ones_like(mask))
+    true_px = np.divide(focal_baseline_px_m, truth_m, out=np.full(truth_m.shape, np.nan), where=known)
+    window = np.ones((EDGE_PX, EDGE_PX), np.uint8)
+    low_px: Any = cv2.erode(np.where(known, true_px, np.inf), window)
+    high_px: Any = cv2.dilate(np.where(known, true_px, -np.inf), window)
+    beside = known & mask & (depth_m > 0)
+    beside[beside] = high_px[beside] - low_px[beside] > 2 * _tolerance_px(high_px[beside])
+    row, col = np.nonzero(beside)
+    own_px = focal_baseline_px_m / depth_m[beside].astype(np.float64)
+    between = (low_px[beside] < own_px) & (own_px < high_px[beside])
+    row, col, own_px = row[between], col[between], own_px[between]
+    around_px, alone = np.pad(true_px, EDGE_PX // 2, constant_values=np.nan), np.ones(own_px.shape, np.bool_)
+    for i, j in product(range(EDGE_PX), repeat=2):
+        alone &= ~(np.abs(around_px[row + i, col + j] - own_px) <= _tolerance_px(own_px))
+    return Share(hits=int(np.count_nonzero(alone)), of=int(np.count_nonzero(beside)))
+
+
+def _tolerance_px(disparity_px: FloatArray) -> FloatArray:
+    return EDGE_STEP_PX + EDGE_STEP_SHARE * disparity_px
 
 
 def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage) -> Share:
