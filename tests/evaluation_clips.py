@@ -111,7 +111,7 @@ def scores_of(
     reference: Reference, frames: Iterable[EvaluationFrame], change: Change
 ) -> dict[tuple[str, ...], Measurement]:
     """What is measured where a function makes the corrected depth of a frame, by metric, mask, range and pixels."""
-    score = Score(reference)
+    score = Score(reference, CAMERA)
     for frame in frames:
         score.add(frame, CorrectedDepth.of(frame.frame, change(frame.frame.depth_m)))
     return {found[:4]: found for found in score.measurements()}

@@ -91,7 +91,7 @@ def test_unfilled_pixels_do_not_hide() -> None:
 
 
 def test_the_close_pixels_of_each_frame_are_those_of_holes_that_a_method_fills() -> None:
-    frames, score = evaluation_frames(2), Score(TRUTH)
+    frames, score = evaluation_frames(2), Score(TRUTH, CAMERA)
     for frame, depth_m in zip(frames, (frames[0].reference_m, frames[1].frame.depth_m), strict=True):
         score.add(frame, CorrectedDepth.of(frame.frame, depth_m))
     holes = [int(frame.hidden.sum()) for frame in frames]
@@ -213,3 +213,14 @@ def test_an_object_that_is_back_has_not_departed() -> None:
     departures, depth_m = Departures(), np.full((1, 1), 2, np.float32)
     there = [True, *[False] * (GHOST_FRAMES - 1), True]
     assert not any(departures.add(np.full((1, 1), is_there), depth_m).any() for is_there in there)
+
+
+def test_flying_fills_are_counted_among_the_fills_beside_an_edge_at_any_range() -> None:
+    """The shadow beside the post is filled at 3 m; the wall lies at 6 m or, in the second case, at 30 m."""
+    for wall_m in (WALL_M, 30):
+        frame = evaluation_frames(1)[0]
+        reference_m = np.where(frame.reference_m == WALL_M, np.float32(wall_m), frame.reference_m)
+        done = scores_of(TRUTH, [replace(frame, reference_m=reference_m)], lambda d: np.where(d > 0, d, np.float32(3)))
+        flying = done["flying", "holes", "all", "filled"]
+        assert (flying.value, flying.n) == (1, 4 * CAMERA.height_px), "only columns whose window reaches the post"
+    assert done["said", "measured", "all", "filled"].value == 1, "the confidence is scored with the depth"

@@ -33,6 +33,11 @@ class Reference:
     is_true: bool
     """Whether it is the true depth, and not a measurement, which flickers itself."""
 
+    @property
+    def is_independent(self) -> bool:
+        """Whether measured pixels can be judged by it, too: it is not the measurement that methods are given."""
+        return self.hidden == HOLES
+
 
 TRUTH = Reference(name="the truth", is_true=True)
 

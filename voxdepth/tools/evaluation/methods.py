@@ -100,7 +100,7 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     with _instance(method, intrinsics) as corrector:  # The warm-up loads, compiles and caches what is needed.
         for index, frame in enumerate(islice(frames, method.warm_up_frames)):
             _processed(corrector, frame, index)
-    score, times_s = Score(reference), []
+    score, times_s = Score(reference, intrinsics), []
     pictures: tuple[str, ...] = ()
     with _instance(method, intrinsics) as corrector:
         start_s = _other_threads_s()

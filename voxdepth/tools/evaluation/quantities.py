@@ -7,12 +7,14 @@ from typing import Literal
 
 import pandas as pd
 
+from ...metrics import BELIEVED
 from ..table import MISSING
-from .frames import HOLES, MEASURED
+from .frames import ALL, HOLES, MEASURED
 from .intervals import CLOSE, LEAD
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames, select
 from .recordings import HELD_OUT
-from .scoring import GHOSTS, STATIC, SURVIVAL
+from .reliability import BELIEVED_SHARES, CALIBRATION_ERROR, OVERALL
+from .scoring import FLYING, GHOSTS, STATIC, SURVIVAL
 from .suite import Evaluation
 
 HIDDEN = "hidden"
@@ -77,8 +79,8 @@ def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
     masks = HIDDEN_MASKS if selector.mask == HIDDEN else (selector.mask,)
     found = pd.concat([select(evaluation.measurements, selector._replace(mask=mask)) for mask in masks])
     if selector.mask in ("all", "measured") and selector.metric != "coverage":
-        true = [info.name for info in evaluation.sequences.values() if info.reference.hidden == HOLES]
-        return found[found.index.isin(true, level="sequence")]
+        independent = [info.name for info in evaluation.sequences.values() if info.reference.is_independent]
+        return found[found.index.isin(independent, level="sequence")]
     return found
 
 
@@ -98,6 +100,20 @@ OVER_BEST = Quantity(
     "temporal; the best is compared with the second best, so this ranks nobody.",
     is_interval=True,
 )
+
+
+def said_and_right(mask: str) -> list[Selector]:
+    """Select what the confidence of some pixels says, how many of them are right, and the calibration error."""
+    return [Selector(metric, mask, ALL, FILLED) for metric in (*OVERALL, CALIBRATION_ERROR)]
+
+
+CONFIDENCE = Quantity(
+    "Confidence of fills, at any range: said / right / calibration error",
+    "%",
+    said_and_right(HIDDEN),
+    "Said is the mean confidence, and right the share whose disparity is within 5 % or a quarter of a pixel. The error "
+    "is the mean difference of the two in six equal bins of confidence.",
+)
 TIME = Quantity(
     "Time per frame, median / 95th percentile / in threads of its own beside that",
     "ms",
@@ -105,7 +121,7 @@ TIME = Quantity(
     "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a method's "
     "own threads: voxdepth fuses its window in one.",
 )
-HEADLINES = (WITHIN_5, OVER_BEST, TIME)
+HEADLINES = (WITHIN_5, OVER_BEST, CONFIDENCE, TIME)
 """What the terminal shows."""
 # fmt: off
 QUANTITIES = (
@@ -128,6 +144,18 @@ QUANTITIES = (
              [Selector("coverage", HIDDEN, on=FILLED)]),
     WITHIN_5,
     OVER_BEST,
+    Quantity("Flying fills: those beside a depth edge that hang between the surfaces, at any range", "%",
+             [Selector(FLYING, HIDDEN, ALL, FILLED)],
+             "Farther than 1 px and 3 % of disparity from each reference within 9x9 pixels, and between them. Reliable "
+             "where references are dense, as the truth and held-out pixels are; later frames leave gaps.", best="low"),
+    CONFIDENCE,
+    Quantity(f"Fills believed from a confidence of {BELIEVED} on / right of these", "%",
+             [Selector(metric, HIDDEN, ALL, FILLED) for metric in BELIEVED_SHARES]),
+    Quantity("Confidence of measured pixels, at any range: said / right / calibration error", "%",
+             said_and_right(MEASURED),
+             "Pixels whose depth a method replaces are not among them."),
+    Quantity(f"Measured pixels believed from a confidence of {BELIEVED} on / right of these", "%",
+             [Selector(metric, MEASURED, ALL, FILLED) for metric in BELIEVED_SHARES]),
     Quantity("MAE of measured pixels within 20 m", "m", [Selector("mae", MEASURED, on=FILLED)], best="low"),
     Quantity("Survival: pixels of moving objects within 5 % of the truth, by the method / of raw depth", "%", SURVIVAL,
              "A hole does not survive. Only sequences with known moving objects have it.", best="high"),

@@ -11,8 +11,10 @@ from ..files import write
 from ..page import TEMPLATES, render_page
 from ..provenance import Provenance
 from ..table import MISSING, Table, write_frame
+from .curves import plots_of, untold
 from .pictures import depth_scale, error_scale
 from .quantities import HEADLINES, QUANTITIES, Quantity, fitted, is_measured, numbers_of
+from .reliability import TOO_FEW
 from .results import SequenceInfo
 from .suite import Evaluation
 from .verdict import verdict
@@ -37,12 +39,20 @@ def rendered(evaluation: Evaluation) -> str:
         verdict=verdict(evaluation),
         failures=[(result.method, result.sequence, result.error) for result in evaluation.failures],
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
+        plots=plots_of(evaluation),
+        untold=_untold(evaluation),
         pictures=[shown_frame(evaluation, info) for info in evaluation.sequences.values()],
         error_percent=round(100 * ERROR_END),
         error_scale=error_scale(),
         sequences=_sequence_table(evaluation),
         machine=Provenance.here().lines(),
     )
+
+
+def _untold(evaluation: Evaluation) -> list[str]:
+    """Say of which sequences no reliability can be told, if any."""
+    names = untold(evaluation)
+    return [f"No reliability can be told of {', '.join(names)}: {TOO_FEW}"] if names else []
 
 
 def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
@@ -85,6 +95,8 @@ def print_results(console: "Console", evaluation: Evaluation) -> None:
     for quantity in HEADLINES:
         if is_measured(evaluation, quantity):
             method_table(evaluation, quantity).print(console)
+    for line in _untold(evaluation):
+        console.print(f"{line}.", markup=False, highlight=False)
     for result in evaluation.failures:
         failed = f"{result.sequence}, {result.method} failed: {result.error}"
         console.print(failed, soft_wrap=True, markup=False, style="red")

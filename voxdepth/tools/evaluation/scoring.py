@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from ...geometry import fill_from_nearest
-from ...metrics import Flicker, Share, Sums, ghost_share, survival
-from ...types import CorrectedDepth, FloatImage
+from ...metrics import Flicker, Share, Sums, flying_share, ghost_share, survival
+from ...types import CorrectedDepth, FloatImage, Intrinsics
 from .frames import ALL, MEASURED, NEAR, OCCLUDED, EvaluationFrame, Reference
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector
+from .reliability import ConfidenceScore
 
 STATIC = "static"
 """Mask of flicker, within 20 m: pixels that show the same surface as in the frame before."""
@@ -19,6 +20,9 @@ SURVIVAL = [Selector(metric, "moving", ALL, AS_GIVEN) for metric in ("survival",
 """Shares of the pixels of moving objects, of the corrected and of the raw depth."""
 GHOSTS = [Selector(metric, "departed", ALL, FILLED) for metric in ("ghosts", "ghosts_raw")]
 """The same of those pixels that a moving object left some frames ago."""
+
+FLYING = "flying"
+"""Share of the fills beside a depth edge, at any range, that hang between the surfaces, see `flying_share`."""
 
 METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "mae": ("m", lambda sums: sums.mae_m),
@@ -35,8 +39,9 @@ SETTLED_RMSE = Selector("rmse_settled", OCCLUDED)
 class Score:
     """Scores the corrected frames of a sequence one by one, by masks; keeps no image but the last."""
 
-    def __init__(self, reference: Reference) -> None:
-        self._reference = reference
+    def __init__(self, reference: Reference, intrinsics: Intrinsics) -> None:
+        self._reference, self._focal_baseline_px_m = reference, intrinsics.focal_baseline_px_m
+        self._confidence = ConfidenceScore(reference, intrinsics)
         self._sums: dict[str, defaultdict[str, Sums]] = {FILLED: defaultdict(Sums), COMPLETED: defaultdict(Sums)}
         self._flicker = Flicker()
         self._shares: defaultdict[Selector, Share] = defaultdict(Share)
@@ -52,11 +57,13 @@ class Score:
         self._add_flicker(frame, depth_m)
         self._add_shares(frame, depth_m)
         self._add_settled(frame, completed_m)
+        self._confidence.add(frame, corrected)
 
     def measurements(self) -> Iterator[Measurement]:
         """Yield everything that is known after the last frame; measurements of no pixel are left out."""
         for mask in (ALL, *self._sums[FILLED]):
             yield from self._measured_errors(mask)
+        yield from self._confidence.measurements()
         if n := self._flicker.changes:
             yield Measurement("flicker", STATIC, NEAR, FILLED, self._flicker.mean_change_m, "m", n)
         for selector, share in self._shares.items():
@@ -83,6 +90,8 @@ class Score:
         self._flicker.add(depth_m, steady_m, frame.static & frame.near())
 
     def _add_shares(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
+        flying = Selector(FLYING, self._reference.hidden, ALL, FILLED)
+        self._shares[flying] += flying_share(depth_m, frame.reference_m, frame.hidden, self._focal_baseline_px_m)
         if frame.moving is not None and frame.departed_m is not None:
             for k, given_m in enumerate((depth_m, frame.frame.depth_m)):
                 self._shares[SURVIVAL[k]] += survival(given_m, frame.reference_m, frame.moving)
