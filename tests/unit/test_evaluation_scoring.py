@@ -23,13 +23,13 @@ from tests.evaluation_clips import (
 )
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import Sums
-from voxdepth.tools.evaluation.frames import TRUTH, EvaluationFrame, FrameFile, Reference
+from voxdepth.tools.evaluation.frames import RANGES, TRUTH, EvaluationFrame, FrameFile, Reference
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.quantities import QUANTITIES
 from voxdepth.tools.evaluation.references import held_out
-from voxdepth.tools.evaluation.report import method_table
+from voxdepth.tools.evaluation.report import method_table, range_table
 from voxdepth.tools.evaluation.scoring import METRICS, SETTLED_FRAMES, Score
-from voxdepth.types import CorrectedDepth
+from voxdepth.types import CorrectedDepth, Frame
 
 PATCHES = held_out("patches")
 MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n"
@@ -224,3 +224,30 @@ def test_flying_fills_are_counted_among_the_fills_beside_an_edge_at_any_range() 
         flying = done["flying", "holes", "all", "filled"]
         assert (flying.value, flying.n) == (1, 4 * CAMERA.height_px), "only columns whose window reaches the post"
     assert done["said", "measured", "all", "filled"].value == 1, "the confidence is scored with the depth"
+
+
+def test_errors_of_fills_are_told_by_the_range_of_the_reference_by_hand() -> None:
+    """Holes at 1, 2, 4, 19, 20 and 50 m get 10 % more, that at 4 m nothing; a measured pixel does not count."""
+    shape = (1, 7)
+    reference_m = np.array([[1, 2, 4, 19, 20, 50, 1]], np.float32)
+    given = Frame(stamp_s=0.0, gray=np.zeros(shape, np.uint8), depth_m=np.array([[0] * 6 + [1]], np.float32))
+    frame = EvaluationFrame(
+        frame=given, reference_m=reference_m, hidden=given.depth_m == 0, static=np.zeros(shape, bool)
+    )
+    filled = np.array([[1, 1, 0, 1, 1, 1, 1]], np.float32)
+    done = scores_of(TRUTH, [frame], lambda _: filled * np.array([[1.1, 2.02, 0, 20.9, 22, 50, 5]], np.float32))
+    found = {
+        r: (done["mae", "holes", r, "filled"], done["close", "holes", r, "filled"]) for r in RANGES if r != "5-10 m"
+    }
+    assert {name: (mae.value, close.value, mae.n) for name, (mae, close) in found.items()} == {
+        "0-2 m": (pytest.approx(0.1), 0, 1),
+        "2-5 m": (pytest.approx(0.02, rel=1e-4), 1, 1),
+        "10-20 m": (pytest.approx(1.9), 0, 1),
+        "over 20 m": (pytest.approx(1), 0.5, 2),
+    }
+    assert ("mae", "holes", "5-10 m", "filled") not in done
+    table = range_table(evaluation_of(result_of("s", "telea", *done.values()), result_of("s", "raw")))
+    assert table.headings == ["method", *RANGES]
+    assert table.texts == [
+        ["s, telea", "0.100 / 0.0 (1)", "0.020 / 100.0 (1)", "-", "1.900 / 0.0 (1)", "1.000 / 50.0 (2)"]
+    ]

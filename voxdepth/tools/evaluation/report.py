@@ -1,5 +1,6 @@
 """The output of an evaluation: tables, a page without scripts or external parts, and the terminal output."""
 
+import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,8 @@ from ..page import TEMPLATES, render_page
 from ..provenance import Provenance
 from ..table import MISSING, Table, write_frame
 from .curves import plots_of, untold
+from .frames import HOLES, RANGES
+from .measurements import FILLED, Selector, select
 from .pictures import depth_scale, error_scale
 from .quantities import HEADLINES, QUANTITIES, Quantity, fitted, is_measured, numbers_of
 from .reliability import TOO_FEW
@@ -39,6 +42,7 @@ def rendered(evaluation: Evaluation) -> str:
         verdict=verdict(evaluation),
         failures=[(result.method, result.sequence, result.error) for result in evaluation.failures],
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
+        ranges=range_table(evaluation),
         plots=plots_of(evaluation),
         untold=_untold(evaluation),
         pictures=[shown_frame(evaluation, info) for info in evaluation.sequences.values()],
@@ -72,6 +76,31 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
     }
     rows.append(["n", *(sizes.get(name, MISSING) for name in measured)])
     return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note)
+
+
+def range_table(evaluation: Evaluation) -> Table:
+    """Return the errors of fills by the range of the reference, a row for each method that fills in a sequence."""
+    texts = pd.DataFrame({name: _range_texts(evaluation, name) for name in RANGES}).fillna(MISSING)
+    rows = [
+        [f"{sequence}, {registry.title(method)}", *texts.loc[sequence, method]]
+        for sequence, method in itertools.product(evaluation.sequences, evaluation.methods)
+        if (sequence, method) in texts.index
+    ]
+    return Table.of(
+        "Fills by the range of the reference: mean error [m] / within 5 % [%] (pixels)", ["method", *RANGES], rows,
+        note="Pixels that a method leaves empty are not among them: see its coverage.",
+    )  # fmt: skip
+
+
+def _range_texts(evaluation: Evaluation, name: str) -> pd.Series:
+    """Return the errors of the fills in a range by sequence and method."""
+    masks = {info.reference.hidden for info in evaluation.sequences.values()}
+    errors_m, close = (
+        pd.concat([select(evaluation.measurements, Selector(metric, mask, name, FILLED)) for mask in masks or [HOLES]])
+        for metric in ("mae", "close")
+    )
+    values = zip(errors_m["value"], 100 * close["value"], errors_m["n"], strict=True)
+    return pd.Series([f"{mae_m:.3f} / {share:.1f} ({n:,})" for mae_m, share, n in values], errors_m.index, dtype=object)
 
 
 def _texts(evaluation: Evaluation, quantity: Quantity, values: pd.DataFrame) -> pd.DataFrame:

@@ -8,7 +8,7 @@ import numpy as np
 from ...geometry import fill_from_nearest
 from ...metrics import Flicker, Share, Sums, flying_share, ghost_share, survival
 from ...types import CorrectedDepth, FloatImage, Intrinsics
-from .frames import ALL, MEASURED, NEAR, OCCLUDED, EvaluationFrame, Reference
+from .frames import ALL, MEASURED, NEAR, OCCLUDED, RANGES, EvaluationFrame, Reference
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector
 from .reliability import ConfidenceScore
 
@@ -45,6 +45,7 @@ class Score:
         self._sums: dict[str, defaultdict[str, Sums]] = {FILLED: defaultdict(Sums), COMPLETED: defaultdict(Sums)}
         self._flicker = Flicker()
         self._shares: defaultdict[Selector, Share] = defaultdict(Share)
+        self._of_ranges = dict.fromkeys(RANGES, Sums())
         self._settled: defaultdict[Selector, Sums] = defaultdict(Sums)
         self.frame_close: tuple[tuple[int, int], ...] = ()
         """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
@@ -57,12 +58,15 @@ class Score:
         self._add_flicker(frame, depth_m)
         self._add_shares(frame, depth_m)
         self._add_settled(frame, completed_m)
+        for name in RANGES:
+            self._of_ranges[name] += Sums.of(depth_m, frame.reference_m, frame.hidden & frame.within(name))
         self._confidence.add(frame, corrected)
 
     def measurements(self) -> Iterator[Measurement]:
         """Yield everything that is known after the last frame; measurements of no pixel are left out."""
         for mask in (ALL, *self._sums[FILLED]):
             yield from self._measured_errors(mask)
+        yield from self._range_errors()
         yield from self._confidence.measurements()
         if n := self._flicker.changes:
             yield Measurement("flicker", STATIC, NEAR, FILLED, self._flicker.mean_change_m, "m", n)
@@ -116,6 +120,13 @@ class Score:
             for metric, (unit, value_of) in METRICS.items():
                 value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
                 yield Measurement(metric, mask, NEAR, on, value, unit, sums.filled)
+
+    def _range_errors(self) -> Iterator[Measurement]:
+        for name, sums in self._of_ranges.items():
+            if sums.filled:
+                where = self._reference.hidden, name, FILLED
+                yield Measurement("mae", *where, sums.mae_m, "m", sums.filled)
+                yield Measurement("close", *where, sums.close / sums.filled, "share", sums.filled)
 
 
 def _is_complete(sums: Sums) -> bool:
