@@ -74,6 +74,13 @@ def require_depth(depth_m: npt.NDArray[np.floating[Any]]) -> None:
         )
 
 
+def is_close(
+    depth_m: npt.NDArray[np.float32], truth_m: npt.NDArray[np.float32]
+) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Whether a depth is within 5 % of the truth; same shape as the arguments [m]. A missing depth, 0, is not."""
+    return np.asarray(np.abs(depth_m - truth_m) <= np.float32(CLOSE) * truth_m)
+
+
 def is_correct(
     depth_m: FloatImage | FloatArray, reference_m: FloatImage | FloatArray, focal_baseline_px_m: float
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
@@ -166,7 +173,7 @@ class Sums(DepthErrors):
             squared_error_m2=float(np.square(error_m).sum()),
             too_far=int(np.count_nonzero(near > np.float32(TOO_FAR) * far)),
             too_near=int(np.count_nonzero(np.float32(TOO_FAR) * near < far)),
-            close=int(np.count_nonzero(np.abs(near - far) <= np.float32(CLOSE) * far)),
+            close=int(np.count_nonzero(is_close(near, far))),
         )
 
     @property
@@ -369,8 +376,7 @@ def survival(depth_m: FloatImage, truth_m: FloatImage, moving: MaskImage) -> Sha
         FrameError: See `select_judged`.
     """
     depth, truth = select_judged(depth_m, truth_m, moving)
-    kept = np.abs(depth - truth) <= np.float32(CLOSE) * truth
-    return Share(hits=int(np.count_nonzero(kept)), of=depth.size)
+    return Share(hits=int(np.count_nonzero(is_close(depth, truth))), of=depth.size)
 
 
 class Flicker:

@@ -23,6 +23,7 @@ from tests.evaluation_clips import (
 )
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import Sums
+from voxdepth.tools.evaluation import tiles
 from voxdepth.tools.evaluation.frames import RANGES, TRUTH, EvaluationFrame, FrameFile, Reference
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.quantities import QUANTITIES
@@ -90,12 +91,25 @@ def test_unfilled_pixels_do_not_hide() -> None:
     )
 
 
-def test_the_close_pixels_of_each_frame_are_those_of_holes_that_a_method_fills() -> None:
+def test_the_close_pixels_of_each_frame_and_tile_are_those_of_hidden_ones_that_a_method_fills() -> None:
     frames, score = evaluation_frames(2), Score(TRUTH, CAMERA)
     for frame, depth_m in zip(frames, (frames[0].reference_m, frames[1].frame.depth_m), strict=True):
         score.add(frame, CorrectedDepth.of(frame.frame, depth_m))
-    holes = [int(frame.hidden.sum()) for frame in frames]
-    assert score.frame_close == ((holes[0], holes[0]), (0, holes[1]))
+    holes = tuple(tuple(tiles.count(frame.hidden).tolist()) for frame in frames)
+    assert score.judged == holes
+    assert score.close == (holes[0], (0,) * tiles.TILES)
+
+
+def test_mirrored_images_are_counted_in_the_tiles_of_the_recording() -> None:
+    """Kinds of pixels share their places, so that what one place shows is drawn once for all of them."""
+    frame = evaluation_frames(1)[0]
+    left = np.broadcast_to(np.arange(CAMERA.width_px) < 5, CAMERA.shape)
+    for is_mirrored, column in ((False, 0), (True, tiles.COLUMNS - 1)):
+        score = Score(held_out("shadows", is_mirrored=is_mirrored), CAMERA)
+        score.add(replace(frame, hidden=left), CorrectedDepth.of(frame.frame, frame.reference_m))
+        counts = np.reshape(score.close, (tiles.ROWS, tiles.COLUMNS))
+        assert np.flatnonzero(counts.any(axis=0)).tolist() == [column]
+        assert counts.sum() == left.sum()
 
 
 def test_a_frame_given_wholly_empty_leaves_no_figure_after_completion() -> None:

@@ -7,7 +7,8 @@ import pandas as pd
 
 from ... import registry
 from .frames import ALL, MEASURED
-from .measurements import FILLED, Selector, select
+from .measurements import FILLED, Selector
+from .quantities import HIDDEN, selected
 from .reliability import OF_BINS, OVERALL
 from .suite import Evaluation
 
@@ -48,24 +49,32 @@ class Plot(NamedTuple):
 
 def plots_of(evaluation: Evaluation) -> list[Plot]:
     """Return the plots of fills and of measured pixels of each sequence whose reliability can be told."""
-    plots = []
-    for info in evaluation.sequences.values():
-        for mask, words in ((info.reference.hidden, "fills"), (MEASURED, "measured pixels")):
-            if curves := list(_curves(evaluation, info.name, mask)):
-                plots.append(Plot(f"{info.name}: {words}", curves))
-    return plots
+    fills, measured = _bins(evaluation, HIDDEN), _bins(evaluation, MEASURED)
+    plots = [
+        Plot(f"{name}: {words}", list(_curves(evaluation, name, bins)))
+        for name in evaluation.sequences
+        for words, bins in (("fills", fills), ("measured pixels", measured))
+    ]
+    return [plot for plot in plots if plot.curves]
 
 
 def untold(evaluation: Evaluation) -> list[str]:
     """Return the names of the sequences in which no method has enough fills to tell their reliability."""
-    masks = {info.reference.hidden for info in evaluation.sequences.values()}
-    told = {name for mask in masks for name, _ in _values(evaluation, OVERALL.said, mask).index}
+    told = selected(evaluation, Selector(OVERALL.said, HIDDEN, ALL, FILLED)).index.unique("sequence")
     return [name for name in evaluation.sequences if name not in told]
 
 
-def _curves(evaluation: Evaluation, sequence: str, mask: str) -> Iterator[Curve]:
+def _bins(evaluation: Evaluation, mask: str) -> list[tuple[pd.DataFrame, pd.DataFrame]]:
+    """Return what is said and what is right in each bin, by sequence and method."""
+    said, right = (
+        [selected(evaluation, Selector(metric, mask, ALL, FILLED)) for metric in metrics]
+        for metrics in zip(*OF_BINS, strict=True)
+    )
+    return list(zip(said, right, strict=True))
+
+
+def _curves(evaluation: Evaluation, sequence: str, bins: list[tuple[pd.DataFrame, pd.DataFrame]]) -> Iterator[Curve]:
     """Yield the curve of each method that has one."""
-    bins = [[_values(evaluation, metric, mask) for metric in names] for names in OF_BINS]
     for place, method in enumerate(evaluation.methods):
         at = sequence, method
         found = [(said.loc[at], right.loc[at]) for said, right in bins if at in said.index]
@@ -74,7 +83,3 @@ def _curves(evaluation: Evaluation, sequence: str, mask: str) -> Iterator[Curve]
         points = [point for point in points if point.n >= MIN_DRAWN]
         if points:
             yield Curve(registry.title(method), COLORS[place % len(COLORS)], points)
-
-
-def _values(evaluation: Evaluation, metric: str, mask: str) -> pd.DataFrame:
-    return select(evaluation.measurements, Selector(metric, mask, ALL, FILLED))

@@ -37,6 +37,9 @@ class Reference:
     is_true: bool
     """Whether it is the true depth, and not a measurement, which flickers itself."""
 
+    is_mirrored: bool = False
+    """Whether methods are given mirrored images, in which left and right are exchanged."""
+
     @property
     def is_independent(self) -> bool:
         """Whether measured pixels can be judged by it, too: it is not the measurement that methods are given."""

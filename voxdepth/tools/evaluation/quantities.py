@@ -10,8 +10,7 @@ import pandas as pd
 from ...metrics import BELIEVED
 from ..table import MISSING
 from .frames import ALL, HOLES, MEASURED
-from .intervals import CLOSE, LEAD
-from .measurements import AS_GIVEN, FILLED, Selector, of_frames, select
+from .measurements import FILLED, Selector, of_frames, select
 from .recordings import HELD_OUT
 from .reliability import BELIEVED_SHARES, CALIBRATION_ERROR, OVERALL
 from .scoring import FLYING, GHOSTS, STATIC, SURVIVAL
@@ -36,8 +35,6 @@ class Quantity:
     note: str = ""
     best: Literal["low", "high", ""] = ""
     """Whether the lowest or the highest first number is marked; empty for none."""
-    is_interval: bool = False
-    """Whether the second and the third number are the ends of an interval around the first one."""
 
     @property
     def heading(self) -> str:
@@ -47,8 +44,6 @@ class Quantity:
     def text(self, values: Sequence[float]) -> str:
         """Write the numbers as people read them; NaN is missing."""
         texts = [self._number(value) for value in values]
-        if self.is_interval:
-            return texts[0] if MISSING in texts else f"{texts[0]} ({texts[1]} to {texts[2]})"
         return MISSING if all(map(isnan, values)) else " / ".join(texts)
 
     def _number(self, value: float) -> str:
@@ -64,7 +59,7 @@ def fitted(quantity: Quantity, values: pd.DataFrame) -> Quantity:
 
 def numbers_of(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return values and sample sizes, one column per selector, by sequence and method; empty if there are none."""
-    parts = [_select(evaluation, selector) for selector in quantity.selectors]
+    parts = [selected(evaluation, selector) for selector in quantity.selectors]
     values, counts = (pd.concat([part[name] for part in parts], axis=1, keys=range(len(parts))) for name in parts[0])
     return values, counts
 
@@ -74,7 +69,7 @@ def is_measured(evaluation: Evaluation, quantity: Quantity) -> bool:
     return bool(numbers_of(evaluation, quantity)[0].notna().any(axis=None))
 
 
-def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
+def selected(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
     """Select measurements, but no errors of measured pixels where these are the reference: methods were given them."""
     masks = HIDDEN_MASKS if selector.mask == HIDDEN else (selector.mask,)
     found = pd.concat([select(evaluation.measurements, selector._replace(mask=mask)) for mask in masks])
@@ -82,24 +77,6 @@ def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
         independent = [info.name for info in evaluation.sequences.values() if info.reference.is_independent]
         return found[found.index.isin(independent, level="sequence")]
     return found
-
-
-WITHIN_5 = Quantity(
-    "Within 5 % in the sensor's holes (held-out pixels where there is no truth), 0-20 m, with a 95 % interval",
-    "%",
-    [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in CLOSE],
-    "A pixel that is left empty counts as wrong. The interval is a bootstrap over the frames.",
-    best="high",
-    is_interval=True,
-)
-OVER_BEST = Quantity(
-    "That share less that of the best other baseline, within 20 m, with a 95 % interval",
-    "%",
-    [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in LEAD],
-    "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth and "
-    "temporal; the best is compared with the second best, so this ranks nobody.",
-    is_interval=True,
-)
 
 
 def said_and_right(mask: str) -> list[Selector]:
@@ -121,8 +98,8 @@ TIME = Quantity(
     "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a method's "
     "own threads: voxdepth fuses its window in one.",
 )
-HEADLINES = (WITHIN_5, OVER_BEST, CONFIDENCE, TIME)
-"""What the terminal shows."""
+HEADLINES = (CONFIDENCE, TIME)
+"""What the terminal shows beside the shares of close pixels."""
 # fmt: off
 QUANTITIES = (
     Quantity("Coverage: pixels with depth, surfaces within 20 m", "%", [Selector("coverage", on=FILLED)],
@@ -142,8 +119,6 @@ QUANTITIES = (
     TIME,
     Quantity("Coverage of the sensor's holes (held-out pixels), within 20 m", "%",
              [Selector("coverage", HIDDEN, on=FILLED)]),
-    WITHIN_5,
-    OVER_BEST,
     Quantity("Flying fills: those beside a depth edge that hang between the surfaces, at any range", "%",
              [Selector(FLYING, HIDDEN, ALL, FILLED)],
              "Farther than 1 px and 3 % of disparity from each reference within 9x9 pixels, and between them. Reliable "

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from ...geometry import fill_from_nearest
-from ...metrics import Flicker, Share, Sums, flying_share, ghost_share, survival
+from ...metrics import Flicker, Share, Sums, flying_share, ghost_share, is_close, survival
 from ...types import CorrectedDepth, FloatImage, Intrinsics
+from . import tiles
 from .frames import ALL, MEASURED, NEAR, OCCLUDED, RANGES, EvaluationFrame, Reference
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector
 from .reliability import ConfidenceScore
@@ -47,14 +48,17 @@ class Score:
         self._shares: defaultdict[Selector, Share] = defaultdict(Share)
         self._of_ranges = dict.fromkeys(RANGES, Sums())
         self._settled: defaultdict[Selector, Sums] = defaultdict(Sums)
-        self.frame_close: tuple[tuple[int, int], ...] = ()
-        """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
+        self.close: tuple[tuple[int, ...], ...] = ()
+        """Number of hidden pixels within 20 m that are given a close depth, by frame and tile."""
+        self.judged: tuple[tuple[int, ...], ...] = ()
+        """Number of all hidden pixels within 20 m with a reference, by frame and tile."""
 
     def add(self, frame: EvaluationFrame, corrected: CorrectedDepth) -> None:
         """Add a frame with its reference, and its correction."""
         depth_m = corrected.depth_m
         completed_m = fill_from_nearest(depth_m)
         self._add_sums(frame, depth_m, completed_m)
+        self._add_tiles(frame, depth_m)
         self._add_flicker(frame, depth_m)
         self._add_shares(frame, depth_m)
         self._add_settled(frame, completed_m)
@@ -83,10 +87,18 @@ class Score:
         for mask, pixels in frame.masks(self._reference.hidden).items():
             filled = Sums.of(depth_m, frame.reference_m, pixels & near)
             self._sums[FILLED][mask] += filled
-            if mask == self._reference.hidden:
-                self.frame_close += ((filled.close, filled.pixels),)
             completed = filled if _is_complete(filled) else Sums.of(completed_m, frame.reference_m, pixels & near)
             self._sums[COMPLETED][mask] += completed
+
+    def _add_tiles(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
+        """Count in the tiles of the recording's own images, also where methods are given mirrored ones."""
+        judged = frame.hidden & frame.near()
+        side = -1 if self._reference.is_mirrored else 1
+        close, of = (
+            tuple(tiles.count(mask[:, ::side]).tolist())
+            for mask in (judged & is_close(depth_m, frame.reference_m), judged)
+        )
+        self.close, self.judged = (*self.close, close), (*self.judged, of)
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Without the truth the depth itself, and not its error, should stay the same."""
@@ -103,7 +115,7 @@ class Score:
 
     def _add_settled(self, frame: EvaluationFrame, completed_m: FloatImage) -> None:
         """Score the surfaces of a rendered frame within the paper's peak, and the occluded ones, after the warm-up."""
-        if frame.occluded is not None and len(self.frame_close) > SETTLED_FRAMES:
+        if frame.occluded is not None and len(self.judged) > SETTLED_FRAMES:
             in_16_bits = frame.known() & (frame.reference_m <= np.float32(PEAK16_M))
             self._settled[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
             self._settled[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, frame.occluded & frame.near())
