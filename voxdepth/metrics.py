@@ -322,24 +322,27 @@ def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, foca
     """
     select_judged(depth_m, truth_m, mask)
     known = judged_pixels(truth_m, np.ones_like(mask))
-    true_px = np.divide(focal_baseline_px_m, truth_m, out=np.full(truth_m.shape, np.nan), where=known)
+    focal_baseline_px_m = np.float32(focal_baseline_px_m)
+    true_px = np.divide(focal_baseline_px_m, truth_m, out=np.zeros_like(truth_m), where=known)
     window = np.ones((EDGE_PX, EDGE_PX), np.uint8)
-    low_px: Any = cv2.erode(np.where(known, true_px, np.inf), window)
-    high_px: Any = cv2.dilate(np.where(known, true_px, -np.inf), window)
+    high_px = np.asarray(cv2.dilate(true_px, window), np.float32)
+    true_px[~known] = np.inf
+    low_px = np.asarray(cv2.erode(true_px, window), np.float32)
     beside = known & mask & (depth_m > 0)
     beside[beside] = high_px[beside] - low_px[beside] > 2 * _tolerance_px(high_px[beside])
     row, col = np.nonzero(beside)
-    own_px = focal_baseline_px_m / depth_m[beside].astype(np.float64)
+    own_px = focal_baseline_px_m / depth_m[beside]
     between = (low_px[beside] < own_px) & (own_px < high_px[beside])
     row, col, own_px = row[between], col[between], own_px[between]
-    around_px, alone = np.pad(true_px, EDGE_PX // 2, constant_values=np.nan), np.ones(own_px.shape, np.bool_)
+    around_px = np.pad(true_px, EDGE_PX // 2, constant_values=np.float32(np.inf))
+    tolerance_px, flying = _tolerance_px(own_px), np.ones(own_px.shape, np.bool_)
     for i, j in product(range(EDGE_PX), repeat=2):
-        alone &= ~(np.abs(around_px[row + i, col + j] - own_px) <= _tolerance_px(own_px))
-    return Share(hits=int(np.count_nonzero(alone)), of=int(np.count_nonzero(beside)))
+        flying &= np.abs(around_px[row + i, col + j] - own_px) > tolerance_px
+    return Share(hits=int(np.count_nonzero(flying)), of=int(np.count_nonzero(beside)))
 
 
-def _tolerance_px(disparity_px: FloatArray) -> FloatArray:
-    return EDGE_STEP_PX + EDGE_STEP_SHARE * disparity_px
+def _tolerance_px(disparity_px: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    return np.float32(EDGE_STEP_PX) + np.float32(EDGE_STEP_SHARE) * disparity_px
 
 
 def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage) -> Share:

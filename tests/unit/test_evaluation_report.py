@@ -154,6 +154,8 @@ def test_the_terminal_shows_what_decides_in_80_columns_and_what_failed(done: Eva
     lines = text.getvalue().splitlines()
     assert re.search(r"ip-basic-multiscale\s+3.0 / 4.0 / -", text.getvalue())
     assert any(re.match(r"\s*other\s.* 2 of 300\s+12.50 to 13.50 ", line) for line in lines), "what was judged"
-    assert "Only the first 2 of 300 frames of other were judged: --frames judges more" in text.getvalue()
+    assert (
+        "Only 2 of the 300 frames of other from --start on (12.50 to 13.50 s) were judged: --frames" in text.getvalue()
+    )
     assert f"sim-MB, bad failed: frame 0: {NASTY}" in text.getvalue()
     assert max(len(line.rstrip()) for line in lines if not line.endswith(".")) <= 80, "but sentences"

@@ -29,10 +29,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 SHARES = "share of the hidden pixels within 5 % of the reference, with a 95 % interval [%]"
-SHARES_NOTE = (
-    "Within 20 m. A pixel that is left empty counts as wrong. All kinds have the weight of their judged pixels. "
-    "Intervals draw frames and tiles of the image; there is none where too few tiles are judged."
-)
 JUDGED = ("judged [%]", "judged [px]")
 """Rows that say which share of the pixels of a kind has a reference, and how many they are."""
 FAILED, BEST = "failed", "*"
@@ -96,7 +92,7 @@ def share_table(evaluation: Evaluation, shares: Shares) -> Table:
     columns["lead over the best other"] = _lead_texts(shares.overall)
     texts = pd.DataFrame(columns).reindex([*JUDGED, *evaluation.methods]).fillna(MISSING)
     rows = [[registry.title(method), *texts.loc[method]] for method in texts.index]
-    return Table.of(f"{shares.recording}: {SHARES}", ["method", *texts], rows, note=SHARES_NOTE)
+    return Table.of(f"{shares.recording}: {SHARES}", ["method", *texts], rows)
 
 
 def _share_texts(evaluation: Evaluation, sequence: str, kind: Kind) -> dict[str, str]:
@@ -202,7 +198,7 @@ def _sequence_table(evaluation: Evaluation) -> Table:
     rows = [
         {
             "sequence": info.name, "scored by": info.reference.name, "frames": f"{info.frames} of {info.all_frames}",
-            "time [s]": " to ".join(f"{stamp_s:.2f}" for stamp_s in info.span_s), "image [px]": info.size,
+            "time [s]": _seconds(info), "image [px]": info.size,
             "seed": info.seed, "scored pixels": info.pixels,
         }
         for info in evaluation.sequences.values()
@@ -215,5 +211,13 @@ def _unjudged(evaluation: Evaluation) -> list[str]:
     partly = {info.recording: info for info in evaluation.sequences.values() if info.frames < info.all_frames}
     if not partly:
         return []
-    of = [f"{info.frames} of {info.all_frames} frames of {name}" for name, info in partly.items()]
-    return [f"Only the first {', '.join(of)} were judged: --frames judges more, and --start begins with a later frame."]
+    of = [
+        f"{info.frames} of the {info.all_frames} frames of {name} from --start on ({_seconds(info)} s)"
+        for name, info in partly.items()
+    ]
+    return [f"Only {', '.join(of)} were judged: --frames judges more, and --start others."]
+
+
+def _seconds(info: SequenceInfo) -> str:
+    """Return the time stamps of the first and of the last judged frame."""
+    return " to ".join(f"{stamp_s:.2f}" for stamp_s in info.span_s)

@@ -5,9 +5,11 @@ from collections.abc import Iterator
 
 from ... import registry
 from .intervals import Interval
-from .shares import Kind, Shares
+from .shares import ALL_KINDS, Kind, Shares
 from .suite import Evaluation
 
+ALL_JUDGED = 0.995
+"""Share of judged pixels that is told as all."""
 NOTHING = "No method has a result that could be compared."
 
 
@@ -38,8 +40,8 @@ def _of_recordings(compared: list[Shares]) -> Iterator[str]:
 
 
 def _of_recording(shares: Shares) -> str:
-    """Say which method fills most of all judged pixels right, where another one is ahead, and what was judged."""
-    return f"{shares.recording}: {' '.join([*_best(shares.overall), *_ahead(shares), _judged(shares)])}"
+    """Say which method fills most of all judged pixels right, where another one is ahead, and what was not judged."""
+    return f"{shares.recording}: {' '.join([*_best(shares.overall), *_ahead(shares), *_judged(shares)])}"
 
 
 def _best(kind: Kind) -> Iterator[str]:
@@ -66,11 +68,12 @@ def _ahead(shares: Shares) -> Iterator[str]:
         yield f"Ahead of it: {_listed(ahead)}."
 
 
-def _judged(shares: Shares) -> str:
-    """Say how many pixels of each kind were judged, and which share of them."""
-    kinds = [kind for kind in shares.kinds.values() if kind is not shares.overall or len(shares.kinds) == 1]
-    of = [f"{kind.judged:,} pixels of {kind.title} ({100 * kind.judged_share:.0f} %)" for kind in kinds]
-    return f"Judged: {_listed(of)}."
+def _judged(shares: Shares) -> Iterator[str]:
+    """Say of which kinds not all pixels could be judged: the others may be harder ones."""
+    kinds = [kind for kind in shares.kinds.values() if kind.mask != ALL_KINDS and kind.judged_share < ALL_JUDGED]
+    of = [f"{100 * kind.judged_share:.0f} % of the {kind.title}" for kind in kinds]
+    if of:
+        yield f"Only {_listed(of)} could be judged."
 
 
 def _equals(kind: Kind) -> list[str]:
