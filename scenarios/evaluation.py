@@ -61,7 +61,7 @@ def _requested(name: str, recording: Callable[[Path, int, Tell], Recording], see
     def opened(out: Path, frames: int, tell: Tell) -> SimulatedSource:
         return SimulatedSource(name, recording(out, frames, tell), seed)
 
-    return Requested(name, opened)
+    return Requested(name, name, opened)
 
 
 def recorded(planned: "SeededSequence", out: Path, frames: int, tell: Tell) -> Recording:

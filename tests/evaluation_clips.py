@@ -111,7 +111,7 @@ def scores_of(
     reference: Reference, frames: Iterable[EvaluationFrame], change: Change
 ) -> dict[tuple[str, ...], Measurement]:
     """What is measured where a function makes the corrected depth of a frame, by metric, mask, range and pixels."""
-    score = Score(reference)
+    score = Score(reference, CAMERA)
     for frame in frames:
         score.add(frame, CorrectedDepth.of(frame.frame, change(frame.frame.depth_m)))
     return {found[:4]: found for found in score.measurements()}
@@ -120,8 +120,9 @@ def scores_of(
 def info_of(name: str, **changes: Any) -> SequenceInfo:
     """The description of a made-up sequence with the truth."""
     values: dict[str, Any] = {
-        "name": name, "frames": 2, "seed": 0, "size": "12x9", "reference": TRUTH,
-        "pixels": 1000, "hidden_pixels": 1000, "holes": 1000,
+        "name": name, "recording": name, "frames": 2, "all_frames": 2, "span_s": (0, 0.1),
+        "seed": 0, "size": "12x9", "reference": TRUTH,
+        "pixels": 1000, "hidden": 1000,
         "pictured": 1, "far_m": 5, "pictures": ("gray", "truth", "given", "error"),
     }  # fmt: skip
     return SequenceInfo(**values | changes)
@@ -129,7 +130,7 @@ def info_of(name: str, **changes: Any) -> SequenceInfo:
 
 def held_out_info(name: str, mask: str) -> SequenceInfo:
     """The description of a made-up sequence with held-out pixels."""
-    return info_of(name, reference=held_out(mask), hidden_pixels=70)
+    return info_of(name, reference=held_out(mask), hidden=70)
 
 
 def result_of(sequence: str, method: str, *measurements: Measurement, **given: Any) -> Result:

@@ -4,9 +4,11 @@ Depth errors are sums over pixels, so that frames, masks and sequences of any si
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from itertools import product
 from typing import Any, Self
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -17,6 +19,10 @@ TOO_FAR = 1.1
 """A pixel is too far when it is more than 10 % beyond the truth."""
 CLOSE = 0.05
 """A pixel is close if its relative error is at most this."""
+BINS = 6
+"""Number of equal bins of the confidence, of a reliability curve."""
+BELIEVED = 0.8
+"""A depth is believed if its confidence is at least this."""
 
 
 class Addable:
@@ -66,6 +72,13 @@ def require_depth(depth_m: npt.NDArray[np.floating[Any]]) -> None:
         raise FrameError(
             f"expected depth in metres, finite and 0 where invalid, got {wrong} judged pixels that are not"
         )
+
+
+def is_close(
+    depth_m: npt.NDArray[np.float32], truth_m: npt.NDArray[np.float32]
+) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Whether a depth is within 5 % of the truth; same shape as the arguments [m]. A missing depth, 0, is not."""
+    return np.asarray(np.abs(depth_m - truth_m) <= np.float32(CLOSE) * truth_m)
 
 
 def is_correct(
@@ -160,7 +173,7 @@ class Sums(DepthErrors):
             squared_error_m2=float(np.square(error_m).sum()),
             too_far=int(np.count_nonzero(near > np.float32(TOO_FAR) * far)),
             too_near=int(np.count_nonzero(np.float32(TOO_FAR) * near < far)),
-            close=int(np.count_nonzero(np.abs(near - far) <= np.float32(CLOSE) * far)),
+            close=int(np.count_nonzero(is_close(near, far))),
         )
 
     @property
@@ -203,6 +216,135 @@ class Share(Addable):
         return self.hits / self.of if self.of else None
 
 
+def _zeros() -> FloatArray:
+    return np.zeros(BINS)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reliability(Addable):
+    """How well the confidence foretells which depths are right: sums over pixels, in `BINS` equal bins of it.
+
+    Arrays have the shape (BINS,). The last bin includes a confidence of 1.
+    """
+
+    pixels: FloatArray = field(default_factory=_zeros)
+    """Number of pixels."""
+    confidence: FloatArray = field(default_factory=_zeros)
+    """Sum of their confidences."""
+    right: FloatArray = field(default_factory=_zeros)
+    """Number of them that are right, see `is_correct`."""
+    believed: Share = Share()
+    """Share of all pixels whose confidence is at least `BELIEVED`."""
+    believed_right: Share = Share()
+    """Share of these that is right."""
+
+    @classmethod
+    def of(
+        cls,
+        depth_m: FloatImage,
+        confidence: FloatImage,
+        truth_m: FloatImage,
+        mask: MaskImage,
+        focal_baseline_px_m: float,
+    ) -> "Reliability":
+        """Sum over the pixels of a mask that have a depth and a true surface, at any range.
+
+        Args:
+            depth_m: Depth under test [m], shape (H, W); 0 = invalid.
+            confidence: Probability that it is right, 0..1, shape (H, W).
+            truth_m: True depth [m], shape (H, W); 0, NaN or infinite is not counted.
+            mask: Pixels that count, shape (H, W).
+            focal_baseline_px_m: The property of `Intrinsics`.
+
+        Raises:
+            FrameError: The shapes differ, or a judged depth is negative, NaN or infinite.
+        """
+        require_same_shape(depth_m=depth_m, confidence=confidence)
+        depth, truth = select_judged(depth_m, truth_m, mask)
+        filled = depth > 0
+        said = confidence[judged_pixels(truth_m, mask)][filled].astype(np.float64)
+        right = is_correct(depth[filled], truth[filled], focal_baseline_px_m)
+        place = np.minimum((said * BINS).astype(np.intp), BINS - 1)
+        believed = said >= np.float32(BELIEVED)
+        return cls(
+            pixels=np.asarray(np.bincount(place, minlength=BINS), np.float64),
+            confidence=np.asarray(np.bincount(place, said, BINS), np.float64),
+            right=np.asarray(np.bincount(place, right, BINS), np.float64),
+            believed=Share(hits=int(np.count_nonzero(believed)), of=said.size),
+            believed_right=Share(hits=int(np.count_nonzero(believed & right)), of=int(np.count_nonzero(believed))),
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of pixels."""
+        return self.believed.of
+
+    @property
+    def said(self) -> float | None:
+        """Mean confidence, 0..1; None without pixels."""
+        return float(self.confidence.sum() / self.n) if self.n else None
+
+    @property
+    def right_share(self) -> float | None:
+        """Share of right pixels, 0..1; None without pixels."""
+        return float(self.right.sum() / self.n) if self.n else None
+
+    @property
+    def calibration_error(self) -> float | None:
+        """Mean over the pixels of the difference of mean confidence and share of right ones in their bin, 0..1."""
+        return float(np.abs(self.confidence - self.right).sum() / self.n) if self.n else None
+
+
+EDGE_PX = 9
+"""Width of the window around a pixel in which a depth edge is looked for."""
+EDGE_STEP_PX, EDGE_STEP_SHARE = 1.0, 0.03
+"""Disparities belong to one surface if they differ by at most this many pixels and this share."""
+
+
+def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, focal_baseline_px_m: float) -> Share:
+    """Pixels that hang in the empty space between two surfaces, among those with a depth that are beside a depth edge.
+
+    A pixel is beside an edge if the true disparities within `EDGE_PX` x `EDGE_PX` pixels around it span more than two
+    tolerances at the largest of them. The tolerance at a disparity is `EDGE_STEP_PX` and `EDGE_STEP_SHARE` of it. A
+    pixel flies if its disparity lies between the smallest and the largest of them, and differs from each by more than
+    the tolerance at its own.
+
+    Where the truth has gaps, the surface that a pixel belongs to may be missing in the window.
+
+    Args:
+        depth_m: Depth under test [m], shape (H, W); 0 = invalid, not counted.
+        truth_m: True depth [m], shape (H, W); 0, NaN or infinite is unknown.
+        mask: Pixels that are judged, if they have a true depth, shape (H, W).
+        focal_baseline_px_m: The property of `Intrinsics`.
+
+    Raises:
+        FrameError: See `select_judged`.
+    """
+    select_judged(depth_m, truth_m, mask)
+    known = judged_pixels(truth_m, np.ones_like(mask))
+    focal_baseline_px_m = np.float32(focal_baseline_px_m)
+    true_px = np.divide(focal_baseline_px_m, truth_m, out=np.zeros_like(truth_m), where=known)
+    window = np.ones((EDGE_PX, EDGE_PX), np.uint8)
+    high_px = np.asarray(cv2.dilate(true_px, window), np.float32)
+    true_px[~known] = np.inf
+    low_px = np.asarray(cv2.erode(true_px, window), np.float32)
+    beside = known & mask & (depth_m > 0)
+    beside[beside] = high_px[beside] - low_px[beside] > 2 * _tolerance_px(high_px[beside])
+    row, col = np.nonzero(beside)
+    own_px = focal_baseline_px_m / depth_m[beside]
+    between = (low_px[beside] < own_px) & (own_px < high_px[beside])
+    row, col, own_px = row[between], col[between], own_px[between]
+    around_px = np.pad(true_px, EDGE_PX // 2, constant_values=np.float32(np.inf))
+    tolerance_px, flying = _tolerance_px(own_px), np.ones(own_px.shape, np.bool_)
+    for i, j in product(range(EDGE_PX), repeat=2):
+        flying &= np.abs(around_px[row + i, col + j] - own_px) > tolerance_px
+    return Share(hits=int(np.count_nonzero(flying)), of=int(np.count_nonzero(beside)))
+
+
+def _tolerance_px(disparity_px: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    return np.float32(EDGE_STEP_PX) + np.float32(EDGE_STEP_SHARE) * disparity_px
+
+
 def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage) -> Share:
     """Filled pixels that show an object which has left, among all filled pixels that it has left.
 
@@ -237,8 +379,7 @@ def survival(depth_m: FloatImage, truth_m: FloatImage, moving: MaskImage) -> Sha
         FrameError: See `select_judged`.
     """
     depth, truth = select_judged(depth_m, truth_m, moving)
-    kept = np.abs(depth - truth) <= np.float32(CLOSE) * truth
-    return Share(hits=int(np.count_nonzero(kept)), of=depth.size)
+    return Share(hits=int(np.count_nonzero(is_close(depth, truth))), of=depth.size)
 
 
 class Flicker:

@@ -1,48 +1,68 @@
-"""Intervals of the share of close pixels over the frames of a sequence."""
+"""Intervals of the share of close pixels over the frames of a sequence and the tiles of its images."""
 
 import numpy as np
 import pytest
 
-from voxdepth.tools.evaluation.intervals import close_intervals, drawn_means
-from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.intervals import Counts, Interval, drawn_shares
+from voxdepth.tools.evaluation.tiles import MIN_TILES, TILES
 
 
-def found(counts: dict[str, list[tuple[int, int]]]) -> dict[tuple[str, str], Measurement]:
-    return {(method, m.metric): m for method, m in close_intervals(counts, "patches")}
+def counts(shares: np.ndarray, judged: int = 100) -> Counts:
+    """Shares by frame and tile, as counts of the same number of pixels each."""
+    return Counts(np.rint(judged * shares), np.full(shares.shape, float(judged)))
 
 
-def test_frames_that_are_alike_have_an_interval_without_a_width() -> None:
-    values = found({"raw": [(1, 4), (2, 8), (3, 12)]})
-    assert [values["raw", name].value for name in ("close_low", "close_high")] == [0.25, 0.25]
-    assert values["raw", "close_low"].n == 3
+def interval_of(shares: np.ndarray) -> Interval:
+    return Interval.of(drawn_shares({"m": counts(shares)})["m"])
 
 
-def test_an_interval_is_about_as_wide_as_that_of_a_mean() -> None:
-    rng = np.random.default_rng(0)
-    close = rng.integers(20, 81, 400)
-    values = found({"raw": [(int(count), 100) for count in close]})
-    low, high = (values["raw", name].value or 0 for name in ("close_low", "close_high"))
-    half = 1.96 * close.std() / 100 / 20
-    assert (low, high) == (
-        pytest.approx(close.mean() / 100 - half, abs=0.003),
-        pytest.approx(low + 2 * half, abs=0.006),
+def half_width(interval: Interval) -> float:
+    return (interval.high - interval.low) / 2
+
+
+def test_one_frame_has_an_interval_about_as_wide_as_that_of_the_mean_of_its_tiles() -> None:
+    of_tiles = np.random.default_rng(0).integers(20, 81, (1, TILES)) / 100
+    found = interval_of(of_tiles)
+    assert found.value == pytest.approx(of_tiles.mean())
+    assert half_width(found) == pytest.approx(1.96 * of_tiles.std() / TILES**0.5, rel=0.1)
+    assert found.low < found.value < found.high
+
+
+@pytest.mark.parametrize("frames", [2, 30, 300])
+def test_a_camera_at_rest_that_repeats_a_frame_knows_no_more_than_one_frame(frames: int) -> None:
+    of_tiles = np.random.default_rng(0).integers(20, 81, (1, TILES)) / 100
+    once, often = interval_of(of_tiles), interval_of(of_tiles.repeat(frames, axis=0))
+    assert half_width(often) == pytest.approx(half_width(once), rel=0.05)
+
+
+def test_frames_that_differ_as_a_whole_widen_the_interval_as_tiles_do() -> None:
+    of_frames = np.random.default_rng(0).integers(20, 81, (40, 1)) / 100
+    assert half_width(interval_of(of_frames.repeat(TILES, axis=1))) == pytest.approx(
+        1.96 * of_frames.std() / 40**0.5, rel=0.1
     )
 
 
-def test_the_lead_is_over_the_best_other_baseline_and_of_pairs_of_frames() -> None:
-    raw, telea = [(10, 100), (60, 100), (20, 100)], [(40, 100), (90, 100), (50, 100)]
-    values = found({"raw": raw, "telea": telea, "temporal": [(close + 10, n) for close, n in telea]})
-    for method, lead in (("temporal", 0.1), ("raw", -0.3), ("telea", 0.3)):
-        shown = [values[method, f"close_lead{end}"].value for end in ("", "_low", "_high")]
-        assert shown == pytest.approx([lead] * 3), method
+def test_the_interval_covers_the_truth_where_places_differ_and_one_over_frames_would_not() -> None:
+    """Of 60 cameras at rest with random places, about 95 % have an interval around the mean of all places."""
+    rng = np.random.default_rng(0)
+    found = [interval_of(rng.uniform(0, 1, (1, TILES)) + rng.normal(0, 0.01, (20, TILES))) for _ in range(60)]
+    covered = np.mean([one.low < 0.5 < one.high for one in found])
+    assert 0.85 <= covered <= 1
 
 
-def test_one_frame_has_no_interval_and_no_pixel_no_row() -> None:
-    values = found({"raw": [(1, 2)], "telea": [(2, 2)], "median": [(0, 0)]})
-    assert values["raw", "close_low"].value is None
-    assert values["raw", "close_lead"].value == -0.5
-    assert not any(method == "median" for method, _ in values)
+def test_methods_are_drawn_together_so_that_a_lead_is_one_of_pairs() -> None:
+    shares = np.random.default_rng(0).integers(20, 81, (5, TILES)) / 100
+    draws = drawn_shares({"a": counts(shares), "b": counts(shares + 0.1)})
+    assert Interval.of(draws["b"] - draws["a"]) == pytest.approx((0.1, 0.1, 0.1))
+    assert half_width(Interval.of(draws["a"])) > 0.05
 
 
-def test_frames_without_a_pixel_do_not_count() -> None:
-    assert np.nanmin(drawn_means({"raw": [(1, 2), (0, 0)]})) == 0.5
+def test_few_places_have_no_interval_and_places_without_pixels_do_not_count() -> None:
+    for tiles, is_known in ((MIN_TILES - 1, False), (MIN_TILES, True)):
+        judged = np.zeros((3, TILES))
+        judged[1, :tiles] = 10
+        found = Interval.of(drawn_shares({"m": Counts(judged / 2, judged)})["m"])
+        assert (found.value, found.is_known, found.is_positive) == (0.5, is_known, is_known)
+    nothing = Counts(np.zeros((3, TILES)), np.zeros((3, TILES)))
+    assert drawn_shares({"m": nothing}).columns.empty
+    assert drawn_shares({}).columns.empty

@@ -58,7 +58,7 @@ def test_the_middle_one_of_the_judged_frames_is_shown(post: Path, tmp_path: Path
     (requested,) = requested_of(post, open_dataset)
     frames = evaluation_frames(6)
     frames[:3] = [replace(frame, hidden=np.zeros_like(frame.hidden)) for frame in frames[:3]]
-    info = describe(requested.open(tmp_path, 6, print), frames)
+    info = describe("post", requested.open(tmp_path, 6, print), frames)
     assert info.pictured == 4
     assert info.pictures[2:] == depth_pictures(frames[4].frame.depth_m, frames[4], TRUTH)
 

@@ -25,7 +25,6 @@ from voxdepth.tools.evaluation.methods import (
     MethodError,
     find_method,
     find_methods,
-    is_baseline,
     run,
 )
 from voxdepth.tools.evaluation.results import Scores
@@ -163,5 +162,3 @@ def test_a_method_may_have_a_setting_which_its_name_tells() -> None:
     method = find_method("temporal[smoothing_window_px=3]")
     assert (method.name, method.is_foreign) == ("temporal[smoothing_window_px=3]", False)
     assert method.config["smoothing_window_px"] == 3
-    assert not is_baseline(method.name)
-    assert is_baseline("telea")

@@ -23,13 +23,14 @@ from tests.evaluation_clips import (
 )
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import Sums
-from voxdepth.tools.evaluation.frames import TRUTH, EvaluationFrame, FrameFile, Reference
+from voxdepth.tools.evaluation import tiles
+from voxdepth.tools.evaluation.frames import RANGES, TRUTH, EvaluationFrame, FrameFile, Reference
 from voxdepth.tools.evaluation.measurements import Measurement
 from voxdepth.tools.evaluation.quantities import QUANTITIES
 from voxdepth.tools.evaluation.references import held_out
-from voxdepth.tools.evaluation.report import method_table
+from voxdepth.tools.evaluation.report import method_table, range_table
 from voxdepth.tools.evaluation.scoring import METRICS, SETTLED_FRAMES, Score
-from voxdepth.types import CorrectedDepth
+from voxdepth.types import CorrectedDepth, Frame
 
 PATCHES = held_out("patches")
 MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n[versions]\n"
@@ -90,12 +91,25 @@ def test_unfilled_pixels_do_not_hide() -> None:
     )
 
 
-def test_the_close_pixels_of_each_frame_are_those_of_holes_that_a_method_fills() -> None:
-    frames, score = evaluation_frames(2), Score(TRUTH)
+def test_the_close_pixels_of_each_frame_and_tile_are_those_of_hidden_ones_that_a_method_fills() -> None:
+    frames, score = evaluation_frames(2), Score(TRUTH, CAMERA)
     for frame, depth_m in zip(frames, (frames[0].reference_m, frames[1].frame.depth_m), strict=True):
         score.add(frame, CorrectedDepth.of(frame.frame, depth_m))
-    holes = [int(frame.hidden.sum()) for frame in frames]
-    assert score.frame_close == ((holes[0], holes[0]), (0, holes[1]))
+    holes = tuple(tuple(tiles.count(frame.hidden).tolist()) for frame in frames)
+    assert score.judged == holes
+    assert score.close == (holes[0], (0,) * tiles.TILES)
+
+
+def test_mirrored_images_are_counted_in_the_tiles_of_the_recording() -> None:
+    """Kinds of pixels share their places, so that what one place shows is drawn once for all of them."""
+    frame = evaluation_frames(1)[0]
+    left = np.broadcast_to(np.arange(CAMERA.width_px) < 5, CAMERA.shape)
+    for is_mirrored, column in ((False, 0), (True, tiles.COLUMNS - 1)):
+        score = Score(held_out("shadows", is_mirrored=is_mirrored), CAMERA)
+        score.add(replace(frame, hidden=left), CorrectedDepth.of(frame.frame, frame.reference_m))
+        counts = np.reshape(score.close, (tiles.ROWS, tiles.COLUMNS))
+        assert np.flatnonzero(counts.any(axis=0)).tolist() == [column]
+        assert counts.sum() == left.sum()
 
 
 def test_a_frame_given_wholly_empty_leaves_no_figure_after_completion() -> None:
@@ -213,3 +227,41 @@ def test_an_object_that_is_back_has_not_departed() -> None:
     departures, depth_m = Departures(), np.full((1, 1), 2, np.float32)
     there = [True, *[False] * (GHOST_FRAMES - 1), True]
     assert not any(departures.add(np.full((1, 1), is_there), depth_m).any() for is_there in there)
+
+
+def test_flying_fills_are_counted_among_the_fills_beside_an_edge_at_any_range() -> None:
+    """The shadow beside the post is filled at 3 m; the wall lies at 6 m or, in the second case, at 30 m."""
+    for wall_m in (WALL_M, 30):
+        frame = evaluation_frames(1)[0]
+        reference_m = np.where(frame.reference_m == WALL_M, np.float32(wall_m), frame.reference_m)
+        done = scores_of(TRUTH, [replace(frame, reference_m=reference_m)], lambda d: np.where(d > 0, d, np.float32(3)))
+        flying = done["flying", "holes", "all", "filled"]
+        assert (flying.value, flying.n) == (1, 4 * CAMERA.height_px), "only columns whose window reaches the post"
+    assert done["said", "measured", "all", "filled"].value == 1, "the confidence is scored with the depth"
+
+
+def test_errors_of_fills_are_told_by_the_range_of_the_reference_by_hand() -> None:
+    """Holes at 1, 2, 4, 19, 20 and 50 m get 10 % more, that at 4 m nothing; a measured pixel does not count."""
+    shape = (1, 7)
+    reference_m = np.array([[1, 2, 4, 19, 20, 50, 1]], np.float32)
+    given = Frame(stamp_s=0.0, gray=np.zeros(shape, np.uint8), depth_m=np.array([[0] * 6 + [1]], np.float32))
+    frame = EvaluationFrame(
+        frame=given, reference_m=reference_m, hidden=given.depth_m == 0, static=np.zeros(shape, bool)
+    )
+    filled = np.array([[1, 1, 0, 1, 1, 1, 1]], np.float32)
+    done = scores_of(TRUTH, [frame], lambda _: filled * np.array([[1.1, 2.02, 0, 20.9, 22, 50, 5]], np.float32))
+    found = {
+        r: (done["mae", "holes", r, "filled"], done["close", "holes", r, "filled"]) for r in RANGES if r != "5-10 m"
+    }
+    assert {name: (mae.value, close.value, mae.n) for name, (mae, close) in found.items()} == {
+        "0-2 m": (pytest.approx(0.1), 0, 1),
+        "2-5 m": (pytest.approx(0.02, rel=1e-4), 1, 1),
+        "10-20 m": (pytest.approx(1.9), 0, 1),
+        "over 20 m": (pytest.approx(1), 0.5, 2),
+    }
+    assert ("mae", "holes", "5-10 m", "filled") not in done
+    table = range_table(evaluation_of(result_of("s", "telea", *done.values()), result_of("s", "raw")))
+    assert table.headings == ["method", *RANGES]
+    assert table.texts == [
+        ["s, telea", "0.100 / 0.0 (1)", "0.020 / 100.0 (1)", "-", "1.900 / 0.0 (1)", "1.000 / 50.0 (2)"]
+    ]

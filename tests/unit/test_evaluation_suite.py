@@ -208,6 +208,9 @@ def test_a_sequence_that_cannot_be_opened_fails_in_its_own_results_alone(recordi
 def test_two_sequences_of_one_name_are_refused(recording: Path, tmp_path: Path) -> None:
     with pytest.raises(ToolError, match="two sequences are called 'post'"):
         run(tmp_path, recording, recording)
+    plain = plain_recording(tmp_path / "post", 1)
+    with pytest.raises(ToolError, match="two sequences are called 'post', whose results would mix"):
+        run(tmp_path, recording, plain)
 
 
 def test_the_truth_splits_pixels_as_computed_by_hand(recording: Path) -> None:
@@ -241,7 +244,7 @@ def test_a_recording_without_the_truth_is_scored_by_each_kind_that_is_held_out(t
     for name, info in held_out:
         mask = name.removeprefix("plain-")
         coverage = Selector("coverage", mask, on="filled")
-        assert info.hidden_pixels > 0
+        assert info.hidden > 0
         assert select(done.measurements, coverage).loc[name, "value"].to_dict() == {"good": 0, "ip-basic": 1}
 
 
@@ -279,7 +282,10 @@ def test_the_sensors_own_holes_are_scored_by_a_true_depth_of_the_first_frame(tmp
     cv2.imwrite(str(folder / "depth_true_mm.png"), truth_mm)
     done = run(tmp_path / "out", folder, methods=(GOOD, method("wall", lambda d: np.full_like(d, 6))), frames=2)
     info = done.sequences["real-holes"]
-    assert info.hidden_pixels == shadow_of(truth_of(0))[8:].sum()
+    (shares,) = (shares for shares in done.shares if shares.recording == "real")
+    judged = shadow_of(truth_of(0))[8:].sum()
+    assert (shares.kinds["real-holes"].judged, shares.kinds["real-holes"].pixels) == (judged, info.hidden)
+    assert info.hidden > 2 * judged, "the second frame has no truth, and the first one some above"
     assert info.pixels == truth_mm[8:].size, "the second frame has no truth"
     close = Selector("close", "holes", on="as given")
     assert select(done.measurements, close).loc["real-holes", "value"].to_dict() == {"good": 0, "wall": 1}

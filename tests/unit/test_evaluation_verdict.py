@@ -1,72 +1,128 @@
-"""The verdict of an evaluation follows from the numbers of its tables."""
+"""The verdict of an evaluation follows from the numbers of its tables, and weighs all that was judged."""
 
-from dataclasses import replace
-
+import numpy as np
 import pytest
 
-from tests.evaluation_clips import held_out_info, info_of, result_of
-from voxdepth.tools.evaluation.measurements import Measurement
-from voxdepth.tools.evaluation.quantities import OVER_BEST, WITHIN_5, numbers_of
+from tests.evaluation_clips import info_of, result_of
+from voxdepth.tools.evaluation.frames import TRUTH
+from voxdepth.tools.evaluation.measurements import Selector, select
+from voxdepth.tools.evaluation.references import held_out
+from voxdepth.tools.evaluation.report import share_table
+from voxdepth.tools.evaluation.results import Result
 from voxdepth.tools.evaluation.suite import Evaluation
+from voxdepth.tools.evaluation.tiles import TILES
 from voxdepth.tools.evaluation.verdict import verdict
 
 
-def evaluation_of(frames: int = 20, hidden: str = "holes", **shares: dict[str, float]) -> Evaluation:
-    """Methods with shares of close pixels, a tenth more and a tenth less by turns, by sequence."""
+def results_of(
+    hidden: str, shares: dict[str, float | None], recording: str = "walk", pixels: int = 1000, tiles: int = TILES
+) -> list[Result]:
+    """One kind of pixels: methods with shares of close pixels, a tenth more and a tenth less by turns.
+
+    None failed. Half of the pixels are judged.
+    """
+    reference = TRUTH if hidden == "holes" else held_out(hidden)
+    info = info_of(f"{recording}-{hidden}", recording=recording, reference=reference, hidden=2 * tiles * pixels)
+    signs = 0.01 * pixels * (-1) ** np.arange(TILES)
+    counted = np.arange(TILES) < tiles
     results = []
-    for sequence, of_methods in shares.items():
-        info = info_of(sequence) if hidden == "holes" else held_out_info(sequence, hidden)
-        for method, share in of_methods.items():
-            close = tuple((round(1000 * share + 10 * (-1) ** k), 1000) for k in range(frames))
-            mean = sum(n for n, _ in close) / 1000 / frames
-            own = Measurement("close", hidden, "0-20 m", "as given", mean, "share", 1000 * frames)
-            results.append(result_of(sequence, method, own, frame_close=close, info=info))
-    return Evaluation(results=tuple(results))
+    for method, share in shares.items():
+        close = tuple(np.where(counted, np.rint(pixels * share + signs), 0).astype(int).tolist()) if share else ()
+        judged = tuple((pixels * counted).tolist())
+        given = {"error": "broken"} if share is None else {"close": (close or (0,) * TILES,), "judged": (judged,)}
+        results.append(result_of(info.name, method, info=info, **given))
+    return results
 
 
-def test_the_best_is_told_with_its_lead_over_the_best_baseline_as_in_the_tables() -> None:
-    evaluation = evaluation_of(walk={"raw": 0.0, "realsense": 0.85, "median": 0.6, "temporal": 0.92})
-    lead, low, high = 100 * numbers_of(evaluation, OVER_BEST)[0].loc[("walk", "temporal")]
-    assert verdict(evaluation) == (
-        f"Of the holes of walk, temporal (ours) fills 92 % within 5 %, {lead:.0f} points [{low:.0f}, {high:.0f}] more "
-        "than the best baseline, realsense."
+def evaluation_of(*results: list[Result]) -> Evaluation:
+    return Evaluation(results=tuple(result for part in results for result in part))
+
+
+def test_the_verdict_weighs_kinds_by_judged_pixels_and_names_those_where_another_method_is_ahead() -> None:
+    """The case of a user: ours wins own holes by 4 points, of which few are judged, and loses the shadows by 10."""
+    few = results_of("holes", {"raw": 0.0, "realsense-left": 0.80, "temporal": 0.84}, pixels=100)
+    many = results_of("shadows", {"raw": 0.0, "realsense-left": 0.92, "temporal": 0.82})
+    evaluation = evaluation_of(many, few)
+    (said,) = verdict(evaluation)
+    assert said == (
+        "walk: realsense-left gives 90.9 % of the judged pixels a depth within 5 %. "
+        "It leads the best other method, temporal (ours), by 8.7 points [8.7, 8.7]. "
+        "Ahead of it: temporal (ours) in own holes by 4.0 points [4.0, 4.0]. "
+        "Only 50 % of the shadows and 50 % of the own holes could be judged."
     )
-    assert lead == pytest.approx(7)
-    assert 100 * numbers_of(evaluation, WITHIN_5)[0].loc[("walk", "temporal"), 0] == pytest.approx(92)
+    table = share_table(evaluation, evaluation.shares[0])
+    assert table.headings == ["method", "shadows", "own holes", "all kinds", "lead over the best other"]
+    texts = {row[0]: row[1:] for row in table.texts}
+    assert texts["judged [%]"] == ["50.0", "50.0", "50.0", "-"]
+    assert texts["judged [px]"] == ["24,000", "2,400", "26,400", "-"]
+    assert [text[:4] for text in texts["realsense-left"]] == ["92.0", "80.0", "90.9", "8.7 "]
+    assert [text.endswith("*") for text in texts["realsense-left"]] == [True, False, True, False]
+    assert [text[:4] for text in texts["temporal (ours)"]] == ["82.0", "84.0", "82.2", "-8.7"]
 
 
-@pytest.mark.parametrize(
-    ("shares", "words"),
-    [
-        ({"raw": 0.5, "median": 0.5, "temporal": 0.5}, "0 points [0, 0] more than the best other baseline, median, @."),
-        (
-            {"median": 0.8, "lmeds": 0.7, "temporal": 0.6},
-            "10 points [10, 10] more than the best other baseline, lmeds.",
-        ),
-        ({"temporal": 0.6, "voxdepth": 0.5}, "temporal (ours) fills 60 % within 5 %."),
-    ],
-)
-def test_ties_baselines_and_missing_rivals_are_told_as_such(shares: dict[str, float], words: str) -> None:
-    assert verdict(evaluation_of(walk=shares)).endswith(words.replace("@", "which may be chance"))
+@pytest.mark.parametrize("best", ["telea", "median", "temporal", "voxdepth"])
+def test_any_method_is_compared_with_the_best_other_one_whoever_made_it(best: str) -> None:
+    others = {"telea": 0.5, "median": 0.5, "temporal": 0.5, "voxdepth": 0.5, "realsense": 0.6}
+    (said,) = verdict(evaluation_of(results_of("patches", others | {best: 0.8})))
+    assert "It leads the best other method, realsense, by 20.0 points [20.0, 20.0]." in said
 
 
-def test_one_frame_shows_no_lead_and_held_out_pixels_are_named() -> None:
-    said = verdict(evaluation_of(frames=1, hidden="wide-shadows", walk={"raw": 0.1, "temporal": 0.9}))
-    assert said.startswith("Of the held-out wide shadows of walk, temporal (ours) fills")
-    assert said.endswith("80 points more than the best baseline, raw, which may be chance.")
+def test_methods_that_do_not_differ_are_told_as_such_and_the_next_one_with_its_distance() -> None:
+    results = results_of("patches", {"telea": 0.80, "lmeds": 0.5, "temporal": 0.80})
+    close = np.array(results[0].close) + 30 * np.random.default_rng(0).integers(-1, 2, TILES)
+    results[0] = result_of("walk-patches", "telea", info=results[0].info, close=close, judged=results[0].judged)
+    (said,) = verdict(evaluation_of(results))
+    assert "There is no difference between it and " in said
+    assert "It leads the next method, lmeds, by 30." in said
+    (equal,) = verdict(evaluation_of(results_of("patches", {"a": 0.5, "b": 0.5})))
+    assert "There is no difference between it and b (0.0 points [0.0, 0.0])." in equal
+    assert "leads" not in equal
 
 
-def test_many_sequences_have_one_sentence() -> None:
+def test_few_places_have_a_lead_that_may_be_chance_and_a_single_method_has_none() -> None:
+    (said,) = verdict(evaluation_of(results_of("wide-shadows", {"raw": 0.1, "temporal": 0.9}, tiles=3)))
+    assert "by 80.0 points, which may be chance: too few places were judged for an interval." in said
+    assert said.endswith("Only 50 % of the wide shadows could be judged.")
+    (alone,) = verdict(evaluation_of(results_of("holes", {"temporal": 0.6})))
+    assert alone == (
+        "walk: temporal (ours) gives 60.0 % of the judged pixels a depth within 5 %. "
+        "Only 50 % of the own holes could be judged."
+    )
+
+
+def test_failed_methods_are_named_first_and_do_not_count_over_all_kinds() -> None:
+    patches = results_of("patches", {"realsense": None, "telea": 0.7, "temporal": 0.6})
+    holes = results_of("holes", {"realsense": None, "telea": None, "temporal": 0.6})
+    evaluation = evaluation_of(patches, holes)
+    failed, said = verdict(evaluation)
+    assert failed.startswith("Failed: realsense in 2 of 2 sequences, telea in 1 of 2 sequences.")
+    assert said.startswith("walk: temporal (ours) gives 60.0 %")
+    assert "leads" not in said
+    (shares,) = evaluation.shares
+    assert list(shares.overall.draws) == ["temporal"]
+    texts = {row[0]: row[1:] for row in share_table(evaluation, shares).texts}
+    assert (texts["telea"][0][:4], texts["telea"][1:]) == ("70.0", ["failed", "-", "-"])
+
+
+def test_several_recordings_have_a_sentence_together_and_one_each() -> None:
     won, lost = {"raw": 0.2, "temporal": 0.6}, {"raw": 0.4, "temporal": 0.3}
-    assert verdict(evaluation_of(a=won, b=won, c=lost)) == (
-        "temporal (ours) fills most of the holes within 5 % in 2 of 3 sequences, 40 to 40 points more than the best "
-        "baseline."
+    of = [results_of("holes", shares, name) for name, shares in (("a", won), ("b", won), ("c", lost))]
+    unclear = results_of("holes", {"raw": 0.5, "temporal": 0.5}, "d")
+    together, *each = verdict(evaluation_of(*of, unclear))
+    assert together == (
+        "Of 4 recordings, temporal (ours) is the best in 2, raw is the best in 1 and no single method in 1."
     )
-    assert verdict(evaluation_of(1, a=won, b=won, c=lost)).endswith("baseline, which may be chance in 2.")
-    assert verdict(evaluation_of()) == "No method has a result that could be compared."
+    assert [said[:2] for said in each] == ["a:", "b:", "c:", "d:"]
+    assert verdict(evaluation_of()) == ["No method has a result that could be compared."]
 
 
-def test_holes_of_which_few_could_be_judged_are_told() -> None:
-    (one,) = evaluation_of(walk={"raw": 0.2, "temporal": 0.6}).results[1:]
-    partly = replace(one, info=replace(one.info, holes=4000))
-    assert verdict(Evaluation(results=(partly,))).endswith("60 % within 5 %. The truth could judge 25 % of the holes.")
+def test_shares_and_leads_are_among_the_results() -> None:
+    evaluation = evaluation_of(
+        results_of("shadows", {"raw": 0.2, "telea": 0.5}), results_of("patches", {"raw": 0.4, "telea": 0.9})
+    )
+    for mask, sequence, expected in (("shadows", "walk-shadows", 0.3), ("all kinds", "walk", 0.4)):
+        for metric, value in (("close_lead", expected), ("close_lead_low", expected), ("close_lead_high", expected)):
+            found = select(evaluation.measurements, Selector(metric, mask, on="as given"))
+            assert found.loc[(sequence, "telea"), "value"] == pytest.approx(value)
+    found = select(evaluation.measurements, Selector("close", "all kinds", on="as given"))["value"]
+    assert found.to_dict() == {("walk", "raw"): pytest.approx(0.3), ("walk", "telea"): pytest.approx(0.7)}

@@ -9,7 +9,18 @@ from hypothesis import strategies as st
 
 from voxdepth.errors import FrameError
 from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import DepthErrors, Flicker, Share, Sums, depth_errors, ghost_share, is_correct, survival
+from voxdepth.metrics import (
+    DepthErrors,
+    Flicker,
+    Reliability,
+    Share,
+    Sums,
+    depth_errors,
+    flying_share,
+    ghost_share,
+    is_correct,
+    survival,
+)
 from voxdepth.types import ASSUMED_BASELINE_M, Intrinsics
 
 seeds = st.integers(0, 10_000)
@@ -273,3 +284,91 @@ def test_shares_refuse_a_depth_that_is_none() -> None:
         ghost_share(row(np.nan), row(8), row(2))
     with pytest.raises(FrameError, match="1 judged pixels"):
         survival(row(-1), row(8), row(8) > 0)
+
+
+FOCAL_BASELINE = 100.0
+"""A depth of 10 m is a disparity of 10 px, and one of 2 m is 50 px."""
+
+
+def test_reliability_is_what_is_said_and_what_is_right_in_six_bins_by_hand() -> None:
+    """Right are depths within 5 % of 10 m. Not counted: a hole, no surface, a pixel that is not in the mask."""
+    depth_m = row(10, 10, 20, 20, 10, 0, 10, 10)
+    confidence = row(1, 0.9, 0.8, 0.5, 0.1, 0.9, 0.9, 0.9)
+    truth_m = row(10, 10, 10, 10, 10, 10, np.inf, 10)
+    mask = np.array([[True] * 7 + [False]])
+    found = Reliability.of(depth_m, confidence, truth_m, mask, FOCAL_BASELINE)
+    assert found.pixels.tolist() == [1, 0, 0, 1, 1, 2]
+    assert found.right.tolist() == [1, 0, 0, 0, 0, 2]
+    assert found.confidence == pytest.approx([0.1, 0, 0, 0.5, 0.8, 1.9])
+    assert (found.believed, found.believed_right) == (Share(hits=3, of=5), Share(hits=2, of=3))
+    assert (found.said, found.right_share) == (pytest.approx(3.3 / 5), 3 / 5)
+    assert found.calibration_error == pytest.approx((0.9 + 0.5 + 0.8 + 0.1) / 5)
+    twice = found + found
+    assert (twice.n, twice.calibration_error) == (10, found.calibration_error)
+    nothing = Reliability()
+    assert (nothing.n, nothing.said, nothing.right_share, nothing.calibration_error) == (0, None, None, None)
+
+
+def test_a_confidence_that_is_a_probability_has_no_calibration_error() -> None:
+    rng = np.random.default_rng(0)
+    confidence = rng.random((100, 1000)).astype(np.float32)
+    depth_m = np.where(rng.random(confidence.shape) < confidence, np.float32(10), np.float32(20))
+    everywhere = np.ones(confidence.shape, bool)
+    given = depth_m, confidence, np.full_like(depth_m, 10), everywhere, FOCAL_BASELINE
+    assert Reliability.of(*given).calibration_error == pytest.approx(0, abs=0.01)
+    sure = (depth_m, np.ones_like(confidence), *given[2:])
+    assert Reliability.of(*sure).calibration_error == pytest.approx(0.5, abs=0.01)
+
+
+def edge(*depths_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """A surface at 2 m (50 px) beside one at 10 m (10 px), and its image with some depths in the middle row.
+
+    They are in the last columns of the near half.
+    """
+    truth_m = np.full((9, 24), 10, np.float32)
+    truth_m[:, :12] = 2
+    depth_m = truth_m.copy()
+    depth_m[4, 12 - len(depths_m) : 12] = depths_m
+    return depth_m, truth_m
+
+
+def test_a_pixel_flies_if_it_is_neither_on_the_near_nor_on_the_far_surface_nor_before_nor_behind_both() -> None:
+    """At 4 m (25 px) it flies; 12 px are within 1.36 px of no surface, and 11 px of the far one."""
+    depth_m, truth_m = edge(4, 100 / 12, 100 / 11)
+    middle = np.zeros(truth_m.shape, bool)
+    middle[4, 9:12] = True
+    assert flying_share(depth_m, truth_m, middle, FOCAL_BASELINE) == Share(hits=2, of=3)
+    for on_a_surface_or_outside_m in (2, 10, 1.5, 30):
+        depth_m, _ = edge(*[on_a_surface_or_outside_m] * 3)
+        assert flying_share(depth_m, truth_m, middle, FOCAL_BASELINE) == Share(of=3)
+
+
+def test_only_fills_beside_an_edge_can_fly() -> None:
+    """Columns 8 to 15 see both surfaces in a window of 9 columns. A hole and a pixel without a truth are not judged."""
+    depth_m, truth_m = edge(0, 4)
+    truth_m[4, 11] = 0
+    everywhere = np.ones(truth_m.shape, bool)
+    assert flying_share(depth_m, truth_m, everywhere, FOCAL_BASELINE) == Share(of=9 * 8 - 2)
+    slanted_m = (100 / np.linspace(10, 30, 24, dtype=np.float32) * np.ones((9, 1))).astype(np.float32)
+    assert flying_share(4 + 0 * slanted_m, slanted_m, everywhere, FOCAL_BASELINE).hits == 0, "surfaces at every depth"
+    flat_m = np.full((9, 24), 10, np.float32)
+    assert flying_share(0.5 * flat_m, flat_m, everywhere, FOCAL_BASELINE) == Share(), "no edge: a bump does not fly"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_flying_pixels_are_those_of_the_definition_pixel_by_pixel(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    truth_m = rng.choice([0, 2, 2, 2.1, 3, 5, np.inf], (14, 17)).astype(np.float32)
+    truth_m[rng.random(truth_m.shape) < 0.5] = 0
+    depth_m = rng.uniform(1.8, 6, truth_m.shape).astype(np.float32)
+    mask = rng.random(truth_m.shape) < 0.7
+    flying = beside = 0
+    for i, j in zip(*np.nonzero(mask & (truth_m > 0) & (truth_m < np.inf)), strict=True):
+        around_m = truth_m[max(0, i - 4) : i + 5, max(0, j - 4) : j + 5]
+        shown_px = FOCAL_BASELINE / around_m[(around_m > 0) & (around_m < np.inf)]
+        own_px, low_px, high_px = FOCAL_BASELINE / depth_m[i, j], shown_px.min(), shown_px.max()
+        if high_px - low_px > 2 * (1 + 0.03 * high_px):
+            beside += 1
+            flying += low_px < own_px < high_px and (np.abs(shown_px - own_px) > 1 + 0.03 * own_px).all()
+    assert flying_share(depth_m, truth_m, mask, FOCAL_BASELINE) == Share(hits=int(flying), of=beside)
+    assert 0 < flying < beside

@@ -41,7 +41,9 @@ def evaluate(
             "package.module:factory. Default: all.",
         ),
     ] = None,
-    frames: Annotated[int, typer.Option(min=1, help="How many of the first frames of each sequence.")] = 30,
+    frames: Annotated[
+        int, typer.Option(min=1, help="How many frames of each sequence, from the first or from --start on.")
+    ] = 30,
     start: Start = 0,
     seed: Annotated[
         int | None, typer.Option(help="Master seed of the shipped sequences. Default: the file's, or 0.")

@@ -1,5 +1,6 @@
 """The frames of a sequence, each with the depth that methods are judged by, and where they are judged."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,6 +17,9 @@ ALL, NEAR = "all", "0-20 m"
 """All pixels, and the range of most measurements: the depths that a drone avoids obstacles by."""
 NEAR_M = 20.0
 """End of that range [m]."""
+RANGES = {"0-2 m": (0.0, 2.0), "2-5 m": (2.0, 5.0), "5-10 m": (5.0, 10.0), "10-20 m": (10.0, NEAR_M)}
+RANGES |= {"over 20 m": (NEAR_M, math.inf)}
+"""Parts of all ranges, by which the error of fills is told: first depth and end of each [m]."""
 HOLES = "holes"
 """Mask of the pixels that the sensor has no depth for."""
 MEASURED, OCCLUDED = "measured", "occluded"
@@ -32,6 +36,14 @@ class Reference:
     """Mask of the pixels that methods are given no depth of, which tables about filling are about."""
     is_true: bool
     """Whether it is the true depth, and not a measurement, which flickers itself."""
+
+    is_mirrored: bool = False
+    """Whether methods are given mirrored images, in which left and right are exchanged."""
+
+    @property
+    def is_independent(self) -> bool:
+        """Whether measured pixels can be judged by it, too: it is not the measurement that methods are given."""
+        return self.hidden == HOLES
 
 
 TRUTH = Reference(name="the truth", is_true=True)
@@ -62,6 +74,11 @@ class EvaluationFrame:
     def near(self) -> MaskImage:
         """Return those of them within `NEAR_M`, shape (H, W)."""
         return np.asarray((self.reference_m > 0) & (self.reference_m < np.float32(NEAR_M)))
+
+    def within(self, name: str) -> MaskImage:
+        """Return those of them in one of `RANGES`, shape (H, W)."""
+        start_m, end_m = map(np.float32, RANGES[name])
+        return np.asarray(self.known() & (self.reference_m >= start_m) & (self.reference_m < end_m))
 
     def masks(self, hidden: str) -> dict[str, MaskImage]:
         """Return the masks that a frame has but `ALL`, where `hidden` is the name of the hidden pixels."""

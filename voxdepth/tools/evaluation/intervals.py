@@ -1,63 +1,77 @@
-"""Intervals of the share of close pixels: a bootstrap over the frames of a sequence."""
+"""Intervals of the share of close pixels: a two-way bootstrap over the frames and the tiles of the image.
 
-from collections.abc import Iterator, Mapping, Sequence
+Pixels beside each other err alike, and those of a camera at rest err alike in every frame. So neither pixels nor frames
+alone are independent samples. The pigeonhole bootstrap (Owen, 2007, "The pigeonhole bootstrap") draws both
+frames and tiles, independently and with replacement, and a pixel counts as often as its frame times its tile was drawn.
+It is a little too wide rather than too narrow, and gives a single frame an interval, too.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple, Self
 
 import numpy as np
 import pandas as pd
 
-from .frames import NEAR
-from .measurements import AS_GIVEN, Measurement
-from .methods import is_baseline
+from ...types import FloatArray
+from .tiles import MIN_TILES
 
 SEED, RESAMPLES = 0, 2000
 ENDS = [0.025, 0.975]
 """Quantiles at the ends of an interval of 95 %."""
-CLOSE = ("close", "close_low", "close_high")
-"""The share of all pixels within 5 % of the reference, and the ends of its interval."""
-LEAD = ("close_lead", "close_lead_low", "close_lead_high")
-"""The difference of that share from the share of the best other baseline, and the ends of its interval."""
-
-Sums = Mapping[str, Sequence[tuple[float, float]]]
-"""Sum over some pixels of every frame, and number of these pixels, by method; all methods have the same frames."""
-Measured = Iterator[tuple[str, Measurement]]
-"""Names of methods, each with one measurement."""
 
 
-def close_intervals(counts: Sums, mask: str) -> Measured:
-    """Yield the ends of the intervals of each method, and its lead over the best other baseline.
+class Counts(NamedTuple):
+    """Numbers of pixels of one method by frame and tile, shape (frames, TILES) each."""
 
-    All methods share the drawn frames, so the difference of two methods is that of pairs. Frames that follow each other
-    are alike: of a slow camera the intervals are too narrow. An interval of less than two frames is undefined.
+    close: FloatArray
+    judged: FloatArray
 
-    Args:
-        counts: Number of close pixels and of all pixels.
-        mask: The mask that the counts are of.
+
+class Interval(NamedTuple):
+    """A value with an interval of 95 %, whose ends are NaN where too little is known."""
+
+    value: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, draws: "pd.Series") -> Self:
+        """Return the value of the first draw, which is the sample itself, with the interval of the others."""
+        low, high = draws[1:].quantile(ENDS)
+        return cls(float(draws.iloc[0]), float(low), float(high))
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether all of the interval is above 0."""
+        return self.low > 0
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is an interval."""
+        return not np.isnan(self.low)
+
+
+def drawn_shares(counts: Mapping[str, Counts]) -> pd.DataFrame:
+    """Return the share of close pixels of the sample (first row) and of every resample, by method (columns).
+
+    All methods share the draws, so the difference of two columns is one of pairs. A method without judged pixels is
+    left out. There are no resamples if the judged pixels are in fewer than `MIN_TILES` tiles.
     """
-    draws = drawn_means(counts)
-    for method in draws:
-        n = len(counts[method])
-        _, *ends = _measured(CLOSE, draws[method], mask, n)  # The share is among the results of the method.
-        yield from ((method, m) for m in ends)
-        if others := [name for name in draws if name != method and is_baseline(name)]:
-            lead = draws[method] - draws[draws[others].iloc[0].idxmax()]
-            yield from ((method, m) for m in _measured(LEAD, lead, mask, n))
+    judged = sum((of.judged for of in counts.values()), np.zeros((1, 1)))
+    frames, tiles = judged.any(axis=1), judged.any(axis=0)
+    is_enough = tiles.sum() >= MIN_TILES
+    of_frames, of_tiles = (_weights(int(of.sum()), stream, is_enough) for stream, of in enumerate((frames, tiles)))
+    shares = {}
+    for method, of in counts.items():
+        close, total = (((of_frames @ part[frames][:, tiles]) * of_tiles).sum(axis=1) for part in of)
+        shares[method] = np.divide(close, total, out=np.full(total.shape, np.nan), where=total > 0)
+    return pd.DataFrame(shares, index=range(len(of_frames))).dropna(axis="columns", how="all")
 
 
-def drawn_means(sums: Sums) -> pd.DataFrame:
-    """Return the mean over the pixels of all frames (first row) and of every resample of them, by method (columns).
-
-    A resample draws as many frames as there are, with replacement. It is NaN without a pixel, and a method that has
-    none in any frame is left out.
-    """
-    n = len(next(iter(sums.values()), ()))
-    drawn = np.vstack([np.arange(n), np.random.default_rng(SEED).integers(0, max(1, n), (RESAMPLES, n))])
-    totals = {method: np.reshape(frames, (n, 2))[drawn].sum(axis=1) for method, frames in sums.items()}
-    means = {method: pd.Series(total[:, 0]) / total[:, 1] for method, total in totals.items()}
-    return pd.DataFrame(means).dropna(axis="columns", how="all")
-
-
-def _measured(metrics: Sequence[str], draws: pd.Series, mask: str, n: int) -> Iterator[Measurement]:
-    """Yield the first of the draws from n frames, and the ends of the interval of the others; one frame has none."""
-    ends = draws[1:].quantile(ENDS) if n > 1 else [None, None]
-    for metric, value in zip(metrics, (float(draws[0]), *ends), strict=True):
-        yield Measurement(metric, mask, NEAR, AS_GIVEN, value, "share", n)
+def _weights(n: int, stream: int, is_drawn: bool) -> FloatArray:
+    """Return ones, and how often each of n is in resamples of n if they are drawn, shape (1 or 1 + RESAMPLES, n)."""
+    sample = np.ones((1, n))
+    if not is_drawn:
+        return sample
+    drawn = np.random.default_rng([SEED, stream]).multinomial(n, np.full(n, 1 / n), RESAMPLES)
+    return np.vstack([sample, drawn])

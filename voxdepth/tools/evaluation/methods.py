@@ -14,10 +14,8 @@ from ...corrector_spec import CorrectorFactory, parse_corrector
 from ...errors import PluginError
 from ...plugins import fault_of
 from ...registry import (
-    AUTHORS,
     CORRECTOR_NAMES,
     DEFAULT,
-    PAPER,
     config_of,
     create_corrector,
     installed_names,
@@ -55,11 +53,6 @@ class Method:
     """Whether its code may change while every version stays the same, so that its results are never reused."""
     warm_up_frames: int = WARM_UP_FRAMES
     """Frames that another instance processes before the measurement, so that every stage has run once."""
-
-
-def is_baseline(name: str) -> bool:
-    """Whether a method is neither the default method nor the paper's, with any setting."""
-    return name.partition("[")[0] not in (DEFAULT, PAPER, AUTHORS)
 
 
 def find_methods(names: Sequence[str]) -> list[Method]:
@@ -100,7 +93,7 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     with _instance(method, intrinsics) as corrector:  # The warm-up loads, compiles and caches what is needed.
         for index, frame in enumerate(islice(frames, method.warm_up_frames)):
             _processed(corrector, frame, index)
-    score, times_s = Score(reference), []
+    score, times_s = Score(reference, intrinsics), []
     pictures: tuple[str, ...] = ()
     with _instance(method, intrinsics) as corrector:
         start_s = _other_threads_s()
@@ -113,7 +106,8 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
         background_s = _other_threads_s() - start_s
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s)),
-        frame_close=score.frame_close,
+        close=score.close,
+        judged=score.judged,
         pictures=pictures,
     )
 

@@ -7,12 +7,13 @@ from typing import Literal
 
 import pandas as pd
 
+from ...metrics import BELIEVED
 from ..table import MISSING
-from .frames import HOLES, MEASURED
-from .intervals import CLOSE, LEAD
-from .measurements import AS_GIVEN, FILLED, Selector, of_frames, select
+from .frames import ALL, HOLES, MEASURED
+from .measurements import FILLED, Selector, of_frames, select
 from .recordings import HELD_OUT
-from .scoring import GHOSTS, STATIC, SURVIVAL
+from .reliability import BELIEVED_SHARES, CALIBRATION_ERROR, OVERALL
+from .scoring import FLYING, GHOSTS, STATIC, SURVIVAL
 from .suite import Evaluation
 
 HIDDEN = "hidden"
@@ -34,8 +35,6 @@ class Quantity:
     note: str = ""
     best: Literal["low", "high", ""] = ""
     """Whether the lowest or the highest first number is marked; empty for none."""
-    is_interval: bool = False
-    """Whether the second and the third number are the ends of an interval around the first one."""
 
     @property
     def heading(self) -> str:
@@ -45,8 +44,6 @@ class Quantity:
     def text(self, values: Sequence[float]) -> str:
         """Write the numbers as people read them; NaN is missing."""
         texts = [self._number(value) for value in values]
-        if self.is_interval:
-            return texts[0] if MISSING in texts else f"{texts[0]} ({texts[1]} to {texts[2]})"
         return MISSING if all(map(isnan, values)) else " / ".join(texts)
 
     def _number(self, value: float) -> str:
@@ -62,7 +59,7 @@ def fitted(quantity: Quantity, values: pd.DataFrame) -> Quantity:
 
 def numbers_of(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return values and sample sizes, one column per selector, by sequence and method; empty if there are none."""
-    parts = [_select(evaluation, selector) for selector in quantity.selectors]
+    parts = [selected(evaluation, selector) for selector in quantity.selectors]
     values, counts = (pd.concat([part[name] for part in parts], axis=1, keys=range(len(parts))) for name in parts[0])
     return values, counts
 
@@ -72,31 +69,27 @@ def is_measured(evaluation: Evaluation, quantity: Quantity) -> bool:
     return bool(numbers_of(evaluation, quantity)[0].notna().any(axis=None))
 
 
-def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
+def selected(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
     """Select measurements, but no errors of measured pixels where these are the reference: methods were given them."""
     masks = HIDDEN_MASKS if selector.mask == HIDDEN else (selector.mask,)
     found = pd.concat([select(evaluation.measurements, selector._replace(mask=mask)) for mask in masks])
     if selector.mask in ("all", "measured") and selector.metric != "coverage":
-        true = [info.name for info in evaluation.sequences.values() if info.reference.hidden == HOLES]
-        return found[found.index.isin(true, level="sequence")]
+        independent = [info.name for info in evaluation.sequences.values() if info.reference.is_independent]
+        return found[found.index.isin(independent, level="sequence")]
     return found
 
 
-WITHIN_5 = Quantity(
-    "Within 5 % in the sensor's holes (held-out pixels where there is no truth), 0-20 m, with a 95 % interval",
+def said_and_right(mask: str) -> list[Selector]:
+    """Select what the confidence of some pixels says, how many of them are right, and the calibration error."""
+    return [Selector(metric, mask, ALL, FILLED) for metric in (*OVERALL, CALIBRATION_ERROR)]
+
+
+CONFIDENCE = Quantity(
+    "Confidence of fills, at any range: said / right / calibration error",
     "%",
-    [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in CLOSE],
-    "A pixel that is left empty counts as wrong. The interval is a bootstrap over the frames.",
-    best="high",
-    is_interval=True,
-)
-OVER_BEST = Quantity(
-    "That share less that of the best other baseline, within 20 m, with a 95 % interval",
-    "%",
-    [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in LEAD],
-    "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth and "
-    "temporal; the best is compared with the second best, so this ranks nobody.",
-    is_interval=True,
+    said_and_right(HIDDEN),
+    "Said is the mean confidence, and right the share whose disparity is within 5 % or a quarter of a pixel. The error "
+    "is the mean difference of the two in six equal bins of confidence.",
 )
 TIME = Quantity(
     "Time per frame, median / 95th percentile / in threads of its own beside that",
@@ -105,8 +98,8 @@ TIME = Quantity(
     "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a method's "
     "own threads: voxdepth fuses its window in one.",
 )
-HEADLINES = (WITHIN_5, OVER_BEST, TIME)
-"""What the terminal shows."""
+HEADLINES = (CONFIDENCE, TIME)
+"""What the terminal shows beside the shares of close pixels."""
 # fmt: off
 QUANTITIES = (
     Quantity("Coverage: pixels with depth, surfaces within 20 m", "%", [Selector("coverage", on=FILLED)],
@@ -126,8 +119,18 @@ QUANTITIES = (
     TIME,
     Quantity("Coverage of the sensor's holes (held-out pixels), within 20 m", "%",
              [Selector("coverage", HIDDEN, on=FILLED)]),
-    WITHIN_5,
-    OVER_BEST,
+    Quantity("Flying fills: those beside a depth edge that hang between the surfaces, at any range", "%",
+             [Selector(FLYING, HIDDEN, ALL, FILLED)],
+             "Farther than 1 px and 3 % of disparity from each reference within 9x9 pixels, and between them. Reliable "
+             "where references are dense, as the truth and held-out pixels are; later frames leave gaps.", best="low"),
+    CONFIDENCE,
+    Quantity(f"Fills believed from a confidence of {BELIEVED} on / right of these", "%",
+             [Selector(metric, HIDDEN, ALL, FILLED) for metric in BELIEVED_SHARES]),
+    Quantity("Confidence of measured pixels, at any range: said / right / calibration error", "%",
+             said_and_right(MEASURED),
+             "Pixels whose depth a method replaces are not among them."),
+    Quantity(f"Measured pixels believed from a confidence of {BELIEVED} on / right of these", "%",
+             [Selector(metric, MEASURED, ALL, FILLED) for metric in BELIEVED_SHARES]),
     Quantity("MAE of measured pixels within 20 m", "m", [Selector("mae", MEASURED, on=FILLED)], best="low"),
     Quantity("Survival: pixels of moving objects within 5 % of the truth, by the method / of raw depth", "%", SURVIVAL,
              "A hole does not survive. Only sequences with known moving objects have it.", best="high"),

@@ -48,7 +48,7 @@ class RecordedSource:
     def __init__(self, name: str, dataset: Dataset, kind: Kind) -> None:
         self.name, self._dataset, self._references = name, dataset, kind(dataset)
         self.reference = self._references.reference
-        self.intrinsics = mirrored(dataset.intrinsics) if self._references.is_mirrored else dataset.intrinsics
+        self.intrinsics = mirrored(dataset.intrinsics) if self.reference.is_mirrored else dataset.intrinsics
 
     def __len__(self) -> int:
         return len(self._dataset)
@@ -64,7 +64,7 @@ class RecordedSource:
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
         """Read the first frames with their references; a missing or damaged one is a `DatasetError`."""
-        side = -1 if self._references.is_mirrored else 1
+        side = -1 if self.reference.is_mirrored else 1
         gray_before: GrayImage | None = None
         for index in range(frames):
             frame = self._dataset[index]

@@ -51,8 +51,6 @@ class References(ABC):
     """The references of one kind of pixels in one recording, whose frames are requested in order of time."""
 
     reference: Reference
-    is_mirrored = False
-    """Whether methods are given mirrored images, in which left and right are exchanged."""
     later_frames = 0
     """Number of frames after a frame that its reference is made of."""
     digest = ""
@@ -63,9 +61,9 @@ class References(ABC):
         """Return the reference of a frame by its index and its measured depth [m], shape (H, W); 0 = invalid."""
 
 
-def held_out(name: str) -> Reference:
+def held_out(name: str, *, is_mirrored: bool = False) -> Reference:
     """Return the reference of measured pixels that are held out, such as `patches`."""
-    return Reference(name=f"held-out {name}", hidden=name, is_true=False)
+    return Reference(name=f"held-out {name}", hidden=name, is_true=False, is_mirrored=is_mirrored)
 
 
 class Shadows(References):
@@ -74,8 +72,7 @@ class Shadows(References):
     Mirrored, they lie on the left side, where a stereo camera has its own.
     """
 
-    reference = held_out("shadows")
-    is_mirrored = True
+    reference = held_out("shadows", is_mirrored=True)
     widening = 1.0
     """Baseline of the camera that casts them, in baselines of the recording."""
 
@@ -92,7 +89,7 @@ class Shadows(References):
 class WideShadows(Shadows):
     """Shadows of a camera whose depth is aligned to a colour camera beside the pair."""
 
-    reference = held_out("wide-shadows")
+    reference = held_out("wide-shadows", is_mirrored=True)
     widening = 1.4
 
 

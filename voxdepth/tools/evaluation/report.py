@@ -1,5 +1,7 @@
 """The output of an evaluation: tables, a page without scripts or external parts, and the terminal output."""
 
+import itertools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,15 +13,24 @@ from ..files import write
 from ..page import TEMPLATES, render_page
 from ..provenance import Provenance
 from ..table import MISSING, Table, write_frame
+from .curves import plots_of, untold
+from .frames import RANGES
+from .intervals import Interval
+from .measurements import FILLED, Selector
 from .pictures import depth_scale, error_scale
-from .quantities import HEADLINES, QUANTITIES, Quantity, fitted, is_measured, numbers_of
+from .quantities import HEADLINES, HIDDEN, QUANTITIES, Quantity, fitted, is_measured, numbers_of, selected
+from .reliability import TOO_FEW
 from .results import SequenceInfo
+from .shares import Kind, Shares
 from .suite import Evaluation
 from .verdict import verdict
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+SHARES = "share of the hidden pixels within 5 % of the reference, with a 95 % interval [%]"
+JUDGED = ("judged [%]", "judged [px]")
+"""Rows that say which share of the pixels of a kind has a reference, and how many they are."""
 FAILED, BEST = "failed", "*"
 """Text of a method that failed, and mark of the best one of a sequence."""
 
@@ -36,13 +47,24 @@ def rendered(evaluation: Evaluation) -> str:
         TEMPLATES / "report.html.j2",
         verdict=verdict(evaluation),
         failures=[(result.method, result.sequence, result.error) for result in evaluation.failures],
+        shares=[share_table(evaluation, shares) for shares in evaluation.shares],
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
+        ranges=range_table(evaluation),
+        plots=plots_of(evaluation),
+        untold=_untold(evaluation),
         pictures=[shown_frame(evaluation, info) for info in evaluation.sequences.values()],
         error_percent=round(100 * ERROR_END),
         error_scale=error_scale(),
         sequences=_sequence_table(evaluation),
+        unjudged=_unjudged(evaluation),
         machine=Provenance.here().lines(),
     )
+
+
+def _untold(evaluation: Evaluation) -> list[str]:
+    """Say of which sequences no reliability can be told, if any."""
+    names = untold(evaluation)
+    return [f"No reliability can be told of {', '.join(names)}: {TOO_FEW}."] if names else []
 
 
 def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
@@ -64,6 +86,57 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
     return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note)
 
 
+def share_table(evaluation: Evaluation, shares: Shares) -> Table:
+    """Return the shares of close pixels of one recording: a row for each method, a column for each kind of pixels."""
+    columns = {kind.title: _share_texts(evaluation, name, kind) for name, kind in shares.kinds.items()}
+    columns["lead over the best other"] = _lead_texts(shares.overall)
+    texts = pd.DataFrame(columns).reindex([*JUDGED, *evaluation.methods]).fillna(MISSING)
+    rows = [[registry.title(method), *texts.loc[method]] for method in texts.index]
+    return Table.of(f"{shares.recording}: {SHARES}", ["method", *texts], rows)
+
+
+def _share_texts(evaluation: Evaluation, sequence: str, kind: Kind) -> dict[str, str]:
+    """Return the share of each method, how much was judged, and which methods failed in a sequence."""
+    texts = dict(zip(JUDGED, (f"{100 * kind.judged_share:.1f}", f"{kind.judged:,}"), strict=True))
+    texts |= {method: _interval_text(kind.share(method)) for method in kind.ranked}
+    best, *others = kind.ranked or [""]
+    if others and kind.share(best).value > kind.share(others[0]).value:
+        texts[best] += f" {BEST}"
+    return texts | {result.method: FAILED for result in evaluation.failures if result.sequence == sequence}
+
+
+def _lead_texts(kind: Kind) -> dict[str, str]:
+    """Return the lead of each method over the best other one."""
+    others = {method: kind.best_other(method) for method in kind.ranked}
+    return {method: _interval_text(kind.lead(method, other)) for method, other in others.items() if other}
+
+
+def _interval_text(share: Interval) -> str:
+    value, low, high = (f"{100 * end:.1f}" for end in share)
+    return f"{value} ({low} to {high})" if share.is_known else value
+
+
+def range_table(evaluation: Evaluation) -> Table:
+    """Return the errors of fills by the range of the reference, a row for each method that fills in a sequence."""
+    texts = pd.DataFrame({name: _range_texts(evaluation, name) for name in RANGES}).fillna(MISSING)
+    rows = [
+        [f"{sequence}, {registry.title(method)}", *texts.loc[sequence, method]]
+        for sequence, method in itertools.product(evaluation.sequences, evaluation.methods)
+        if (sequence, method) in texts.index
+    ]
+    return Table.of(
+        "Fills by the range of the reference: mean error [m] / within 5 % [%] (pixels)", ["method", *RANGES], rows,
+        note="Pixels that a method leaves empty are not among them: see its coverage.",
+    )  # fmt: skip
+
+
+def _range_texts(evaluation: Evaluation, name: str) -> pd.Series:
+    """Return the errors of the fills in a range by sequence and method."""
+    errors_m, close = (selected(evaluation, Selector(metric, HIDDEN, name, FILLED)) for metric in ("mae", "close"))
+    values = zip(errors_m["value"], 100 * close["value"], errors_m["n"], strict=True)
+    return pd.Series([f"{mae_m:.3f} / {share:.1f} ({n:,})" for mae_m, share, n in values], errors_m.index, dtype=object)
+
+
 def _texts(evaluation: Evaluation, quantity: Quantity, values: pd.DataFrame) -> pd.DataFrame:
     """Return the text of every result (rows: methods; columns: sequences), given its numbers."""
     texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True))
@@ -79,15 +152,23 @@ def print_results(console: "Console", evaluation: Evaluation) -> None:
 
     The page has the other tables.
     """
-    console.print(verdict(evaluation), soft_wrap=True, markup=False, highlight=False)
-    if evaluation.sequences:
-        _sequence_table(evaluation).print(console)
-    for quantity in HEADLINES:
-        if is_measured(evaluation, quantity):
-            method_table(evaluation, quantity).print(console)
+    for line in (*verdict(evaluation), *_unjudged(evaluation)):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
+    for table in _decisive(evaluation):
+        table.print(console)
+    for line in _untold(evaluation):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
     for result in evaluation.failures:
         failed = f"{result.sequence}, {result.method} failed: {result.error}"
         console.print(failed, soft_wrap=True, markup=False, style="red")
+
+
+def _decisive(evaluation: Evaluation) -> Iterator[Table]:
+    """Yield the tables of the terminal."""
+    if evaluation.sequences:
+        yield _sequence_table(evaluation)
+    yield from (share_table(evaluation, shares) for shares in evaluation.shares)
+    yield from (method_table(evaluation, quantity) for quantity in HEADLINES if is_measured(evaluation, quantity))
 
 
 def shown_frame(evaluation: Evaluation, info: SequenceInfo) -> dict[str, Any]:
@@ -116,11 +197,27 @@ def _best(quantity: Quantity, values: pd.Series) -> list[tuple[str, str]]:
 def _sequence_table(evaluation: Evaluation) -> Table:
     rows = [
         {
-            "sequence": info.name, "scored by": info.reference.name, "frames": info.frames, "image [px]": info.size,
+            "sequence": info.name, "scored by": info.reference.name, "frames": f"{info.frames} of {info.all_frames}",
+            "time [s]": _seconds(info), "image [px]": info.size,
             "seed": info.seed, "scored pixels": info.pixels,
-            "not measured, or held out [%]": 100 * info.hidden_pixels / max(1, info.pixels),
-            "of those without depth, judged [%]": 100 * info.judged_share,
         }
         for info in evaluation.sequences.values()
     ]  # fmt: skip
     return Table.of_frame("Sequences", pd.DataFrame(rows, dtype=object))
+
+
+def _unjudged(evaluation: Evaluation) -> list[str]:
+    """Say of which recordings only the first frames were judged, if any, and how to judge others."""
+    partly = {info.recording: info for info in evaluation.sequences.values() if info.frames < info.all_frames}
+    if not partly:
+        return []
+    of = [
+        f"{info.frames} of the {info.all_frames} frames of {name} from --start on ({_seconds(info)} s)"
+        for name, info in partly.items()
+    ]
+    return [f"Only {', '.join(of)} were judged: --frames judges more, and --start others."]
+
+
+def _seconds(info: SequenceInfo) -> str:
+    """Return the time stamps of the first and of the last judged frame."""
+    return " to ".join(f"{stamp_s:.2f}" for stamp_s in info.span_s)

@@ -17,8 +17,10 @@ class Scores:
     """What was measured of one method on one sequence."""
 
     measurements: tuple[Measurement, ...] = ()
-    frame_close: tuple[tuple[int, int], ...] = ()
-    """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
+    close: tuple[tuple[int, ...], ...] = ()
+    """Number of hidden pixels within 20 m that are given a close depth, by frame and tile."""
+    judged: tuple[tuple[int, ...], ...] = ()
+    """Number of all hidden pixels within 20 m with a reference, by frame and tile."""
     pictures: tuple[str, ...] = ()
     """The depth of one frame and perhaps its errors, see `depth_pictures`."""
 
@@ -28,7 +30,13 @@ class SequenceInfo:
     """The part of a sequence that methods were compared on."""
 
     name: str
+    recording: str
+    """Name of the recording, of which other sequences may judge other pixels."""
     frames: int
+    all_frames: int
+    """Number of frames that the recording has."""
+    span_s: tuple[float, float]
+    """Time stamps of the first and of the last of the judged frames [s]."""
     seed: int | None
     """Seed of a rendered sequence; None for a measured one."""
     size: str
@@ -36,21 +44,14 @@ class SequenceInfo:
     reference: Reference
     pixels: int
     """Number of pixels of all frames that have a reference."""
-    hidden_pixels: int
-    """Number of those that methods are given no depth of."""
-    holes: int
-    """Number of pixels of all frames that the methods were given no depth of, whether they have a reference or not."""
+    hidden: int
+    """Number of pixels of all frames that methods are to fill and are judged by, with and without a reference."""
     pictured: int
-    """Index of the frame that is drawn: the middle one of those in which pixels without depth are judged."""
+    """Index of the frame that is drawn: the middle one of those in which hidden pixels are judged."""
     far_m: float
     """Depth at the blue end of the colours of its pictures."""
     pictures: tuple[str, ...]
     """Its gray image, its reference, the depth that methods are given, and the errors of that if the truth is known."""
-
-    @property
-    def judged_share(self) -> float:
-        """Share of the pixels without depth that have a reference, which the results are about."""
-        return self.hidden_pixels / max(1, self.holes)
 
 
 @dataclass(frozen=True, kw_only=True)

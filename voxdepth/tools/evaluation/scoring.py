@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from ...geometry import fill_from_nearest
-from ...metrics import Flicker, Share, Sums, ghost_share, survival
-from ...types import CorrectedDepth, FloatImage
-from .frames import ALL, MEASURED, NEAR, OCCLUDED, EvaluationFrame, Reference
+from ...metrics import Flicker, Share, Sums, flying_share, ghost_share, is_close, survival
+from ...types import CorrectedDepth, FloatImage, Intrinsics
+from . import tiles
+from .frames import ALL, MEASURED, NEAR, OCCLUDED, RANGES, EvaluationFrame, Reference
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector
+from .reliability import ConfidenceScore
 
 STATIC = "static"
 """Mask of flicker, within 20 m: pixels that show the same surface as in the frame before."""
@@ -19,6 +21,9 @@ SURVIVAL = [Selector(metric, "moving", ALL, AS_GIVEN) for metric in ("survival",
 """Shares of the pixels of moving objects, of the corrected and of the raw depth."""
 GHOSTS = [Selector(metric, "departed", ALL, FILLED) for metric in ("ghosts", "ghosts_raw")]
 """The same of those pixels that a moving object left some frames ago."""
+
+FLYING = "flying"
+"""Share of the fills beside a depth edge, at any range, that hang between the surfaces, see `flying_share`."""
 
 METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "mae": ("m", lambda sums: sums.mae_m),
@@ -35,28 +40,38 @@ SETTLED_RMSE = Selector("rmse_settled", OCCLUDED)
 class Score:
     """Scores the corrected frames of a sequence one by one, by masks; keeps no image but the last."""
 
-    def __init__(self, reference: Reference) -> None:
-        self._reference = reference
+    def __init__(self, reference: Reference, intrinsics: Intrinsics) -> None:
+        self._reference, self._focal_baseline_px_m = reference, intrinsics.focal_baseline_px_m
+        self._confidence = ConfidenceScore(reference, intrinsics)
         self._sums: dict[str, defaultdict[str, Sums]] = {FILLED: defaultdict(Sums), COMPLETED: defaultdict(Sums)}
         self._flicker = Flicker()
         self._shares: defaultdict[Selector, Share] = defaultdict(Share)
+        self._of_ranges = dict.fromkeys(RANGES, Sums())
         self._settled: defaultdict[Selector, Sums] = defaultdict(Sums)
-        self.frame_close: tuple[tuple[int, int], ...] = ()
-        """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
+        self.close: tuple[tuple[int, ...], ...] = ()
+        """Number of hidden pixels within 20 m that are given a close depth, by frame and tile."""
+        self.judged: tuple[tuple[int, ...], ...] = ()
+        """Number of all hidden pixels within 20 m with a reference, by frame and tile."""
 
     def add(self, frame: EvaluationFrame, corrected: CorrectedDepth) -> None:
         """Add a frame with its reference, and its correction."""
         depth_m = corrected.depth_m
         completed_m = fill_from_nearest(depth_m)
         self._add_sums(frame, depth_m, completed_m)
+        self._add_tiles(frame, depth_m)
         self._add_flicker(frame, depth_m)
         self._add_shares(frame, depth_m)
         self._add_settled(frame, completed_m)
+        for name in RANGES:
+            self._of_ranges[name] += Sums.of(depth_m, frame.reference_m, frame.hidden & frame.within(name))
+        self._confidence.add(frame, corrected)
 
     def measurements(self) -> Iterator[Measurement]:
         """Yield everything that is known after the last frame; measurements of no pixel are left out."""
         for mask in (ALL, *self._sums[FILLED]):
             yield from self._measured_errors(mask)
+        yield from self._range_errors()
+        yield from self._confidence.measurements()
         if n := self._flicker.changes:
             yield Measurement("flicker", STATIC, NEAR, FILLED, self._flicker.mean_change_m, "m", n)
         for selector, share in self._shares.items():
@@ -72,10 +87,18 @@ class Score:
         for mask, pixels in frame.masks(self._reference.hidden).items():
             filled = Sums.of(depth_m, frame.reference_m, pixels & near)
             self._sums[FILLED][mask] += filled
-            if mask == self._reference.hidden:
-                self.frame_close += ((filled.close, filled.pixels),)
             completed = filled if _is_complete(filled) else Sums.of(completed_m, frame.reference_m, pixels & near)
             self._sums[COMPLETED][mask] += completed
+
+    def _add_tiles(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
+        """Count in the tiles of the recording's own images, also where methods are given mirrored ones."""
+        judged = frame.hidden & frame.near()
+        side = -1 if self._reference.is_mirrored else 1
+        close, of = (
+            tuple(tiles.count(mask[:, ::side]).tolist())
+            for mask in (judged & is_close(depth_m, frame.reference_m), judged)
+        )
+        self.close, self.judged = (*self.close, close), (*self.judged, of)
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Without the truth the depth itself, and not its error, should stay the same."""
@@ -83,6 +106,8 @@ class Score:
         self._flicker.add(depth_m, steady_m, frame.static & frame.near())
 
     def _add_shares(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
+        flying = Selector(FLYING, self._reference.hidden, ALL, FILLED)
+        self._shares[flying] += flying_share(depth_m, frame.reference_m, frame.hidden, self._focal_baseline_px_m)
         if frame.moving is not None and frame.departed_m is not None:
             for k, given_m in enumerate((depth_m, frame.frame.depth_m)):
                 self._shares[SURVIVAL[k]] += survival(given_m, frame.reference_m, frame.moving)
@@ -90,7 +115,7 @@ class Score:
 
     def _add_settled(self, frame: EvaluationFrame, completed_m: FloatImage) -> None:
         """Score the surfaces of a rendered frame within the paper's peak, and the occluded ones, after the warm-up."""
-        if frame.occluded is not None and len(self.frame_close) > SETTLED_FRAMES:
+        if frame.occluded is not None and len(self.judged) > SETTLED_FRAMES:
             in_16_bits = frame.known() & (frame.reference_m <= np.float32(PEAK16_M))
             self._settled[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
             self._settled[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, frame.occluded & frame.near())
@@ -107,6 +132,13 @@ class Score:
             for metric, (unit, value_of) in METRICS.items():
                 value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
                 yield Measurement(metric, mask, NEAR, on, value, unit, sums.filled)
+
+    def _range_errors(self) -> Iterator[Measurement]:
+        for name, sums in self._of_ranges.items():
+            if sums.filled:
+                where = self._reference.hidden, name, FILLED
+                yield Measurement("mae", *where, sums.mae_m, "m", sums.filled)
+                yield Measurement("close", *where, sums.close / sums.filled, "share", sums.filled)
 
 
 def _is_complete(sums: Sums) -> bool:

@@ -15,12 +15,12 @@ from ..errors import ToolError
 from ..files import locked
 from ..provenance import CORRECTION, EVALUATION_SOURCES, code_digest, processor_name, versions
 from .frames import FrameFile, Frames, FrameSource
-from .intervals import close_intervals
 from .measurements import long_table
 from .methods import Method, MethodError, run
 from .pictures import depth_pictures, far_end_of, scene_pictures
 from .recordings import Kind, Opened, RecordedSource
 from .results import SEQUENCE, Result, SequenceInfo, load, store
+from .shares import Shares, shares_of
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,8 @@ class Requested:
     """A sequence to compare methods on. No two in a plan may have the same name."""
 
     name: str
+    recording: str
+    """Name of the recording, of which other sequences may judge other pixels of the same frames."""
     open: Callable[[Path, int, Callable[[str], None]], FrameSource]
     """Opens its first frames, which may first be made below the folder of the results; the function that it is given
     hears of it. Here and when frames are read, a `VoxDepthError` says why that fails."""
@@ -35,8 +37,9 @@ class Requested:
 
 def judged(path: Path, mask: str, kind: Kind, opened: Opened) -> Requested:
     """Return one kind of pixels, with the name of their mask, of an existing recording of any format."""
-    name = f"{name_of(path)}-{mask}"
-    return Requested(name, lambda out, frames, tell: RecordedSource(name, opened(path), kind))
+    recording = name_of(path)
+    name = f"{recording}-{mask}"
+    return Requested(name, recording, lambda out, frames, tell: RecordedSource(name, opened(path), kind))
 
 
 def name_of(folder: Path) -> str:
@@ -80,11 +83,14 @@ class Evaluation:
             if result.error is not None:
                 rows.append((*where, "error", "", "", "", None, "", 0, result.error))
             rows += [(*where, *m, "") for m in result.measurements]
-        for info in self.sequences.values():
-            ours = [result for result in self.results if result.sequence == info.name and result.frame_close]
-            found = close_intervals({result.method: result.frame_close for result in ours}, info.reference.hidden)
-            rows += [(info.name, method, *m, "") for method, m in found]
+        for shares in self.shares:
+            rows += [(sequence, method, *m, "") for sequence, method, m in shares.measurements()]
         return long_table(rows)
+
+    @cached_property
+    def shares(self) -> list[Shares]:
+        """How much of each recording the methods fill right."""
+        return shares_of(self.results)
 
     @cached_property
     def sequences(self) -> dict[str, SequenceInfo]:
@@ -108,10 +114,10 @@ def evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
     `progress` receives the present activity and the number of finished results.
 
     Raises:
-        ToolError: Two sequences have the same name, or the name of one is not UTF-8.
+        ToolError: Two sequences or recordings have the same name, or the name of one is not UTF-8.
         ToolError: A result cannot be written.
     """
-    _require_distinct([requested.name for requested in plan.sequences])
+    _require_distinct(plan.sequences)
     results: list[Result] = []
     reused = 0
     busy = f"another evaluation writes to {plan.out}: wait until it has ended, or use another --out"
@@ -145,7 +151,7 @@ def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> 
             info = described.info if described else None
             if info is None or len(finished) < len(keys):
                 frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
-                info = describe(source, frames)
+                info = describe(requested.recording, source, frames)
                 store(plan.out, Result(sequence=name, method=SEQUENCE, key=of_sequence, info=info))
         except VoxDepthError as error:
             reason = " ".join(str(error).split())
@@ -174,33 +180,39 @@ def _scores(source: FrameSource, method: Method, frames: Frames, pictured: int) 
         return {"error": str(error)}
 
 
-def describe(source: FrameSource, frames: Frames) -> SequenceInfo:
-    """Describe the frames of a sequence, at least one."""
-    counts: list[list[int]] = []
-    for frame in frames:
+def describe(recording: str, source: FrameSource, frames: Frames) -> SequenceInfo:
+    """Describe the frames of a sequence of a recording, at least one."""
+    pixels, hidden, judged, stamps_s = 0, 0, [], []
+    for index, frame in enumerate(frames):
         known = frame.known()
-        masks = known, frame.hidden & known, frame.frame.depth_m == 0
-        counts.append([int(np.count_nonzero(mask)) for mask in masks])
-    pixels, hidden_pixels, holes = map(sum, zip(*counts, strict=True))
-    judged = [index for index, (_, n, _) in enumerate(counts) if n] or range(len(counts))
+        pixels += int(np.count_nonzero(known))
+        hidden += int(np.count_nonzero(frame.hidden))
+        judged += [index] * bool((frame.hidden & known).any())
+        stamps_s.append(frame.frame.stamp_s)
+    judged = judged or list(range(len(stamps_s)))
     pictured = judged[len(judged) // 2]
     shown = next(islice(frames, pictured, None))
     return SequenceInfo(
         name=source.name,
+        recording=recording,
         frames=len(frames),
+        all_frames=len(source),
+        span_s=(stamps_s[0], stamps_s[-1]),
         seed=source.seed,
         size=f"{source.intrinsics.width_px}x{source.intrinsics.height_px}",
         reference=source.reference,
         pixels=pixels,
-        hidden_pixels=hidden_pixels,
-        holes=holes,
+        hidden=hidden,
         pictured=pictured,
         far_m=far_end_of(shown),
         pictures=(*scene_pictures(shown), *depth_pictures(shown.frame.depth_m, shown, source.reference)),
     )
 
 
-def _require_distinct(names: Sequence[str]) -> None:
+def _require_distinct(sequences: Sequence[Requested]) -> None:
+    """Require names that can be written, and that stand for one sequence or for one recording of several."""
+    names = [requested.name for requested in sequences]
+    names += {requested.recording for requested in sequences if requested.recording != requested.name}
     for name in names:
         if name.encode(errors="replace").decode() != name:
             raise ToolError(f"expected the name of a folder in UTF-8, got {name!a}: rename the folder")

@@ -1,68 +1,100 @@
-"""The result of an evaluation in one sentence, from the numbers of its tables."""
+"""The result of an evaluation in sentences, from the numbers of its tables."""
 
 from collections import Counter
-from collections.abc import Sequence
-
-import pandas as pd
+from collections.abc import Iterator
 
 from ... import registry
-from .frames import HOLES
-from .methods import is_baseline
-from .quantities import OVER_BEST, WITHIN_5, numbers_of
+from .intervals import Interval
+from .shares import ALL_KINDS, Kind, Shares
 from .suite import Evaluation
 
 ALL_JUDGED = 0.995
-"""Share of judged holes that is told as all."""
+"""Share of judged pixels that is told as all."""
+NOTHING = "No method has a result that could be compared."
 
 
-def verdict(evaluation: Evaluation) -> str:
-    """Say which method fills most pixels right: of the sensor's own holes, where any sequence has a reference."""
-    shares, leads = (100 * numbers_of(evaluation, quantity)[0] for quantity in (WITHIN_5, OVER_BEST))
-    shares = shares[0].dropna()
-    hidden = {name: evaluation.sequences[name].reference.hidden for name in shares.index.unique("sequence")}
-    names = [name for name in hidden if hidden[name] == HOLES] or list(hidden)
-    best = {name: shares[name].idxmax() for name in names}
-    if not names:
-        return "No method has a result that could be compared."
-    if len(names) == 1:
-        (name,) = names
-        pixels = "the holes" if hidden[name] == HOLES else f"the held-out {hidden[name].replace('-', ' ')}"
-        of = name.removesuffix(f"-{hidden[name]}")
-        return f"Of {pixels} of {of}, {_won(shares[name], leads, name, best[name])}.{_judged(evaluation, names)}"
-    method, wins = Counter(best.values()).most_common(1)[0]
-    judged = _judged(evaluation, names)
-    won = leads.reindex([(name, method) for name in names if best[name] == method]).dropna(subset=[0])
-    pixels = "the holes" if hidden[names[0]] == HOLES else "the held-out pixels"
-    text = f"{registry.title(method)} fills most of {pixels} within 5 % in {wins} of {len(names)} sequences"
-    if won.empty:
-        return f"{text}.{judged}"
-    by_chance = f", which may be chance in {n}" if (n := int((~(won[1] > 0)).sum())) else ""
-    return f"{text}, {won[0].min():.0f} to {won[0].max():.0f} points more than {_over(method)}{by_chance}.{judged}"
+def verdict(evaluation: Evaluation) -> list[str]:
+    """Say which methods failed, which one is best in how many recordings, and by how much in each of them."""
+    compared = [shares for shares in evaluation.shares if shares.overall.ranked]
+    sentences = map(_of_recording, compared) if compared else [NOTHING]
+    return [*_failed(evaluation), *_of_recordings(compared), *sentences]
 
 
-def _won(shares: pd.Series, leads: pd.DataFrame, name: str, method: str) -> str:
-    """Say how much the best method fills right in a sequence, and its lead over the best other baseline if any."""
-    text = f"{registry.title(method)} fills {shares[method]:.0f} % within 5 %"
-    baselines = shares[[other for other in shares.index if other != method and is_baseline(other)]]
-    if baselines.empty:
-        return text
-    lead, low, high = leads.loc[(name, method)]
-    interval = f" [{low:.0f}, {high:.0f}]" if pd.notna(low) else ""
-    by_chance = "" if low > 0 else ", which may be chance"
-    rival = registry.title(baselines.idxmax())
-    return f"{text}, {lead:.0f} points{interval} more than {_over(method)}, {rival}{by_chance}"
+def _failed(evaluation: Evaluation) -> Iterator[str]:
+    """Say which methods failed in how many sequences, if any: what follows is without them."""
+    failed = Counter(result.method for result in evaluation.failures)
+    asked = Counter(result.method for result in evaluation.results)
+    if failed:
+        of = [f"{registry.title(method)} in {n} of {asked[method]} sequences" for method, n in failed.items()]
+        yield f"Failed: {', '.join(of)}. A method that failed in a recording is not compared over all of its pixels."
 
 
-def _judged(evaluation: Evaluation, names: Sequence[str]) -> str:
-    """Say how many of the sensor's holes have a reference, where not all have: the others may be harder ones."""
-    infos = [info for name in names if (info := evaluation.sequences[name]).reference.hidden == HOLES]
-    shares = sorted(info.judged_share for info in infos)
-    if not shares or shares[0] > ALL_JUDGED:
-        return ""
-    span = f"{shares[0]:.0%}" if len(shares) == 1 else f"{shares[0]:.0%} to {shares[-1]:.0%}"
-    by = " or ".join(dict.fromkeys(info.reference.name for info in infos)).capitalize()
-    return f" {by} could judge {span.replace('%', ' %')} of the holes."
+def _of_recordings(compared: list[Shares]) -> Iterator[str]:
+    """Say in how many of several recordings a method is better than each other one, and in how many none is."""
+    if len(compared) > 1:
+        best = Counter(method for shares in compared if (method := _winner(shares.overall)))
+        said = [f"{registry.title(method)} is the best in {n}" for method, n in best.most_common()]
+        if unclear := len(compared) - best.total():
+            said.append(f"no single method in {unclear}")
+        yield f"Of {len(compared)} recordings, {_listed(said)}."
 
 
-def _over(method: str) -> str:
-    return f"the best {'other ' if is_baseline(method) else ''}baseline"
+def _of_recording(shares: Shares) -> str:
+    """Say which method fills most of all judged pixels right, where another one is ahead, and what was not judged."""
+    return f"{shares.recording}: {' '.join([*_best(shares.overall), *_ahead(shares), *_judged(shares)])}"
+
+
+def _best(kind: Kind) -> Iterator[str]:
+    """Say which method is the best, which ones do not differ from it, and its lead over the next one."""
+    best, equals = kind.ranked[0], _equals(kind)
+    yield f"{registry.title(best)} gives {100 * kind.share(best).value:.1f} % of the judged pixels a depth within 5 %."
+    if equals:
+        others = [f"{registry.title(other)} ({_points(kind.lead(best, other))})" for other in equals]
+        yield f"There is no difference between it and {_listed(others)}."
+    if rest := [method for method in kind.ranked[1:] if method not in equals]:
+        lead, which = kind.lead(best, rest[0]), "the next method" if equals else "the best other method"
+        unknown = "" if lead.is_known else ", which may be chance: too few places were judged for an interval"
+        yield f"It leads {which}, {registry.title(rest[0])}, by {_points(lead)}{unknown}."
+
+
+def _ahead(shares: Shares) -> Iterator[str]:
+    """Say of which kinds of pixels another method is ahead of the one that is the best of all."""
+    best, ahead = shares.overall.ranked[0], []
+    for kind in shares.kinds.values():
+        leader = next(iter(kind.ranked), best)
+        if leader != best and best in kind.draws and (lead := kind.lead(leader, best)).is_positive:
+            ahead.append(f"{registry.title(leader)} in {kind.title} by {_points(lead)}")
+    if ahead:
+        yield f"Ahead of it: {_listed(ahead)}."
+
+
+def _judged(shares: Shares) -> Iterator[str]:
+    """Say of which kinds not all pixels could be judged: the others may be harder ones."""
+    kinds = [kind for kind in shares.kinds.values() if kind.mask != ALL_KINDS and kind.judged_share < ALL_JUDGED]
+    of = [f"{100 * kind.judged_share:.0f} % of the {kind.title}" for kind in kinds]
+    if of:
+        yield f"Only {_listed(of)} could be judged."
+
+
+def _equals(kind: Kind) -> list[str]:
+    """Return the methods whose difference from the best one may be none: its interval contains 0."""
+    best, *others = kind.ranked
+    leads = {other: kind.lead(best, other) for other in others}
+    return [other for other, lead in leads.items() if lead.is_known and not lead.is_positive]
+
+
+def _winner(kind: Kind) -> str | None:
+    """Return the method that is certainly better than each other one; None if there is none."""
+    best, *others = kind.ranked
+    return best if all(kind.lead(best, other).is_positive for other in others) else None
+
+
+def _points(lead: Interval) -> str:
+    """Write a lead with its interval, such as `7.0 points [5.1, 8.8]`."""
+    value, low, high = (100 * end for end in lead)
+    return f"{value:.1f} points" + (f" [{low:.1f}, {high:.1f}]" if lead.is_known else "")
+
+
+def _listed(words: list[str]) -> str:
+    """Join words as in `a, b and c`."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
