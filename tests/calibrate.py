@@ -1,48 +1,66 @@
-"""Fits the confidence of the default method to real recordings, and judges each by what the others give.
+"""Fits confidences to real recordings, and judges each recording by what the others give.
 
     python -m tests.calibrate FOLDER FOLDER...
+    python -m tests.calibrate --write FOLDER FOLDER...
 
-Each line says by which factor the others would multiply the odds of `voxdepth.temporal.confidence`, and what that does
-to a recording: its error of calibration, and how much of what is believed at 0.8 is right. The last line is the factor
-of all of them; after a change of the method, multiply `FILL_ODDS` and `MEASURED_ODDS` by it.
+The first command is about the default method. Each line says by which factor the others would multiply the odds of
+`voxdepth.temporal.confidence`, and what that does to a recording: its error of calibration, and how much of what is
+believed at 0.8 is right. The last line is the factor of all; after a change of the method, multiply `FILL_ODDS` and
+`MEASURED_ODDS` by it. The second command fits the other correctors, which have one probability for each source of
+their fills, and writes `voxdepth/confidence.toml`.
 
 Fills are judged on held-out pixels of every kind and on the sensor's own holes, kinds alike, and measured pixels where
 the truth or later frames are known.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import tomli_w
 from rich.console import Console
 
 from voxdepth import Source, TemporalCorrector
+from voxdepth.calibration import FILE, Fills, sealed
 from voxdepth.metrics import is_correct
+from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.evaluation.frames import HOLES
 from voxdepth.tools.evaluation.recordings import RecordedSource, kinds_of
 from voxdepth.tools.evaluation.suite import name_of
 from voxdepth.tools.recorded import Opener
 from voxdepth.tools.table import Table
+from voxdepth.types import DepthCorrector, Intrinsics
 
 PIXELS = 1000
 """Number of pixels of each frame that are drawn."""
 BINS, BELIEVED = 6, 0.8
 ROUNDS = 50
 """Newton's steps; some ten are enough."""
+DIGITS = 2
+"""Digits of a probability: recordings differ by more."""
 Numbers = npt.NDArray[np.float64]
+Make = Callable[[Intrinsics], DepthCorrector]
 
 
 class Sample(NamedTuple):
-    """Pixels of one recording, shape (N,)."""
+    """Pixels with a depth of one recording, shape (N,)."""
 
     confidence: Numbers
     is_right: Numbers
+    is_hidden: Numbers
+    """Whether the corrector was given no depth of them."""
+    source: Numbers
     weight: Numbers
     """Share of the recording that a pixel stands for."""
+
+    def where(self, chosen: npt.NDArray[np.bool_]) -> "Sample":
+        """Some of the pixels."""
+        return Sample(*(values[chosen] for values in self))
 
     def multiplied(self, factor: float) -> "Sample":
         """The sample with odds that are multiplied by a factor."""
@@ -50,50 +68,55 @@ class Sample(NamedTuple):
         return self._replace(confidence=odds / (1 + odds))
 
 
-def samples_of(folder: Path, frames: int) -> tuple[Sample, Sample]:
-    """The fills of a recording, and its measured pixels."""
+def sample_of(folder: Path, make: Make, frames: int) -> Sample:
+    """Pixels of all kinds of a recording as a corrector shows them; kinds count alike."""
     opened = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
-    fills, measured = [], []
+    kinds = []
     for name, kind in kinds_of(folder, opened).items():
-        drawn = list(_drawn(RecordedSource(name, opened(folder), kind), frames))
-        fills.append(np.hstack([each[:, each[2] > 0] for each in drawn]))
-        if name == HOLES:
-            measured.append(np.hstack([each[:, each[2] == 0] for each in drawn]))
-    return _sample(fills), _sample(measured)
+        source = RecordedSource(name, opened(folder), kind)
+        drawn = np.hstack(list(_drawn(source, make(source.intrinsics), frames)))
+        kinds.append(drawn if name == HOLES else drawn[:, drawn[2] > 0])  # Methods are given the others' reference.
+    kinds = [kind for kind in kinds if kind.size]
+    weight = np.concatenate([np.full(kind.shape[1], 1 / kind.shape[1] / len(kinds)) for kind in kinds])
+    confidence, is_right, is_hidden, source = np.hstack(kinds)
+    return Sample(confidence, is_right, is_hidden, source, weight)
 
 
-def _drawn(source: RecordedSource, frames: int) -> Iterator[Numbers]:
-    """Confidence of some pixels of each frame, whether they are right, and whether they are filled; shape (3, N)."""
+def _drawn(source: RecordedSource, corrector: DepthCorrector, frames: int) -> Iterator[Numbers]:
+    """Confidence of some pixels of each frame, and whether they are right and hidden, and their source, (4, N)."""
     rng = np.random.default_rng(0)
-    corrector = TemporalCorrector(source.intrinsics, TemporalConfig(fill="all"))
     for frame in source.frames(min(frames, len(source))):
         corrected = corrector.process(frame.frame)
         known = frame.known() & (corrected.depth_m > 0)
-        for of, is_filled in ((frame.hidden, 1.0), (~frame.hidden & (corrected.source != Source.INPAINTED), 0.0)):
+        for of in (frame.hidden, ~frame.hidden & (corrected.source != Source.INPAINTED)):
             pixels = rng.permutation(np.flatnonzero(known & of))[:PIXELS]
             depth_m, true_m = corrected.depth_m.flat[pixels], frame.reference_m.flat[pixels]
             right = is_correct(depth_m, true_m, source.intrinsics.focal_baseline_px_m)
             confidence = np.clip(corrected.confidence.flat[pixels], 1e-6, 1 - 1e-6)
-            yield np.stack([confidence, right, np.full(len(pixels), is_filled)]).astype(np.float64)
-
-
-def _sample(kinds: Sequence[Numbers]) -> Sample:
-    """One sample of some kinds of pixels, which count alike."""
-    kinds = [kind for kind in kinds if kind.size]
-    if not kinds:
-        return Sample(*np.zeros((3, 0)))
-    weight = np.concatenate([np.full(kind.shape[1], 1 / kind.shape[1] / len(kinds)) for kind in kinds])
-    return Sample(*np.hstack(kinds)[:2], weight)
+            values = confidence, right, frame.hidden.flat[pixels], corrected.source.flat[pixels]
+            yield np.stack([value.astype(np.float64) for value in values])
 
 
 def fitted_factor(samples: Sequence[Sample]) -> float:
     """The factor of the odds with the largest likelihood; recordings count alike."""
-    confidence, right, weight = (np.concatenate(each) for each in zip(*samples, strict=True))
+    confidence, right = (np.concatenate([sample[k] for sample in samples]) for k in range(2))
+    weight = np.concatenate([sample.weight / sample.weight.sum() for sample in samples])
     log_odds, shift = np.log(confidence / (1 - confidence)), 0.0
     for _ in range(ROUNDS):
         p = 1 / (1 + np.exp(-(log_odds + shift)))
         shift -= float(np.sum(weight * (p - right)) / np.sum(weight * p * (1 - p)))
     return float(np.exp(shift))
+
+
+def fitted_fills(samples: Sequence[Sample]) -> Fills:
+    """The share of right fills of each source; recordings count alike."""
+    shares: dict[str, float] = {}
+    for source in (Source.MEMORY, Source.INPAINTED):
+        of = [sample.where((sample.is_hidden > 0) & (sample.source == source)) for sample in samples]
+        means = [np.average(each.is_right, weights=each.weight) for each in of if len(each.weight)]
+        if means:
+            shares[source.name.lower()] = round(float(np.mean(means)), DIGITS)
+    return shares
 
 
 def calibration_error(sample: Sample) -> float:
@@ -125,17 +148,38 @@ def table_of(title: str, samples: dict[str, Sample]) -> Table:
     return Table.of(title, columns, rows)
 
 
+def write_fills(folders: Sequence[Path], frames: int) -> None:
+    """Fit all correctors but the default one, which computes its confidence, and write their file."""
+    fitted = {}
+    for name in CORRECTOR_NAMES:
+        if name != DEFAULT:
+            fitted[name] = fitted_fills([sample_of(each, partial(create_bare, name), frames) for each in folders])
+            Console().print(f"{name} {fitted[name]}")
+    names = ", ".join(map(name_of, folders))
+    text = f"# Written by `python -m tests.calibrate --write`: {frames} frames of each of\n# {names}.\n"
+    FILE.write_text(sealed(text + tomli_w.dumps(fitted)), encoding="utf-8")
+
+
 def main() -> None:
-    """Print the tables of fills and of measured pixels."""
+    """Print the tables of fills and of measured pixels, or write the fills of the other correctors."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", metavar="FOLDER", nargs="+", type=Path, help="recordings of real cameras")
     parser.add_argument("--frames", type=int, default=60, help="how many of the first frames (default 60)")
+    parser.add_argument("--write", action="store_true", help="fit the other correctors, and write their file")
     asked = parser.parse_args()
     if len(asked.folders) < 2:
         parser.error("expected at least two recordings: each is judged by the factor of the others")
-    samples = {name_of(folder): samples_of(folder, asked.frames) for folder in asked.folders}
-    for part, title in enumerate(("Fills", "Measured pixels")):
-        table_of(title, {name: both[part] for name, both in samples.items()}).print(Console())
+    if asked.write:
+        write_fills(asked.folders, asked.frames)
+        return
+
+    def made(camera: Intrinsics) -> DepthCorrector:
+        return TemporalCorrector(camera, TemporalConfig(fill="all"))
+
+    samples = {name_of(folder): sample_of(folder, made, asked.frames) for folder in asked.folders}
+    for title, hidden in (("Fills", 1), ("Measured pixels", 0)):
+        part = {name: sample.where(sample.is_hidden == hidden) for name, sample in samples.items()}
+        table_of(title, part).print(Console())
 
 
 if __name__ == "__main__":

@@ -23,9 +23,9 @@ from ..types import CORRECT_PX, CORRECT_SHARE, FloatImage, GrayImage
 from .fusion import PixelClass
 from .memory import WEIGHT_UNIT
 
-MEASURED_ODDS, FILL_ODDS = float32(1.9), float32(0.4)
+MEASURED_ODDS, FILL_ODDS = float32(2.4), float32(0.5)
 """Factors of the odds, in 1 and in px."""
-NOISE_PX = float32(0.02)
+NOISE_PX = float32(0.05)
 """Roughness of the best of sensors, so that no depth is certain."""
 FILL_ERROR_PX = float32(0.1)
 """Error of a filled disparity of the right surface: where the tolerance is as small, half of the fills are right."""

@@ -24,6 +24,8 @@ MAX_SPECKLE_PX = 16
 EXACT_STRIDE_PX, EXACT_PX, EXACT_SHARE = 24, 0.002, 0.9
 """Stride of the rows in which noise is sought, largest second difference of disparity without noise, and how many have
 none. Of seven real recordings at most half are below 0.025 px."""
+BEYOND_SHARE = 0.9
+"""Share of the disparity of the farthest larger surface of the image below which a speckle is beyond the scene."""
 SPECKLE_KERNEL = np.ones((7, 7), np.uint8)
 """Neighbourhood in which the background of a speckle is searched."""
 _BLOCK_VALIDITY = np.rint(255 * np.sqrt(np.arange(5) / 4)).astype(np.uint8)
@@ -56,7 +58,7 @@ def measure(frame: Frame, resolution: WorkingResolution) -> Measurement:
         _decimate(np.ascontiguousarray(frame.depth_m), resolution.focal_baseline_px_m, disparity_px, validity)
         even = frame.gray[: 2 * resolution.height_px, : 2 * resolution.width_px]
         gray = np.asarray(cv2.resize(even, resolution.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
-    disparity_px = without_near_speckles(disparity_px)
+    disparity_px = without_speckles(disparity_px)
     weight = np.asarray(cv2.LUT(box_mean(validity, VALIDITY_WINDOW_PX), _WEIGHT), np.uint8)
     gray = np.asarray(cv2.GaussianBlur(gray, (3, 3), 0), np.uint8)
     return Measurement(disparity_px, weight & above(disparity_px, 0), gray, is_exact(disparity_px))
@@ -101,12 +103,12 @@ def _decimate(
             validity[row, col] = _BLOCK_VALIDITY[n_valid]
 
 
-def without_near_speckles(disparity_px: FloatImage) -> FloatImage:
-    """The disparity without the speckles that are nearer than the farthest larger surface around them, shape (h, w).
+def without_speckles(disparity_px: FloatImage) -> FloatImage:
+    """The disparity without speckles that are wrong matches more often than objects, shape (h, w).
 
     Speckles are surfaces of at most `MAX_SPECKLE_PX` pixels; adjacent pixels are of one surface if they differ by at
-    most `MAX_SURFACE_SPAN_PX`. Near ones are wrong matches more often than objects. Farther ones may be all that is
-    visible of the background.
+    most `MAX_SURFACE_SPAN_PX`. Those are removed that are nearer than the farthest larger surface around them, or far
+    beyond all larger surfaces of the image. Others that are farther may be all that is visible of the background.
     """
     levels = (disparity_px * LEVELS_PER_PX).astype(np.int16)
     kept, _ = cv2.filterSpeckles(levels.copy(), 0, MAX_SPECKLE_PX, float(MAX_SURFACE_SPAN_PX * LEVELS_PER_PX))
@@ -114,5 +116,8 @@ def without_near_speckles(disparity_px: FloatImage) -> FloatImage:
     not_background = speckle | ~above(disparity_px, 0)
     background_px = cv2.copyTo(np.full_like(disparity_px, MAX_DISPARITY_PX), not_background, disparity_px.copy())
     ahead_px = cv2.subtract(disparity_px, cv2.erode(background_px, SPECKLE_KERNEL))
-    near = speckle & above(np.asarray(ahead_px, np.float32), float(MAX_SURFACE_SPAN_PX))
-    return np.asarray(cv2.copyTo(disparity_px, cv2.bitwise_not(near)), np.float32)
+    near = above(np.asarray(ahead_px, np.float32), float(MAX_SURFACE_SPAN_PX))
+    farthest_px, _, _, _ = cv2.minMaxLoc(background_px)
+    has_background = farthest_px < MAX_DISPARITY_PX
+    beyond = ~above(disparity_px, BEYOND_SHARE * farthest_px) if has_background else np.zeros_like(near)
+    return np.asarray(cv2.copyTo(disparity_px, cv2.bitwise_not(speckle & (near | beyond))), np.float32)

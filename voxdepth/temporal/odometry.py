@@ -21,6 +21,7 @@ from ..paper.registration import Features
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
 from .config import TemporalConfig
 from .memory import Memory
+from .pose_check import PoseCheck
 from .pose_fit import KnownMotion, PoseFit, fit_pose, project
 from .relocalisation import Relocaliser
 from .tracking_camera import Pixels, TrackingCamera
@@ -52,6 +53,10 @@ INLIER_PX = 1.0
 """Reprojection error below which a track is an inlier, in pixels of the tracking image."""
 MAX_MEDIAN_RESIDUAL_PX = 1.5
 """Largest median reprojection error. Correct motions have at most 1 px, wrong ones at least 14 px."""
+
+
+POSES = {False: "followed", True: "contradicted"}
+"""What is told of the poses of the caller."""
 
 
 class TrackingStatus(StrEnum):
@@ -91,6 +96,9 @@ class TrackingResult:
     residual_px: float | None = None
     """Median reprojection error of the corners or features in the tracking image; None if there is no motion of them.
     """
+    contradicts_poses: bool | None = None
+    """Whether the images contradict the latest poses of the caller, which are not followed then; None without poses.
+    """
 
     def facts(self) -> Mapping[str, str | int | float]:
         """See `Diagnostics`."""
@@ -99,6 +107,7 @@ class TrackingResult:
             "n_tracks": self.n_tracks,
             "n_inliers": self.n_inliers,
             **({} if self.residual_px is None else {"residual_px": self.residual_px}),
+            **({} if self.contradicts_poses is None else {"poses": POSES[self.contradicts_poses]}),
         }
 
 
@@ -180,9 +189,10 @@ class VisualOdometry:
 
     The keyframe is the view that the camera is tracked from: usually that of the frame before. The search for the
     corners starts where the pose of the caller, the previous motion, or no motion predicts them. The motion between two
-    poses of the caller also counts as a measurement, beside the tracks. If the tracks fit no rigid motion, the features
-    of the frame are matched with those of the keyframe, and then with those of the stored views, the latest first.
-    Matches are accepted if they fit a rigid motion that the measured depth confirms.
+    poses of the caller also counts as a measurement, beside the tracks, unless the images contradict the latest ones.
+    If the tracks fit no rigid motion, the features of the frame are matched with those of the keyframe, and then with
+    those of the stored views, the latest first. Matches are accepted if they fit a rigid motion that the measured depth
+    confirms.
 
     For each frame, call `track` and then `set_keyframe`, unless the frame shall not become the keyframe.
 
@@ -201,6 +211,7 @@ class VisualOdometry:
     def reset(self) -> None:
         """Forget all views; the next frame is the first."""
         self._views = Views(self._camera)
+        self._pose_check = PoseCheck(self._pose_sigma_m, self._pose_sigma_rad)
 
     @property
     def memory(self) -> Memory | None:
@@ -220,12 +231,16 @@ class VisualOdometry:
         T_said = None
         if keyframe.T_world_cam is not None and frame.T_world_cam is not None:
             T_said = matmul(inverse_rigid(frame.T_world_cam), keyframe.T_world_cam)
-        fit = self._motion(keyframe, frame, image, T_said)
+            lost = replace(lost, contradicts_poses=self._pose_check.is_contradicted)
+        T_followed = None if lost.contradicts_poses else T_said
+        fit = self._motion(keyframe, frame, image, T_followed)
         if fit is not None:
+            if T_said is not None and self._views.keyframe is keyframe:
+                self._pose_check.add(fit.T_target_source, T_said)
             found = replace(lost, status=TrackingStatus.OK, n_tracks=fit.n_points, n_inliers=fit.n_inliers)
             return replace(found, T_frame_keyframe=fit.T_target_source, residual_px=fit.median_residual_px)
-        if T_said is not None:
-            return replace(lost, status=TrackingStatus.OK, T_frame_keyframe=T_said)
+        if T_followed is not None:
+            return replace(lost, status=TrackingStatus.OK, T_frame_keyframe=T_followed)
         return lost if self._has_features(image) else replace(lost, status=TrackingStatus.NO_FEATURES)
 
     def set_keyframe(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:
