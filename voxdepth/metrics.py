@@ -322,8 +322,8 @@ def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, foca
     """
     select_judged(depth_m, truth_m, mask)
     known = judged_pixels(truth_m, np.ones_like(mask))
-    focal_baseline_px_m = np.float32(focal_baseline_px_m)
-    true_px = np.divide(focal_baseline_px_m, truth_m, out=np.zeros_like(truth_m), where=known)
+    scale = np.float32(focal_baseline_px_m)
+    true_px = np.divide(scale, truth_m, out=np.zeros_like(truth_m), where=known)
     window = np.ones((EDGE_PX, EDGE_PX), np.uint8)
     high_px = np.asarray(cv2.dilate(true_px, window), np.float32)
     true_px[~known] = np.inf
@@ -331,7 +331,7 @@ def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, foca
     beside = known & mask & (depth_m > 0)
     beside[beside] = high_px[beside] - low_px[beside] > 2 * _tolerance_px(high_px[beside])
     row, col = np.nonzero(beside)
-    own_px = focal_baseline_px_m / depth_m[beside]
+    own_px = scale / depth_m[beside]
     between = (low_px[beside] < own_px) & (own_px < high_px[beside])
     row, col, own_px = row[between], col[between], own_px[between]
     around_px = np.pad(true_px, EDGE_PX // 2, constant_values=np.float32(np.inf))

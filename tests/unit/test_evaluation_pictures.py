@@ -63,6 +63,17 @@ def test_the_middle_one_of_the_judged_frames_is_shown(post: Path, tmp_path: Path
     assert info.pictures[2:] == depth_pictures(frames[4].frame.depth_m, frames[4], TRUTH)
 
 
+@pytest.mark.testbed
+def test_the_sky_is_no_hole_that_was_not_judged(post: Path, tmp_path: Path) -> None:
+    (requested,) = requested_of(post, open_dataset)
+    (frame,) = evaluation_frames(1)
+    reference_m = frame.reference_m.copy()
+    reference_m[frame.hidden & (np.arange(48)[:, None] < 30)] = np.inf
+    reference_m[frame.hidden & (np.arange(48)[:, None] > 44)] = 0
+    info = describe("post", requested.open(tmp_path, 1, print), [replace(frame, reference_m=reference_m)])
+    assert info.hidden == frame.hidden[30:].sum()
+
+
 def test_holes_keep_a_colour_of_their_own_in_a_small_picture() -> None:
     frame = evaluation_frames(1)[0]
     depth_m = np.tile(truth_of(0), (10, 10))

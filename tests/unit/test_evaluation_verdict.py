@@ -48,7 +48,7 @@ def test_the_verdict_weighs_kinds_by_judged_pixels_and_names_those_where_another
         "walk: realsense-left gives 90.9 % of the judged pixels a depth within 5 %. "
         "It leads the best other method, temporal (ours), by 8.7 points [8.7, 8.7]. "
         "Ahead of it: temporal (ours) in own holes by 4.0 points [4.0, 4.0]. "
-        "Only 50 % of the shadows and 50 % of the own holes could be judged."
+        "Only 50 % of the shadows and 50 % of the own holes were judged."
     )
     table = share_table(evaluation, evaluation.shares[0])
     assert table.headings == ["method", "shadows", "own holes", "all kinds", "lead over the best other"]
@@ -72,21 +72,21 @@ def test_methods_that_do_not_differ_are_told_as_such_and_the_next_one_with_its_d
     close = np.array(results[0].close) + 30 * np.random.default_rng(0).integers(-1, 2, TILES)
     results[0] = result_of("walk-patches", "telea", info=results[0].info, close=close, judged=results[0].judged)
     (said,) = verdict(evaluation_of(results))
-    assert "There is no difference between it and " in said
+    assert "There is no difference beyond chance between it and " in said
     assert "It leads the next method, lmeds, by 30." in said
     (equal,) = verdict(evaluation_of(results_of("patches", {"a": 0.5, "b": 0.5})))
-    assert "There is no difference between it and b (0.0 points [0.0, 0.0])." in equal
+    assert "There is no difference beyond chance between it and b (0.0 points [0.0, 0.0])." in equal
     assert "leads" not in equal
 
 
 def test_few_places_have_a_lead_that_may_be_chance_and_a_single_method_has_none() -> None:
     (said,) = verdict(evaluation_of(results_of("wide-shadows", {"raw": 0.1, "temporal": 0.9}, tiles=3)))
     assert "by 80.0 points, which may be chance: too few places were judged for an interval." in said
-    assert said.endswith("Only 50 % of the wide shadows could be judged.")
+    assert said.endswith("Only 50 % of the wide shadows were judged.")
     (alone,) = verdict(evaluation_of(results_of("holes", {"temporal": 0.6})))
     assert alone == (
         "walk: temporal (ours) gives 60.0 % of the judged pixels a depth within 5 %. "
-        "Only 50 % of the own holes could be judged."
+        "Only 50 % of the own holes were judged."
     )
 
 

@@ -45,7 +45,9 @@ class SequenceInfo:
     pixels: int
     """Number of pixels of all frames that have a reference."""
     hidden: int
-    """Number of pixels of all frames that methods are to fill and are judged by, with and without a reference."""
+    """Number of pixels of all frames that methods are to fill and are judged by, with and without a reference.
+
+    Those that are known to show no surface, such as the sky, are not among them."""
     pictured: int
     """Index of the frame that is drawn: the middle one of those in which hidden pixels are judged."""
     far_m: float

@@ -27,7 +27,7 @@ class Kind:
     mask: str
     """Name of their mask, or `ALL_KINDS`."""
     pixels: int
-    """Number of pixels of the kind, whether they have a reference or not."""
+    """Number of pixels of the kind, whether they have a reference or not; see `SequenceInfo.hidden`."""
     judged: int
     """Number of those within 20 m that have one."""
     draws: pd.DataFrame

@@ -186,7 +186,7 @@ def describe(recording: str, source: FrameSource, frames: Frames) -> SequenceInf
     for index, frame in enumerate(frames):
         known = frame.known()
         pixels += int(np.count_nonzero(known))
-        hidden += int(np.count_nonzero(frame.hidden))
+        hidden += int(np.count_nonzero(frame.hidden & (frame.reference_m < np.inf)))
         judged += [index] * bool((frame.hidden & known).any())
         stamps_s.append(frame.frame.stamp_s)
     judged = judged or list(range(len(stamps_s)))

@@ -50,7 +50,7 @@ def _best(kind: Kind) -> Iterator[str]:
     yield f"{registry.title(best)} gives {100 * kind.share(best).value:.1f} % of the judged pixels a depth within 5 %."
     if equals:
         others = [f"{registry.title(other)} ({_points(kind.lead(best, other))})" for other in equals]
-        yield f"There is no difference between it and {_listed(others)}."
+        yield f"There is no difference beyond chance between it and {_listed(others)}."
     if rest := [method for method in kind.ranked[1:] if method not in equals]:
         lead, which = kind.lead(best, rest[0]), "the next method" if equals else "the best other method"
         unknown = "" if lead.is_known else ", which may be chance: too few places were judged for an interval"
@@ -69,11 +69,11 @@ def _ahead(shares: Shares) -> Iterator[str]:
 
 
 def _judged(shares: Shares) -> Iterator[str]:
-    """Say of which kinds not all pixels could be judged: the others may be harder ones."""
+    """Say of which kinds not all pixels were judged: the others may be harder ones."""
     kinds = [kind for kind in shares.kinds.values() if kind.mask != ALL_KINDS and kind.judged_share < ALL_JUDGED]
     of = [f"{100 * kind.judged_share:.0f} % of the {kind.title}" for kind in kinds]
     if of:
-        yield f"Only {_listed(of)} could be judged."
+        yield f"Only {_listed(of)} were judged."
 
 
 def _equals(kind: Kind) -> list[str]:
