@@ -204,6 +204,12 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     for fact, summary in report["facts"].items():
         table.add_row(_words(fact), ", ".join(f"{_words(name)} {value:g}" for name, value in summary.items()))
     console.print(table)
+    if n_wrong := report["facts"].get("poses", {}).get("contradicted"):
+        typer.echo(
+            f"the images contradict the poses of {n_wrong} of {report['frames']} frames, which were not followed: "
+            "expected poses of the camera in the world (T_world_cam, z forward, y down) in metres, not their inverse",
+            err=True,
+        )
     median, p95, longest = (Column(name, "ms", ".1f") for name in ("median", "95 %", "longest"))
     steps = report["wall"]["steps_s"].items()
     rows = [[step, *(1000 * spread[name] for name in ("p50", "p95", "max"))] for step, spread in steps]
