@@ -17,7 +17,7 @@ from scenarios.evaluation import moving_ids
 from scenarios.sequences import load_sequence
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
-from scenarios.study.store import read_study
+from scenarios.study.store import Failure, add, read_study
 from sim.errors import RecordingError
 from sim.recording import Recording, RecordingWriter
 from tests.commands import invoke
@@ -233,6 +233,11 @@ def test_sealed_json_reads_back_and_older_files_as_they_are(content: dict[str, o
         assert json.loads(unsealed_json(text)) == content
     with pytest.raises(DamageError):
         unsealed_json(sealed_json(json.dumps({**content, "more": 1})).replace(b'"more": 1', b'"more": 3'))
+
+
+def test_a_failure_that_tells_of_any_name_is_stored(tmp_path: Path) -> None:
+    add(tmp_path, Failure(key="a", kind="error", text="no file " + os.fsdecode(b"k\xfcche")))
+    assert "k\\udcfcche" in (tmp_path / "failures" / "a.json").read_text()
 
 
 @pytest.mark.parametrize("text", [b"[" * 100_000, b"\xff", b"", b"[1]"])

@@ -69,7 +69,7 @@ def _values(configuration: pydantic.BaseModel) -> dict[str, Any]:
 
 def sealed_json(text: str | bytes) -> bytes:
     """Return a JSON object with its digest under the last key."""
-    content = from_json(text)
+    content = json.loads(text)
     return f"{json.dumps(content | {DIGEST: _digest(content)}, indent=1)}\n".encode()
 
 

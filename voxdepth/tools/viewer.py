@@ -14,7 +14,6 @@ from urllib.parse import quote
 import typer
 
 from .errors import ToolError
-from .files import as_tool_error
 from .options import require_installed
 
 RECORDING, PARTIAL_RECORDING = "run.rrd", "run.part.rrd"
@@ -72,10 +71,13 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
 
 def require_recording(path: Path) -> None:
     """Raise a `ToolError` for what is no recording, and tell on stderr of one that breaks off, as of a killed run."""
-    with as_tool_error(f"cannot read {path}"), path.open("rb") as file:
-        start = file.read(len(START))
-        file.seek(max(0, path.stat().st_size - END_BYTES))
-        end = file.read()
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(START))
+            file.seek(max(0, path.stat().st_size - END_BYTES))
+            end = file.read()
+    except OSError as error:
+        raise ToolError(f"cannot read {path}: {error.strerror or error}") from error
     if start != START:
         raise ToolError(f"{path} is empty, damaged or no Rerun recording: restore it from a copy, or record it again")
     if not (end.startswith(END) and len(end) == END_BYTES):
