@@ -15,8 +15,9 @@ NO_DEPTH = np.float32(np.inf)
 
 CELL_DEG = 5.0
 """Angle that a cell of the image covers in its middle."""
-MIN_CONFIDENCE = 0.5
-"""Pixels of at least this confidence are trusted by default: they are more likely right than not."""
+MIN_CONFIDENCE = 0.8
+"""Pixels of at least this confidence are trusted by default: a wrong one may cost the drone, and a right one that is
+not trusted costs time."""
 MIN_TRUSTED_SHARE = 0.6
 """Share of the pixels of a cell that must be trusted; a cell with fewer proves no free space."""
 MAX_HIDDEN_M = 0.1

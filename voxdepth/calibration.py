@@ -1,7 +1,8 @@
 """Confidence of the correctors that have none of their own: fitted probabilities that their fills are right.
 
-`confidence.toml` has the share of right pixels of each corrector and source, which `voxdepth experiment confidence`
-fits to rendered sequences. Measured pixels keep 1: how far a sensor errs depends on the sensor, which its user knows.
+`confidence.toml` has the share of right pixels of each corrector and source in real recordings, which `python -m
+tests.calibrate --write FOLDER...` fits. Measured pixels keep 1: how far a sensor errs depends on the sensor, which
+its user knows.
 """
 
 from collections.abc import Mapping
@@ -86,8 +87,7 @@ def fitted() -> Mapping[str, Fills]:
         return parsed_toml(data)
     except (OSError, ValueError) as error:
         raise ConfigError(
-            f"{FILE} is damaged ({error}): restore it with pip install --force-reinstall voxdepth, or make it again "
-            "with voxdepth experiment confidence"
+            f"{FILE} is damaged ({error}): restore it with pip install --force-reinstall voxdepth"
         ) from error
 
 

@@ -10,14 +10,13 @@ from voxdepth.tools.table import Table, csv_of
 
 from ..errors import ScenarioError
 from ..provenance import SIMULATION
-from .confidence import CONFIDENCE
 from .experiment import Experiment
 from .quality import QUALITY
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-EXPERIMENTS = {one.name: one for one in (QUALITY, CONFIDENCE)}
+EXPERIMENTS = {one.name: one for one in (QUALITY,)}
 
 
 def find_experiment(name: str) -> Experiment:

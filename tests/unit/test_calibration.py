@@ -1,19 +1,14 @@
 """Correctors without a confidence of their own get the probability that is fitted to the source of a pixel."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 
-from scenarios.experiments import confidence
-from scenarios.experiments.confidence import counted, fit
+from tests.calibrate import Sample, believed, calibration_error, fitted_factor, fitted_fills
 from tests.frames import require_equal
-from tests.swarm_scenes import capture
 from voxdepth.calibration import fitted
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare, create_corrector, installed_names
-from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
+from voxdepth.types import Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=80, baseline_m=0.1)
 INSTALLED = [name for name in installed_names() if name != DEFAULT]
@@ -59,28 +54,28 @@ def test_every_corrector_but_the_default_is_in_the_file_and_no_fill_is_certain()
     assert all(0 <= share < 1 for fills in fitted().values() for share in fills.values())
 
 
-def test_depth_counts_where_the_truth_is_a_surface() -> None:
-    source = np.array([[Source.SENSOR, Source.MEMORY, Source.INPAINTED, Source.INPAINTED, Source.INVALID]], np.uint8)
-    depth_m = np.array([[1.0, 2.0, 3.0, 4.0, 0.0]], np.float32)
-    true_m = np.array([[1.0, 2.0, 9.0, np.inf, 1.0]], np.float32)
-    corrected = CorrectedDepth(depth_m=depth_m, confidence=np.ones_like(depth_m), source=source)
-    capture: Any = SimpleNamespace(depth_true_m=true_m, intrinsics=CAMERA)
-    n, correct = counted(corrected, capture)
-    by_source = {Source.SENSOR: (1, 1), Source.MEMORY: (1, 1), Source.INPAINTED: (1, 0), Source.INVALID: (0, 0)}
-    assert {source: (n[source], correct[source]) for source in by_source} == by_source
+def sample(confidence: list[float], is_right: list[int], source: Source = Source.INPAINTED, hidden: int = 1) -> Sample:
+    n = len(confidence)
+    return Sample(np.array(confidence), np.array(is_right), np.full(n, hidden), np.full(n, source), np.full(n, 1 / n))
 
 
-def test_an_image_counts_alike_at_every_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    counted_px: list[float] = []
-    monkeypatch.setattr(confidence, "FITTED", ["raw"])
-    monkeypatch.setattr(confidence, "fit", lambda counts: counted_px.append(counts[0].sum()) or {})
-    image = capture(0.0)
-    given = {"sequences": ["one"], "recording": lambda name: [image], "report": len, "frames": 1, "seed": 0}
-    confidence.fit_all(SimpleNamespace(**given))  # type: ignore[arg-type]
-    assert counted_px == [len(confidence.DECIMATIONS) * image.depth_raw_m.size]
+def test_the_factor_makes_what_is_said_right_and_recordings_count_alike() -> None:
+    said_half, right = sample([0.5] * 4, [1, 1, 1, 0]), sample([0.5] * 400, [1] * 300 + [0] * 100)
+    for samples in ([said_half], [said_half, right]):
+        assert fitted_factor(samples) == pytest.approx(3)  # odds of 3 : 1
+    assert calibration_error(said_half) == pytest.approx(0.25)
+    assert calibration_error(said_half.multiplied(3)) == pytest.approx(0)
+    opposite = sample([0.5] * 400, [0] * 300 + [1] * 100)
+    assert fitted_factor([said_half, opposite]) == pytest.approx(1)
 
 
-def test_the_fit_is_the_share_of_correct_pixels() -> None:
-    counts = np.zeros((2, len(Source)))
-    counts[:, Source.INPAINTED] = 10_000, 2_504
-    assert fit(counts) == {"inpainted": 0.25}
+def test_what_is_believed_is_that_of_at_least_four_fifths() -> None:
+    assert believed(sample([0.9, 0.8, 0.79, 0.1], [1, 0, 1, 1])) == pytest.approx((0.5, 0.5))
+
+
+def test_the_fit_of_a_corrector_is_the_share_of_right_fills_by_source() -> None:
+    seen = sample([1.0] * 2, [0, 0], Source.SENSOR, hidden=0)
+    fills = [sample([0.5] * 4, [1, 1, 1, 0]), sample([0.5] * 2, [0, 0])]
+    assert fitted_fills([seen, *fills]) == {"inpainted": 0.38}
+    assert fitted_fills([*fills, sample([0.5], [1], Source.MEMORY)]) == {"memory": 1.0, "inpainted": 0.38}
+    assert fitted_fills([seen]) == {}
