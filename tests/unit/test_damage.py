@@ -22,7 +22,8 @@ from sim.errors import RecordingError
 from sim.recording import Recording, RecordingWriter
 from tests.commands import invoke
 from tests.damage import DAMAGES
-from tests.studies import arm, fake, study, unseen
+from swarm.types import Outcome
+from tests.studies import arm, fake, record, study, unseen
 from tests.unit.test_recording_format import any_capture
 from voxdepth import calibration
 from voxdepth.calibration import sealed
@@ -216,7 +217,7 @@ def test_a_file_of_a_study(tmp_path: Path, kind: str, damage: str) -> None:
 
 @pytest.mark.parametrize("old", ['"metrics"', '"outcome"', "1.5", '"tower-0-5"'])
 def test_another_word_or_number_of_a_run_is_not_taken_for_its_result(tmp_path: Path, old: str) -> None:
-    run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
+    run_study(study(arm("a")), tmp_path, Serial(lambda spec: record(spec, Outcome.COLLISION)), unseen)
     path = next(tmp_path.glob("runs/*"))
     text = path.read_text()
     at = text.index(old) + len(old) - 2

@@ -344,10 +344,10 @@ class TestRoughness:
         half_px = constant(20)
         half_px[:, 80:] += np.random.default_rng(0).normal(0, 0.2, (120, 80)).astype(np.float32)
         rough_px = self.of(half_px, decimation)
-        assert rough_px[:, : 60 // decimation].max() < 0.05 < 0.3 < rough_px[:, 100 // decimation :].min()
+        assert rough_px[:, : 60 // decimation].max() < 0.05 < 0.2 < rough_px[:, 100 // decimation :].min()
         half_px[:, :80] = 0
         inside = self.of(half_px, decimation)[:, : 60 // decimation]
-        assert inside.min() == pytest.approx(rough_px[:, 100 // decimation :].mean(), rel=0.1)
+        assert inside.min() == pytest.approx(rough_px[:, 100 // decimation :].mean(), rel=0.15)
 
     @pytest.mark.parametrize("decimation", [1, 2])
     def test_an_image_without_depth_is_smooth(self, decimation: int) -> None:
