@@ -4,9 +4,13 @@ import base64
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-if TYPE_CHECKING:
+from voxdepth.tools.environment import configured
+
+with configured("Matplotlib", "the matplotlibrc in the current folder, or the styles in ~/.config/matplotlib/stylelib"):
+    import matplotlib.style  # Which reads the styles of the user, when `rcdefaults` imports it at the latest.
+    from matplotlib import colormaps
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -16,7 +20,7 @@ PANEL_IN = (5.2, 3.8)
 LEGEND_COLUMNS = 4
 """Largest number of entries side by side in a shared legend."""
 
-Draw = Callable[["Axes"], None]
+Draw = Callable[[Axes], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,15 +37,12 @@ class Picture:
         return base64.b64encode(self.png).decode()
 
 
-def new_figure(size_in: tuple[float, float], dpi: int) -> "Figure":
+def new_figure(size_in: tuple[float, float], dpi: int) -> Figure:
     """Begin a figure of a width and height [inch] with a number of pixels per inch; every figure begins here.
 
     From here on Matplotlib has its own settings: a configuration file of the user, or of the current folder, would
     change pictures, or ask for TeX.
     """
-    import matplotlib
-    from matplotlib.figure import Figure
-
     matplotlib.rcdefaults()
     return Figure(figsize=size_in, dpi=dpi, layout="constrained")
 
@@ -53,7 +54,7 @@ def panel_figure(
     columns: int | None = None,
     panel_in: tuple[float, float] = PANEL_IN,
     shared_legend: bool = False,
-) -> "Figure":
+) -> Figure:
     """Draw one panel per function and return the figure.
 
     There are `columns` panels side by side, or all of them if it is None, each with the width and height `panel_in`
@@ -76,8 +77,6 @@ def panel_figure(
 
 def line_color(k: int) -> tuple[float, float, float]:
     """Return the colour of the k-th line, RGB in 0..1: ten strong ones, then ten pale ones, and then these again."""
-    from matplotlib import colormaps
-
     strong, pale = k % 10, k // 10 % 2  # The map has a strong and a pale one by turns.
     red, green, blue, _ = colormaps["tab20"](2 * strong + pale)
     return red, green, blue
@@ -86,7 +85,7 @@ def line_color(k: int) -> tuple[float, float, float]:
 def image_shown(title: str, image: Any, **style: Any) -> Draw:
     """Return a panel with an image without axes; `style` is that of `Axes.imshow`."""
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         axes.imshow(image, **style)
         axes.set_title(title, fontsize=8, parse_math=False)
         axes.set_axis_off()
@@ -94,7 +93,7 @@ def image_shown(title: str, image: Any, **style: Any) -> Draw:
     return draw
 
 
-def add_shared_legend(figure: "Figure") -> None:
+def add_shared_legend(figure: Figure) -> None:
     """Put one legend of all panels below the figure."""
     labels: dict[str, Any] = {}
     for axes in figure.axes:
@@ -104,7 +103,7 @@ def add_shared_legend(figure: "Figure") -> None:
     figure.legend(list(labels.values()), list(labels), fontsize=8, **below)
 
 
-def encoded(figure: "Figure", kind: Literal["png", "jpg"] = "png") -> bytes:
+def encoded(figure: Figure, kind: Literal["png", "jpg"] = "png") -> bytes:
     """Return a figure with all that is around it as an image, without anything that changes from call to call."""
     data = io.BytesIO()
     metadata = {"Software": None} if kind == "png" else None

@@ -7,7 +7,7 @@ import hashlib
 import logging
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, update_wrapper
 from importlib.util import find_spec
 from io import BytesIO
@@ -184,19 +184,22 @@ def _is_sealed(path: str) -> bool:
 
 @cache
 def _folder(package: str) -> Path | None:
-    """The folder for the functions of a package as it and this one are now; None if the user may write to no folder.
+    """The folder for the functions of a package as it and this one are now; None if there is none to write to.
 
     Numba would notice a change of the file of a function only, not of a constant or a function of another file in it,
     nor of its settings: without bounds checks, functions with them would stay in use.
     """
     digest = hashlib.sha256(repr([getattr(numba.config, name) for name in CODE_SETTINGS]).encode())
-    for name in sorted({package, __name__.partition(".")[0]}):
-        for path in sorted(_source_folder(name).rglob("*.py")):
-            digest.update(path.read_bytes())
+    packages = sorted({package, __name__.partition(".")[0]})
+    sources = [path for name in packages for path in sorted(_source_folder(name).rglob("*.py"))]
+    for path in sources:
+        digest.update(path.read_bytes())
+    if (place := _user_cache()) is None or not sources:  # A package in an archive has no files.
+        return None
+    folder = place / f"{package}-{digest.hexdigest()[:16]}"
     try:
-        folder = _user_cache() / f"{package}-{digest.hexdigest()[:16]}"
         folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # The home is read-only, or there is none.
+    except OSError:  # The home is read-only.
         return None
     return folder if os.access(folder, os.W_OK) else None
 
@@ -207,8 +210,14 @@ def _source_folder(package: str) -> Path:
     return Path(spec.origin).parent
 
 
-def _user_cache() -> Path:
-    """`$NUMBA_CACHE_DIR`, or the folder of VoxDepth in that of the user's caches."""
+def _user_cache() -> Path | None:
+    """`$NUMBA_CACHE_DIR`, or the folder of VoxDepth in that of the user's caches; None if the user has none.
+
+    A place of caches or a home that is no absolute path does not count: files would lie in the current folder.
+    """
     if numba.config.CACHE_DIR:
         return Path(numba.config.CACHE_DIR)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "voxdepth"
+    caches = [Path(os.environ.get("XDG_CACHE_HOME", ""))]
+    with suppress(RuntimeError):  # There is no home.
+        caches.append(Path.home() / ".cache")
+    return next((place / "voxdepth" for place in caches if place.is_absolute()), None)

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from voxdepth.tools.options import INTERRUPTED, use_one_thread
+from voxdepth.tools.options import use_one_thread
+from voxdepth.tools.signals import INTERRUPTED
 
 if TYPE_CHECKING:
     from ..study.executors import Executor

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from voxdepth.tools.options import CORRECTOR_HELP, INTERRUPTED, counter
+from voxdepth.tools.options import CORRECTOR_HELP, counter
+from voxdepth.tools.signals import INTERRUPTED
 from voxdepth.tools.viewer import RECORDING, open_viewer, require_display
 
 from .options import Depth, Renderer, Scenario, Seed, Size, given

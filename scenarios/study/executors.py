@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import Any
 
+from voxdepth.tools.environment import configured
 from voxdepth.tools.options import use_one_thread
 
 from ..errors import ScenarioError
@@ -23,6 +24,8 @@ from ..provenance import simulation_versions
 from .design import RunSpec, key_of
 from .store import Completion, Failure, RunRecord
 
+DASK = ("Dask", "the files in ~/.config/dask")
+"""What reads files of its user, and where they lie."""
 LOCAL_SETTINGS = {
     # A run that ends its worker would also end the next one.
     "distributed.scheduler.allowed-failures": 0,
@@ -132,7 +135,8 @@ class Cluster:
 
     def _client(self) -> Any:
         """Connect to the scheduler and wait for a worker."""
-        from distributed import Client
+        with configured(*DASK):
+            from distributed import Client
 
         client = None
         try:
@@ -158,9 +162,10 @@ class Processes:
 
     def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
         """Fly all runs and yield each as it ends; closing the iterator ends the workers."""
-        import dask.config
-
         use_one_thread()
+        with configured(*DASK):
+            import dask.config
+            import distributed  # noqa: F401  # Its defaults take the place of what is no table.
         with dask.config.set(LOCAL_SETTINGS), self._started() as local:
             yield from Cluster(local.scheduler_address, self.time_limit_s, self.fly_one).run(specs)
 

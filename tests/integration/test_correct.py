@@ -23,7 +23,7 @@ from tests.integration.test_cli import ENVIRONMENT
 from tests.sequences import toml_of, write_images
 from tests.unit.test_correction import contents
 from voxdepth.datasets import open_dataset
-from voxdepth.errors import ConfigError, DatasetError
+from voxdepth.errors import ConfigError, DatasetError, VoxDepthError
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import create_corrector
 from voxdepth.temporal.config import TemporalConfig
@@ -204,6 +204,28 @@ def test_a_missing_extra_is_named_before_anything_else_is_done(
     done = invoke("correct", "nowhere", *options)
     assert explained(done.exception) == f"this needs the package {extra}"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("target", ["nowhere", "empty", "file"])
+def test_a_link_in_the_place_of_the_result_is_refused_before_the_work(
+    target: str, sequence: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to(target)
+    done = invoke("correct", sequence, "--out", tmp_path / "link")
+    assert isinstance(done.exception, ToolError)
+    assert "is a symbolic link, which nothing can take the place of: name what it leads to" in str(done.exception)
+
+
+@pytest.mark.parametrize("command", [["loop", "--out", "out"], ["loop/in", "--out", "out"], [".", "--out", "loop/out"]])
+def test_a_link_to_itself_is_refused_in_one_line(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("loop").symlink_to("loop")
+    done = invoke("correct", *command)
+    assert isinstance(done.exception, VoxDepthError)
 
 
 MINE = ["--corrector", "voxdepth", "--config", "mine.toml"]

@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,15 @@ def test_a_group_stands_for_its_sequences(given: list[str], names: tuple[str, ..
     assert set(names) <= set(shipped_names("sequences"))
     requested = _planned([], [tmp_path], open_dataset, "raw", 1, None, tmp_path).sequences
     assert [one.name for one in requested] == [f"{tmp_path.name}-{mask}" for mask in HELD_OUT]
+
+
+def test_a_package_that_writes_the_results_is_asked_for_before_the_work(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)  # type: ignore[arg-type]  # Python's mark of a missing package.
+    done = invoke("evaluate", "--data", folders[0], "--methods", "raw", "--frames", "2", "--out", tmp_path / "out")
+    assert isinstance(done.exception, ModuleNotFoundError)
+    assert not (tmp_path / "out").exists()
 
 
 def test_commas_in_a_setting_do_not_part_methods(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from tests.commands import invoke
 from voxdepth import compiled
-from voxdepth.tools.environment import settle
+from voxdepth.tools.environment import configured, settle
 from voxdepth.tools.errors import ToolError
 
 PROGRAM = """
@@ -50,6 +50,8 @@ FOREIGN = {
     "PYTHONCOERCECLOCALE": "0",
     "LC_ALL": "C",
     "OMP_NUM_THREADS": "3",
+    "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true",
+    "TOKIO_WORKER_THREADS": "many",
     "GIT_DIR": "/nonexistent",
     "HOME": "/dev/null",
 }
@@ -110,6 +112,8 @@ def test_the_settings_that_are_documented_stay() -> None:
             "MPLBACKEND",
             "OPENCV_IO_MAX_IMAGE_PIXELS",
             "GIT_DIR",
+            "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION",
+            "TOKIO_WORKER_THREADS",
         } <= lost
         assert os.environ["MATPLOTLIBRC"] == os.devnull
 
@@ -123,6 +127,60 @@ def test_a_warning_is_no_error_of_a_command(monkeypatch: pytest.MonkeyPatch) -> 
         warnings.warn("not told", DeprecationWarning, stacklevel=1)
     assert [str(each.message) for each in told] == ["told"]
     assert sys.warnoptions == []
+
+
+@pytest.mark.parametrize("value", ["yes", "", "-1", "1.0"])
+def test_a_variable_that_is_kept_and_is_no_number_is_refused(value: str) -> None:
+    told = rf"^the variable NUMBA_BOUNDSCHECK must be 0 or 1, got '{value}': correct or unset it$"
+    with mock.patch.dict(os.environ, NUMBA_BOUNDSCHECK=value), pytest.raises(ToolError, match=told):
+        settle()
+
+
+def test_a_new_process_of_a_command_takes_no_script_of_the_current_folder_for_a_package(tmp_path: Path) -> None:
+    names = ("types", "random", "numpy", "signal")
+    for name in names:
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('the script of the user')\n")
+    program = f"from importlib.util import find_spec; print(*(find_spec(name).origin for name in {names}))"
+    with mock.patch.dict(os.environ):
+        settle()
+        done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert str(tmp_path) not in done.stdout
+
+
+@pytest.mark.parametrize("error", [UnicodeDecodeError("utf-8", b"\xe9", 0, 1, "why"), TypeError("5\nis no table")])
+def test_a_configuration_on_which_a_library_fails_is_refused_in_one_line(error: Exception) -> None:
+    told = r"^Plots does not load with its configuration \(.*\): mend or move ~/.plots$"
+    with pytest.raises(ToolError, match=told), configured("Plots", "~/.plots"):
+        raise error
+
+
+@pytest.mark.slow
+def test_damaged_configurations_of_matplotlib_and_dask_are_refused(tmp_path: Path) -> None:
+    for name in ("here/matplotlibrc", "home/.config/matplotlib/stylelib/mine.mplstyle", "home/.config/dask/mine.yaml"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"size: [\xe9")
+    # A run imports what draws its pictures before it flies.
+    run, study = "import scenarios.runner", "from scenarios.study.executors import *; [*Processes(1, 1.0).run([])]"
+    for program, folder, library in (
+        (run, "here", "Matplotlib"),
+        (run, "home", "Matplotlib"),
+        (study, "home", "Dask"),
+    ):
+        process = [sys.executable, "-P", "-c", program]
+        environment = os.environ | {"HOME": str(tmp_path / "home"), "PYTHONPATH": str(REPOSITORY)}
+        done = subprocess.run(
+            process, env=environment, cwd=tmp_path / folder, capture_output=True, text=True, check=False
+        )
+        assert f"ToolError: {library} does not load with its configuration" in done.stderr.splitlines()[-1], done.stderr
+
+
+def test_a_folder_that_may_not_be_looked_into_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "exists", refuse)
+    with mock.patch.dict(os.environ), pytest.raises(ToolError, match="current folder may not be looked into: change"):
+        settle()
 
 
 def test_a_folder_that_configures_numba_or_is_gone_is_refused_in_one_line(

@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -127,6 +128,16 @@ def test_a_taken_port_is_avoided(capsys: pytest.CaptureFixture[str], monkeypatch
     assert page != str(taken)
     address = f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy"
     assert f"open {address}" in capsys.readouterr().out
+
+
+def test_without_a_folder_for_temporary_files_one_line_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    monkeypatch.setattr(tempfile, "gettempdir", refuse)
+    (tmp_path / "one.rrd").touch()
+    with pytest.raises(ToolError, match=r"^cannot write a temporary file; TMPDIR .*: No usable temporary directory"):
+        open_viewer(tmp_path / "one.rrd", web=True)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")

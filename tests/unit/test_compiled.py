@@ -174,6 +174,28 @@ def test_what_was_compiled_with_other_settings_of_numba_is_not_used(
     assert folder_of("voxdepth") != before
 
 
+@pytest.mark.parametrize("home", ["relative", "./here", ".."])
+def test_no_cache_lies_in_the_current_folder_where_a_home_or_a_place_of_caches_is_no_absolute_path(
+    home: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", home)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert compiled._user_cache() == tmp_path / ".cache/voxdepth"
+    monkeypatch.setenv("HOME", home)
+    assert compiled._user_cache() is None
+    assert compiled._folder.__wrapped__("voxdepth") is None
+
+
+def test_the_functions_of_a_package_without_files_of_its_own_are_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled, "_source_folder", lambda package: tmp_path / "packages.zip" / package)
+    monkeypatch.setattr(compiled, "_user_cache", lambda: tmp_path)
+    assert compiled._folder.__wrapped__("voxdepth") is None
+    assert not list(tmp_path.iterdir())
+
+
 def test_numba_that_may_not_compile_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numba.config, "DISABLE_JIT", 1)
     with pytest.raises(ConfigError, match=r"NUMBA_DISABLE_JIT is set.*unset it"):

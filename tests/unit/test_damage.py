@@ -20,9 +20,9 @@ from scenarios.study.run import run_study
 from scenarios.study.store import Failure, add, read_study
 from sim.errors import RecordingError
 from sim.recording import Recording, RecordingWriter
+from swarm.types import Outcome
 from tests.commands import invoke
 from tests.damage import DAMAGES
-from swarm.types import Outcome
 from tests.studies import arm, fake, record, study, unseen
 from tests.unit.test_recording_format import any_capture
 from voxdepth import calibration

@@ -1,5 +1,6 @@
 """What is required, what brings it, and what `doctor` says of it."""
 
+import errno
 import re
 from importlib.metadata import version
 
@@ -127,6 +128,36 @@ def test_a_library_of_the_system_that_lacks_is_named_with_its_package(library: s
 )
 def test_what_a_wheel_brings_is_no_library_of_the_system(text: str) -> None:
     assert lacking(ImportError(text)) is None
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (MemoryError(), "(MemoryError)"),
+        (RuntimeError("can't start new thread"), "(RuntimeError: can't start new thread)"),
+        (ImportError("libz.so: failed to map segment from shared object"), "failed to map segment"),
+        (OSError(errno.EAGAIN, "Try again"), "Try again"),
+        (OSError(errno.EMFILE, "Too many open files"), "Too many open files"),
+        (OSError(errno.ENOSPC, "No space left on device"), "cannot write: No space left on device; make space"),
+    ],
+)
+def test_what_the_system_has_no_more_of_is_told_in_one_line(error: Exception, told: str) -> None:
+    line = explained(error)
+    assert line is not None
+    assert told in line
+    assert "\n" not in line
+
+
+@pytest.mark.parametrize("error", [RuntimeError("no"), OSError(errno.EBADF, "Bad file descriptor"), ImportError("no")])
+def test_a_defect_is_not_explained(error: Exception) -> None:
+    assert explained(error) is None
+
+
+def test_a_package_that_another_one_needs_is_named_and_a_module_that_ours_lacks_is_a_defect() -> None:
+    told = "this needs the package no_such_base, which is not installed: repeat the installation of voxdepth"
+    assert explained(ModuleNotFoundError("No module", name="no_such_base.part")) == told
+    assert explained(ModuleNotFoundError("No module", name="voxdepth.no_such_part")) is None
+    assert explained(ModuleNotFoundError("No module", name="numpy.no_such_part")) is None
 
 
 @pytest.mark.parametrize("library", ["libgomp.so.1", "libz.so.1", "libudev.so.1"])

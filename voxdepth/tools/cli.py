@@ -4,12 +4,9 @@ Other packages add commands by the entry-point group `voxdepth.extensions`, whos
 The testbed of this project is one: its commands are there in a checkout, and not where only the library is installed.
 """
 
-import errno
-import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib.metadata import version
 from typing import Annotated, Any
 
@@ -17,15 +14,14 @@ import typer
 from typer.core import TyperGroup
 
 from ..errors import VoxDepthError
-from ..interrupts import ENDING
 from . import commands, evaluate
 from .environment import settle
 from .errors import ToolError
 from .extensions import extensions
-from .options import INTERRUPTED
-from .requirements import bringing
+from .requirements import missing
+from .signals import interruptible
 from .standard_streams import standard_streams
-from .system import lacking
+from .system import exhausted, lacking
 
 PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
     ("Corrector", (commands.correct, evaluate.evaluate, commands.config, commands.bench)),
@@ -33,8 +29,6 @@ PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
 )
 """Commands of the library by the heading of `--help`."""
 USER_ERROR = 2
-FULL = tuple(getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG") if hasattr(errno, name))
-"""Errors of a disk, a quota or a limit that is full."""
 
 
 class Commands(TyperGroup):
@@ -90,7 +84,7 @@ def main() -> None:
     warnings.formatwarning = lambda message, *_, **__: f"voxdepth: {message}\n"
     with standard_streams(USER_ERROR):
         try:
-            with _interruptible():
+            with interruptible():
                 settle()
                 create_app()()
         except Exception as error:
@@ -107,38 +101,8 @@ def explained(error: BaseException) -> str | None:
     remedy = lacking(error)
     if isinstance(error, ours):
         return "\n".join([f"{error}; {remedy}" if remedy else str(error), *getattr(error, "__notes__", ())])
-    if isinstance(error, ModuleNotFoundError) and (found := bringing(str(error.name).split(".")[0])) is not None:
-        return f"this needs the package {found.name}: {found.remedy}"
+    if isinstance(error, ModuleNotFoundError):
+        return missing(str(error.name))
     if isinstance(error, OSError) and error.filename is not None:  # A name may be too long, or a folder be locked.
         return f"{error.strerror}: {error.filename!r}"
-    if isinstance(error, OSError) and error.errno in FULL:
-        return f"cannot write: {error.strerror}; make space and repeat the command"
-    return remedy
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """Treat the end of a session and a request to end as Ctrl-C: `KeyboardInterrupt` in the block, then exit code 130.
-
-    A signal that is ignored stays so, as after `nohup`. An error after a signal is due to it: libraries that are
-    interrupted while they are imported raise errors of their own.
-    """
-    interrupted = False
-
-    def interrupt(number: int, frame: Any) -> None:
-        nonlocal interrupted
-        interrupted = True
-        raise KeyboardInterrupt
-
-    for number in ENDING:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, interrupt)
-    try:
-        yield
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
-    except Exception as error:
-        if not interrupted:
-            raise
-        typer.echo(f"voxdepth: interrupted ({type(error).__name__}: {error})", err=True)
-        sys.exit(INTERRUPTED)
+    return remedy or exhausted(error)

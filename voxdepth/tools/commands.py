@@ -109,12 +109,14 @@ def correct(
 
 
 def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
+    from .files import resolved
+
     for option, path in (("--out", out), ("--record", record)):
-        if path is not None and path.resolve().is_relative_to(folder.resolve()):
+        if path is not None and resolved(path).is_relative_to(resolved(folder)):
             raise ToolError(
                 f"{option} {path} lies in the input {folder}, whose files would mix: name a place outside it"
             )
-    if record is not None and record.resolve().is_relative_to(out.resolve()):
+    if record is not None and resolved(record).is_relative_to(resolved(out)):
         raise ToolError(f"--record {record} lies in --out {out}, which must be new: name a place outside it")
     if record is not None and record.suffix != ".rrd":
         raise ToolError(f"--record must name an .rrd file, got {record}")

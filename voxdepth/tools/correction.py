@@ -21,7 +21,7 @@ from ..registry import PAPER
 from ..types import CorrectedDepth, DepthCorrector, Frame, Source
 from ..units import median_m
 from .errors import ToolError
-from .files import atomic
+from .files import atomic, resolved
 from .output import CONFIG, FRAMES, MCAP, REPORT, Output, open_output
 from .provenance import machine
 
@@ -122,10 +122,12 @@ def _column(source: Source) -> str:
 
 
 def require_absent(out: Path) -> None:
-    """Raise a `ToolError` if an output exists already, unless it is an empty folder for images."""
+    """Raise a `ToolError` if an output exists already, unless it is an empty folder for images, or cannot appear."""
+    if out.is_symlink():
+        raise ToolError(f"{out} is a symbolic link, which nothing can take the place of: name what it leads to")
     if out.exists() and not (out.is_dir() and out.suffix != MCAP and next(out.iterdir(), None) is None):
         raise ToolError(f"{out} exists already: name a new one, or delete that")
-    if out.is_mount() or out.resolve() == Path.cwd():
+    if out.is_mount() or resolved(out) == Path.cwd():
         raise ToolError(f"{out} cannot be replaced as a whole: name a new folder in it")
 
 

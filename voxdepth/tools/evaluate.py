@@ -9,13 +9,11 @@ import typer
 
 from .errors import ToolError
 from .extensions import extensions
-from .options import Baseline, DepthTopic, GrayTopic, Start, UnitsPerM, Within, counter
+from .options import Baseline, DepthTopic, GrayTopic, Start, UnitsPerM, Within, counter, require_installed
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from .evaluation.recordings import Opened
-    from .evaluation.suite import Evaluation, Plan, Requested
+    from .evaluation.suite import Plan, Requested
 
 OUTER_COMMA = r",(?![^\[]*\])"
 """A comma that is not within the brackets of a setting."""
@@ -70,9 +68,11 @@ def evaluate(
     """
     from rich.console import Console
 
+    from voxdepth.tools.evaluation.report import print_results, write_report
     from voxdepth.tools.evaluation.suite import evaluate as run_plan
     from voxdepth.tools.recorded import Opener, restrict_opencv
 
+    require_installed("pyarrow")
     restrict_opencv()
     _require_later(start, sequences or [], data or [])
     opened = Opener(baseline, within, start, units_per_m=units_per_m, depth_topic=depth_topic, gray_topic=gray_topic)
@@ -84,7 +84,13 @@ def evaluate(
     except KeyboardInterrupt:
         typer.echo(f"stopped; the finished results in {out} are safe, and the same command goes on")
         raise
-    _tell(console, evaluation, out)
+    write_report(out, evaluation)
+    print_results(console, evaluation)
+    typer.echo(f"{len(evaluation.results)} results, {evaluation.reused} of them finished before")
+    typer.echo(f"results.csv, results.parquet and report.html are in {out}")
+    if evaluation.failures:
+        typer.echo(f"{len(evaluation.failures)} of {len(evaluation.results)} results failed", err=True)
+        raise typer.Exit(1)
 
 
 def _require_later(start: int, sequences: Sequence[str], data: Sequence[Path]) -> None:
@@ -97,19 +103,6 @@ def _require_later(start: int, sequences: Sequence[str], data: Sequence[Path]) -
             f"--start {start} is for recordings of real cameras (--data); shipped sequences, recordings of the "
             f"simulator and those with a {TRUE_DEPTH} begin with their first frame"
         )
-
-
-def _tell(console: "Console", evaluation: "Evaluation", out: Path) -> None:
-    """Write and print the results, and exit with 1 if a method failed."""
-    from .evaluation.report import print_results, write_report
-
-    write_report(out, evaluation)
-    print_results(console, evaluation)
-    typer.echo(f"{len(evaluation.results)} results, {evaluation.reused} of them finished before")
-    typer.echo(f"results.csv, results.parquet and report.html are in {out}")
-    if evaluation.failures:
-        typer.echo(f"{len(evaluation.failures)} of {len(evaluation.results)} results failed", err=True)
-        raise typer.Exit(1)
 
 
 def _planned(

@@ -99,6 +99,11 @@ def as_tool_error(what: str) -> Iterator[None]:
         raise ToolError(f"{what}: {error.strerror or error}") from error
 
 
+def resolved(path: Path) -> Path:
+    """Return the absolute path without symbolic links; a loop of them is no error."""
+    return Path(os.path.realpath(path))
+
+
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """Give a temporary path beside `path` that is renamed to `path` when the block ends without an error.
@@ -111,6 +116,8 @@ def atomic(path: Path) -> Iterator[Path]:
         with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder:
             temporary = Path(holder) / path.name
             yield temporary
+            if temporary.is_dir() and path.is_dir() and any(path.iterdir()):  # Another process may have been faster.
+                raise ToolError(f"{path} has files by now, which nothing replaces: name another folder")
             temporary.replace(path)
 
 

@@ -22,8 +22,6 @@ CORRECTOR_HELP = (
     "module:factory."
 )
 """Without the backslash the setting would be taken for the markup of Rich."""
-INTERRUPTED = 130
-"""Exit code after Ctrl-C."""
 
 DepthTopic = Annotated[
     str | None, typer.Option(metavar="TOPIC", help="Topic of the depth in a bag. Default: the only one.")

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from importlib.metadata import requires
+from importlib.util import find_spec
 from typing import NamedTuple
 
 from packaging import requirements as packaging
@@ -55,6 +56,16 @@ def bringing(module: str) -> Requirement | None:
     sizes = Counter(each.extra for each in required)
     able = [each for each in required if first_word(each.name) == module]
     return min(able, key=lambda each: sizes[each.extra], default=None)
+
+
+def missing(module: str) -> str | None:
+    """Return what installs the package of a module that cannot be imported; None if it is there without the module."""
+    package = module.partition(".")[0]
+    if (found := bringing(package)) is not None:
+        return f"this needs the package {found.name}: {found.remedy}"
+    if find_spec(package) is None:  # What the library or one of the others requires; a defect of ours has a package.
+        return f"this needs the package {package}, which is not installed: repeat the installation of voxdepth"
+    return None
 
 
 def first_word(name: str) -> str:

@@ -6,7 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from urllib.parse import quote
@@ -14,6 +14,7 @@ from urllib.parse import quote
 import typer
 
 from .errors import ToolError
+from .files import as_tool_error, write
 from .options import require_installed
 
 RECORDING, PARTIAL_RECORDING = "run.rrd", "run.part.rrd"
@@ -57,13 +58,14 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
         require_display(f"voxdepth view {path} --web")
     require_recording(path)
     options = _serve() if web else ["--port", "auto"]
-    with TemporaryDirectory(prefix="voxdepth-viewer-") as config_home:
-        config = Path(config_home) / "rerun/analytics.json"
-        config.parent.mkdir()
-        config.write_text(json.dumps(NO_ANALYTICS | {"config_file_path": str(config), "data_dir_path": config_home}))
-        environment = os.environ | {"XDG_CONFIG_HOME": config_home}
+    with ExitStack() as until_shown:
+        with as_tool_error("cannot write a temporary file; TMPDIR may name a folder with space"):
+            home = until_shown.enter_context(TemporaryDirectory(prefix="voxdepth-viewer-"))
+            config = Path(home) / "rerun/analytics.json"
+            content = NO_ANALYTICS | {"config_file_path": str(config), "data_dir_path": home}
+            write(config, json.dumps(content).encode())
         command = [sys.executable, "-P", "-m", "rerun", str(path), "--bind", LOCAL, *options]
-        status = _run(command, environment)
+        status = _run(command, os.environ | {"XDG_CONFIG_HOME": home})
     if status:
         advice = "" if web else f"; voxdepth view {path} --web shows it in a browser"
         raise ToolError(f"the viewer could not show {path}{advice}")
