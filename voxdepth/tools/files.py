@@ -7,15 +7,17 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pydantic
 import tomli_w
 from pydantic_core import from_json
 
 from ..checksums import DamageError, digest_of
 from ..text import parsed_toml
 from .errors import ToolError
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 LOCK = "write.lock"
 """File on which `locked` holds its lock; it stays empty."""
@@ -37,7 +39,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ToolError(f"{path} is not valid TOML: {error}") from error
 
 
-def to_toml(configuration: pydantic.BaseModel) -> str:
+def to_toml(configuration: "BaseModel") -> str:
     """Return the resolved configuration as TOML."""
     return tomli_w.dumps(_values(configuration))
 
