@@ -15,7 +15,7 @@ NO_DEPTH = np.float32(np.inf)
 
 CELL_DEG = 5.0
 """Angle that a cell of the image covers in its middle."""
-MIN_CONFIDENCE = 0.75
+MIN_CONFIDENCE = 0.72
 """Pixels of at least this confidence are trusted by default: a wrong one may cost the drone, and a right one that is
 not trusted costs time."""
 MIN_TRUSTED_SHARE = 0.6

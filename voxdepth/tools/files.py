@@ -44,7 +44,7 @@ def to_toml(configuration: "BaseModel") -> str:
     return tomli_w.dumps(_values(configuration))
 
 
-def require_end(path: Path, content: Mapping[str, Any], resolved: pydantic.BaseModel) -> None:
+def require_end(path: Path, content: Mapping[str, Any], resolved: "BaseModel") -> None:
     """Raise a `ToolError` for the configuration of a result that was cut short; one that was edited is taken.
 
     `to_toml` writes all keys. A file that was cut lacks the last one, and defaults would count for it in silence.
@@ -65,7 +65,7 @@ def require_end(path: Path, content: Mapping[str, Any], resolved: pydantic.BaseM
         expected, found = expected[keys[-1]], found[keys[-1]]
 
 
-def _values(configuration: pydantic.BaseModel) -> dict[str, Any]:
+def _values(configuration: "BaseModel") -> dict[str, Any]:
     return configuration.model_dump(mode="json", exclude_none=True)
 
 
