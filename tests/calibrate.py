@@ -26,7 +26,7 @@ from rich.console import Console
 
 from voxdepth import Source, TemporalCorrector
 from voxdepth.calibration import FILE, Fills, sealed
-from voxdepth.metrics import is_correct
+from voxdepth.metrics import BELIEVED, BINS, is_correct
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.evaluation.frames import HOLES
@@ -38,7 +38,6 @@ from voxdepth.types import DepthCorrector, Intrinsics
 
 PIXELS = 1000
 """Number of pixels of each frame that are drawn."""
-BINS, BELIEVED = 6, 0.8
 ROUNDS = 50
 """Newton's steps; some ten are enough."""
 DIGITS = 2

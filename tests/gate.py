@@ -25,6 +25,7 @@ from scenarios.runner import fly_and_write
 from swarm.perception import frame_of
 from tests.workloads import FLOWN, RECORDED, captures
 from voxdepth.errors import ConfigError, VoxDepthError
+from voxdepth.metrics import BELIEVED
 from voxdepth.temporal.method import TemporalCorrector
 from voxdepth.tools.viewer import RECORDING
 
@@ -33,7 +34,6 @@ SEQUENCES = ("sim-cross", "sim-drive", "sim-slats", "sim-specks")
 """One with a moving thing, and three with the errors of real depth cameras."""
 FRAMES = 30
 IMAGES = {"rig.width_px": 424, "rig.height_px": 240, "renderer": "raster"}
-BELIEVED = 0.8
 """Confidence from which a pixel is believed."""
 RIGHT = 0.05
 """Largest error of a right pixel, as a share of the true depth."""

@@ -70,10 +70,7 @@ def correct(
     with everything that the result depends on. A .mcap file has topics for gray, depth, source, confidence and
     camera_info below /voxdepth, with the stamps and frames of the input.
     """
-    import time
     from dataclasses import replace
-
-    from rich.console import Console
 
     from ..errors import printable
     from ..units import MILLIMETRES
@@ -98,6 +95,15 @@ def correct(
     if out.suffix != MCAP and (dataset.unit.units_per_m or 0) > MILLIMETRES:
         steps = f"1/{dataset.unit.units_per_m:g} m"
         typer.echo(f"depth in steps of {steps} is written in whole millimetres; --out FILE.mcap keeps it", err=True)
+    _correct(correction, out, record)
+
+
+def _correct(correction: "Correction", out: Path, record: Path | None) -> None:
+    """Run a correction and print what it did."""
+    import time
+
+    from rich.console import Console
+
     console, begun_s = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
         report = correction.run(out, record, update)

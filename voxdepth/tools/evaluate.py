@@ -66,18 +66,23 @@ def evaluate(
     such a recording are scored by later frames. Writes results.csv, results.parquet and report.html. Exits 1 if a
     method failed.
     """
-    from rich.console import Console
-
-    from voxdepth.tools.evaluation.report import print_results, write_report
-    from voxdepth.tools.evaluation.suite import evaluate as run_plan
     from voxdepth.tools.recorded import Opener, restrict_opencv
 
     require_installed("pyarrow")
     restrict_opencv()
     _require_later(start, sequences or [], data or [])
     opened = Opener(baseline, within, start, units_per_m=units_per_m, depth_topic=depth_topic, gray_topic=gray_topic)
-    plan = _planned(sequences or [], data or [], opened, methods, frames, seed, out)
-    console = Console()
+    _compare(_planned(sequences or [], data or [], opened, methods, frames, seed, out))
+
+
+def _compare(plan: "Plan") -> None:
+    """Compute all results, write and print them, and exit with 1 if a method failed."""
+    from rich.console import Console
+
+    from voxdepth.tools.evaluation.report import print_results, write_report
+    from voxdepth.tools.evaluation.suite import evaluate as run_plan
+
+    console, out = Console(), plan.out
     try:
         with counter(console, "", len(plan), "results") as tell:
             evaluation = run_plan(plan, lambda what, finished: tell(finished, what))
