@@ -1,13 +1,11 @@
 """`voxdepth experiment` as a user meets it, and what each experiment finds on a few tiny frames."""
 
 import json
-import tomllib
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from scenarios.experiments.runner import find_experiment
 from tests.commands import invoke
 from voxdepth.networks import has_runtime
 
@@ -34,16 +32,3 @@ def test_quality_is_told_beside_the_paper_s_and_recordings_are_kept(tmp_path: Pa
     made = recording.stat().st_mtime_ns
     assert invoke("experiment", "quality", *options).exit_code == 0
     assert recording.stat().st_mtime_ns == made
-
-
-def test_confidence_is_fitted_where_there_are_fills_and_its_file_can_be_read(tmp_path: Path) -> None:
-    confidence = find_experiment("confidence").asked(out=tmp_path, sequences=(SEQUENCE,), frames=3, width_px=WIDTH_PX)
-    assert confidence.seed == 101, "no reported result uses it"
-    result = confidence.answer(confidence)
-    shares = result.table.set_index("corrector")
-    assert not shares.loc["raw"].any() and shares.loc["telea", "inpainted"] > 0
-    ((name, content),) = result.files.items()
-    (tmp_path / name).write_bytes(content)
-    assert {
-        of: fills.get("inpainted", 0) for of, fills in tomllib.loads((tmp_path / name).read_text()).items()
-    } == dict(shares["inpainted"])

@@ -18,7 +18,7 @@ from tests.commands import invoke
 from voxdepth.tools import viewer
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.recording import recording
-from voxdepth.tools.viewer import open_viewer, require_display
+from voxdepth.tools.viewer import START, open_viewer, require_display
 from voxdepth.types import CorrectedDepth, Frame
 
 
@@ -135,7 +135,7 @@ def test_without_a_folder_for_temporary_files_one_line_says_so(tmp_path: Path, m
         raise FileNotFoundError(2, "No usable temporary directory found")
 
     monkeypatch.setattr(tempfile, "gettempdir", refuse)
-    (tmp_path / "one.rrd").touch()
+    (tmp_path / "one.rrd").write_bytes(START)
     with pytest.raises(ToolError, match=r"^cannot write a temporary file; TMPDIR .*: No usable temporary directory"):
         open_viewer(tmp_path / "one.rrd", web=True)
 

@@ -269,7 +269,7 @@ def test_of_two_writers_of_one_folder_the_later_one_fails(tmp_path: Path) -> Non
         if done == 2:
             planned().run(tmp_path / "out", None, ignore)
 
-    with pytest.raises(ToolError, match="cannot write"):
+    with pytest.raises(ToolError, match="has files by now, which nothing replaces: name another folder"):
         planned(frames=3).run(tmp_path / "out", None, meanwhile)
     assert len(list((tmp_path / "out" / "depth").iterdir())) == N_FRAMES
 
