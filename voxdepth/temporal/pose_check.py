@@ -1,4 +1,4 @@
-"""Whether the images contradict the poses of the caller: a constant pose, an inverted one, metres taken for feet."""
+"""Whether the images contradict the poses of the caller: a constant pose, an inverted one, one in feet."""
 
 from collections import deque
 
@@ -44,5 +44,5 @@ class PoseCheck:
             return False
         apart, moved = np.sum(self._differences, axis=0), np.sum(self._motions, axis=0)
         parts = (slice(0, 3), slice(3, 6))
-        sums = ((float(length(apart[part])), float(length(moved[part]))) for part in parts)
+        sums = ((length(apart[part]), length(moved[part])) for part in parts)
         return any(difference > max(MAX_SIGMAS, MAX_SHARE * motion) for difference, motion in sums)
