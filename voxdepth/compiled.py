@@ -24,8 +24,11 @@ from .interrupts import kept_back
 
 READABLE_IMAGE = numba.types.Array(numba.float32, 2, "C", readonly=True)
 """Type of an image of floats that is only read; the caller may have locked it."""
+READABLE_ROW = numba.types.Array(numba.float32, 1, "C", readonly=True)
+"""Type of a row of such an image."""
 FLOAT_IMAGE = numba.float32[:, ::1]
 BYTE_IMAGE = numba.uint8[:, ::1]
+FLOAT_ROW, BYTE_ROW = numba.float32[::1], numba.uint8[::1]
 CODE_SETTINGS = ("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")
 """Settings of Numba that change compiled code; beside them, Numba tells kept code of processors apart by itself."""
 Function = TypeVar("Function", bound=Callable[..., Any])

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import boolean, float32, int64, void
+from numba import boolean, float32, uint8, void
 from numba.types import Tuple, UniTuple
 
 from ..arithmetic import without_ipp
@@ -38,9 +38,9 @@ MAX_WEIGHT = 12 * WEIGHT_UNIT
 RELIABLE_WEIGHT = 4 * WEIGHT_UNIT
 """Weight from which the memory fills a hole or rejects a measurement. With less, moving objects leave ghosts where
 nothing is measured behind them."""
-FILLING_WEIGHT = np.minimum(np.rint(0.65 * WEIGHT_UNIT * np.arange(256)), RELIABLE_WEIGHT).astype(np.uint8)
-"""Weight that a memory of each age must have to fill a hole, shape (256,): less if it was first seen lately, since one
-sight is enough right after a jump of the camera."""
+FILLING_WEIGHT_PER_FRAME = float32(0.65 * WEIGHT_UNIT)
+"""Weight per frame of its age that a memory must have to fill a hole, up to `RELIABLE_WEIGHT`: less if it was first
+seen lately, since one sight is enough right after a jump of the camera."""
 DECAY_OCCLUDED = WEIGHT_UNIT // 2
 """Weight that the memory loses per frame behind an occluding surface. It remembers a wall for a while."""
 DECAY_FREE_SPACE = 2 * WEIGHT_UNIT
@@ -70,6 +70,20 @@ class PixelClass(IntEnum):
     """The measurement: the memory is empty, or is contradicted."""
     REMEMBERED = 3
     """The memory: the measurement is rejected. Where there is none, the pixel becomes one when it is filled."""
+
+
+UNMEASURED, AGREEING, OCCLUDING, FREE_SPACE, OUTLIER, NEW = (uint8(k) for k in range(6))
+"""Rules of fusion, of which the first that holds applies to a pixel:
+
+| rule       | holds where                                       | disparity shown | weight of the memory            |
+|------------|---------------------------------------------------|-----------------|---------------------------------|
+| unmeasured | there is no measurement                           | none            | stays                           |
+| agreeing   | both are of one surface                           | weighted mean   | plus that of the measurement    |
+| occluding  | another surface is in front of the remembered one | measured        | less `DECAY_OCCLUDED`           |
+| free space | the sensor sees through the remembered one        | measured        | less `DECAY_FREE_SPACE`         |
+| outlier    | the memory is reliable                            | remembered      | less `DECAY_OUTLIER`            |
+| new        | no other rule holds                               | measured        | that of the measurement instead |
+"""
 
 
 class Fused(NamedTuple):
@@ -117,6 +131,18 @@ class Comparison(NamedTuple):
     """Factor 0..1 of the memory's weight in the average; it falls where the surface comes nearer."""
 
 
+class Rules(NamedTuple):
+    """What happens to each pixel, uint8 images of shape (h, w)."""
+
+    rule: GrayImage
+    """Number of the first rule that holds."""
+    memory_weight: GrayImage
+    """Weight of the memory before this frame."""
+    weight_left: GrayImage
+    """Weight of the memory by the rule, at most `MAX_WEIGHT`."""
+
+
+RULES_TYPE = named_tuple(Rules, *[BYTE_IMAGE] * 3)
 FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
 COMPARISON_TYPE = named_tuple(Comparison, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
@@ -130,7 +156,9 @@ def fuse(memory: Memory, measurement: Measurement) -> tuple[Fused, Memory]:
     pixel_class, weight = np.empty((2, *gray_change.shape), np.uint8)
     fused = Fused(disparity_px, pixel_class, weight, remembered_px, magnification)
     updated = Memory.empty(measurement.gray)._replace(drift_px=drift_px)
-    _fuse_pixels(memory, measurement, comparison, gray_change, max_gray_change, fused, updated)
+    rules = _find_rules(memory, measurement, comparison, gray_change, max_gray_change)
+    _fuse_pixels(memory, measurement, comparison.memory_factor, rules, fused)
+    _update_pixels(memory, measurement, fused.disparity_px, rules, updated)
     return fused, updated
 
 
@@ -197,95 +225,152 @@ def _find_contradictions(
     """
     agreeing, nearer, farther = np.empty_like(overlap), np.empty_like(overlap), np.empty_like(overlap)
     max_bias_px = MAX_BIAS_PX / np.float32(255)
+    is_unbiased = np.empty(overlap.shape[1], np.bool_)
     for row in range(overlap.shape[0]):
-        for col in range(overlap.shape[1]):
-            measured_px, remembered_px = measurement.disparity_px[row, col], memory.disparity_px[row, col]
-            difference_px = measured_px - remembered_px
-            is_within = abs(difference_px) < _tolerance(measured_px, remembered_px)
-            is_unbiased = abs(bias_px[row, col]) < max_bias_px * np.float32(share[row, col])
-            is_contradicting = not (is_within & is_unbiased)
-            agreeing[row, col] = 0 if is_contradicting else overlap[row, col]
-            nearer[row, col] = overlap[row, col] if is_contradicting & (difference_px > 0) else 0
-            farther[row, col] = overlap[row, col] if is_contradicting & (difference_px < 0) else 0
+        measured_px, remembered_px, both = measurement.disparity_px[row], memory.disparity_px[row], overlap[row]
+        mean_px, count, agrees = bias_px[row], share[row], agreeing[row]
+        is_nearer, is_farther = nearer[row], farther[row]
+        for col in range(len(both)):
+            is_unbiased[col] = abs(mean_px[col]) < max_bias_px * np.float32(count[col])
+        for col in range(len(both)):
+            one_px, other_px, here = measured_px[col], remembered_px[col], both[col]
+            is_agreeing = (abs(one_px - other_px) < _tolerance(one_px, other_px)) & is_unbiased[col]
+            agrees[col] = here if is_agreeing else uint8(0)
+        for col in range(len(both)):
+            here, is_contradicting = both[col] & ~agrees[col], measured_px[col] > remembered_px[col]
+            is_nearer[col] = here if is_contradicting else uint8(0)
+        for col in range(len(both)):
+            here, is_contradicting = both[col] & ~agrees[col], measured_px[col] < remembered_px[col]
+            is_farther[col] = here if is_contradicting else uint8(0)
     return agreeing, nearer, farther
 
 
-@compiled_part(Tuple((int64, float32, float32, int64))(float32, int64, float32, int64, *[boolean] * 3, float32))
-def _fuse_pixel(
-    measured_px: float,
-    measured_weight: int,
-    memory_px: float,
-    memory_weight: int,
-    is_agreeing: bool,
-    is_occluding: bool,
-    is_free_space: bool,
-    memory_factor: float,
-) -> tuple[int, float, float, int]:
-    """Class of a pixel, its fused disparity, and the disparity and weight of its memory after this frame.
+@compiled(RULES_TYPE(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, BYTE_IMAGE, float32))
+def _find_rules(
+    memory: Memory, measurement: Measurement, comparison: Comparison, gray_change: GrayImage, max_gray_change: float
+) -> Rules:
+    """The rules of all pixels. The memory of a hole has no weight where the gray value has changed."""
+    rules = Rules(np.empty_like(gray_change), np.empty_like(gray_change), np.empty_like(gray_change))
+    contradiction = np.empty(gray_change.shape[1], np.uint8)
+    for row in range(gray_change.shape[0]):
+        rule, weight, left = rules.rule[row], rules.memory_weight[row], rules.weight_left[row]
+        measured_px, memory_px, change = measurement.disparity_px[row], memory.disparity_px[row], gray_change[row]
+        memory_weight, measured_weight = memory.weight[row], measurement.weight[row]
+        agreeing, nearer, farther = comparison.agreeing[row], comparison.nearer[row], comparison.farther[row]
+        for col in range(len(rule)):
+            before, is_gone = memory_weight[col], (measured_px[col] == 0) & (float32(change[col]) > max_gray_change)
+            weight[col] = uint8(0) if is_gone else before
+        for col in range(len(rule)):
+            now_px, before_px = measured_px[col], memory_px[col]
+            is_occluding = (now_px > before_px) & (float32(nearer[col]) > MIN_COHERENT_SHARE)
+            is_free_space = (now_px < before_px) & (float32(farther[col]) > MIN_COHERENT_SHARE)
+            found = FREE_SPACE if is_free_space else NEW
+            contradiction[col] = OCCLUDING if is_occluding else found
+        for col in range(len(rule)):
+            known, found, is_unmeasured = weight[col], contradiction[col], measured_px[col] == 0
+            is_outlier, is_agreeing = (found == NEW) & (known >= RELIABLE_WEIGHT), agreeing[col] > 0
+            found = found if known > 0 else NEW
+            found = OUTLIER if is_outlier else found
+            found = AGREEING if is_agreeing else found
+            rule[col] = UNMEASURED if is_unmeasured else found
+        for col in range(len(rule)):
+            known, added = float32(weight[col]), float32(measured_weight[col])
+            added = added if rule[col] == AGREEING else float32(0)
+            added = float32(-DECAY_OCCLUDED) if rule[col] == OCCLUDING else added
+            added = float32(-DECAY_FREE_SPACE) if rule[col] == FREE_SPACE else added
+            added = float32(-DECAY_OUTLIER) if rule[col] == OUTLIER else added
+            added = float32(-MAX_WEIGHT) if rule[col] == NEW else added
+            left[col] = uint8(max(min(known + added, float32(MAX_WEIGHT)), float32(0)))
+    return rules
 
-    The first rule that holds applies. The measurement is occluding if it shows another surface in front of the
-    remembered one, and in free space if the sensor sees through that, which must be gone. A memory without weight left
-    is replaced by the measurement.
-    """
-    if measured_px == 0:
-        return PixelClass.UNMEASURED, float32(0), memory_px, memory_weight
-    if is_agreeing:
-        total = float32(measured_weight) + memory_factor * float32(memory_weight)
-        gain = float32(measured_weight) / max(total, float32(1))
-        mean_px = memory_px + gain * (measured_px - memory_px)
-        return PixelClass.FUSED, mean_px, mean_px, min(memory_weight + measured_weight, MAX_WEIGHT)
-    if is_occluding:
-        return PixelClass.MEASURED, measured_px, memory_px, memory_weight - DECAY_OCCLUDED
-    if is_free_space:
-        return PixelClass.MEASURED, measured_px, memory_px, memory_weight - DECAY_FREE_SPACE
-    if memory_weight >= RELIABLE_WEIGHT:
-        return PixelClass.REMEMBERED, memory_px, memory_px, memory_weight - DECAY_OUTLIER
-    return PixelClass.MEASURED, measured_px, measured_px, 0
+
+@compiled_part(boolean(uint8))
+def _shows_measurement(rule: int) -> bool:
+    """Whether the fused disparity of a pixel is the measured one."""
+    return (rule == OCCLUDING) | (rule == FREE_SPACE) | (rule == NEW)
 
 
-@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, BYTE_IMAGE, float32, FUSED_TYPE, MEMORY_TYPE))
+@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, FLOAT_IMAGE, RULES_TYPE, FUSED_TYPE))
 def _fuse_pixels(
     memory: Memory,
     measurement: Measurement,
-    comparison: Comparison,
-    gray_change: GrayImage,
-    max_gray_change: float,
+    memory_factor: FloatImage,
+    rules: Rules,
     # output
     fused: Fused,
+) -> None:
+    """Fuse every pixel by its rule."""
+    gain = np.empty(memory_factor.shape[1], np.float32)
+    for row in range(memory_factor.shape[0]):
+        rule, weight, left, age = rules.rule[row], rules.memory_weight[row], rules.weight_left[row], memory.age[row]
+        measured_px, memory_px, seen_px = measurement.disparity_px[row], memory.disparity_px[row], memory.seen_px[row]
+        fused_px, pixel_class, fused_weight = fused.disparity_px[row], fused.pixel_class[row], fused.weight[row]
+        remembered_px, magnification = fused.remembered_px[row], fused.magnification[row]
+        measured_weight, factor = measurement.weight[row], memory_factor[row]
+        for col in range(len(rule)):
+            measured = float32(measured_weight[col])
+            gain[col] = measured / max(measured + factor[col] * float32(weight[col]), float32(1))
+        for col in range(len(rule)):
+            now_px, before_px = measured_px[col], memory_px[col]
+            mean_px = before_px + gain[col] * (now_px - before_px)
+            shown_px = before_px if rule[col] == OUTLIER else now_px
+            fused_px[col] = mean_px if rule[col] == AGREEING else shown_px
+        for col in range(len(rule)):
+            shown = uint8(PixelClass.MEASURED) if _shows_measurement(rule[col]) else uint8(PixelClass.UNMEASURED)
+            shown = uint8(PixelClass.FUSED) if rule[col] == AGREEING else shown
+            pixel_class[col] = uint8(PixelClass.REMEMBERED) if rule[col] == OUTLIER else shown
+        for col in range(len(rule)):
+            of_measurement, of_memory = measured_weight[col], left[col]
+            fused_weight[col] = of_measurement if _shows_measurement(rule[col]) else of_memory
+        for col in range(len(rule)):
+            before_px, known = memory_px[col], float32(weight[col])
+            filling_weight = min(np.rint(FILLING_WEIGHT_PER_FRAME * float32(age[col])), float32(RELIABLE_WEIGHT))
+            is_filling = (rule[col] == UNMEASURED) & (known > 0) & (known >= filling_weight)
+            remembered_px[col] = before_px if is_filling else float32(0)
+        for col in range(len(rule)):
+            approach = memory_px[col] / seen_px[col]
+            growth = approach * approach if seen_px[col] > 0 else float32(1)
+            magnification[col] = min(max(growth, float32(1)), MAX_MAGNIFICATION)
+
+
+@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, FLOAT_IMAGE, RULES_TYPE, MEMORY_TYPE))
+def _update_pixels(
+    memory: Memory,
+    measurement: Measurement,
+    fused_px: FloatImage,
+    rules: Rules,
+    # output
     updated: Memory,
 ) -> None:
-    """Fuse every pixel. Gray values and ages follow the measurements that enter the memory."""
-    for row in range(gray_change.shape[0]):
-        for col in range(gray_change.shape[1]):
-            measured_px, memory_px = measurement.disparity_px[row, col], memory.disparity_px[row, col]
-            measured_weight, memory_weight = int64(measurement.weight[row, col]), int64(memory.weight[row, col])
-            if measured_px == 0 and gray_change[row, col] > max_gray_change:
-                memory_weight = 0
-            is_known, difference_px = memory_weight > 0, measured_px - memory_px
-            nearer, farther = comparison.nearer[row, col], comparison.farther[row, col]
-            is_occluding = is_known & (difference_px > 0) & (nearer > MIN_COHERENT_SHARE)
-            is_free_space = is_known & (difference_px < 0) & (farther > MIN_COHERENT_SHARE)
-            is_agreeing, factor = comparison.agreeing[row, col] > 0, comparison.memory_factor[row, col]
-            pixel_class, fused_px, updated_px, weight = _fuse_pixel(
-                measured_px, measured_weight, memory_px, memory_weight,
-                is_agreeing, is_occluding, is_free_space, factor,
-            )  # fmt: skip
-            age = int64(memory.age[row, col])
-            is_remembered = measured_px == 0 and is_known and memory_weight >= FILLING_WEIGHT[age]
-            is_measured = pixel_class == PixelClass.MEASURED
-            is_replaced = is_measured and weight <= 0
-            fused.disparity_px[row, col] = fused_px
-            fused.pixel_class[row, col] = pixel_class
-            fused.weight[row, col] = measured_weight if is_measured else max(weight, 0)
-            fused.remembered_px[row, col] = memory_px if is_remembered else float32(0)
-            seen_px = memory.seen_px[row, col]
-            approach = memory_px / seen_px if seen_px > 0 else float32(1)
-            fused.magnification[row, col] = min(max(approach * approach, float32(1)), MAX_MAGNIFICATION)
-            weight = measured_weight if is_replaced else weight
-            updated_px = measured_px if is_replaced else updated_px
-            is_new_look = is_replaced or pixel_class == PixelClass.FUSED
-            updated.disparity_px[row, col] = updated_px if weight > 0 else float32(0)
-            updated.weight[row, col] = max(weight, 0)
-            updated.seen_px[row, col] = updated_px if is_new_look else memory.seen_px[row, col]
-            updated.gray[row, col] = measurement.gray[row, col] if is_new_look else memory.gray[row, col]
-            updated.age[row, col] = 1 if is_replaced else min(age + 1, 255)
+    """The memory of every pixel after this frame. Gray values and ages follow the measurements that enter it.
+
+    A memory without weight left is replaced by the measurement that is shown.
+    """
+    kept, replaced, mixed = uint8(0), uint8(1), uint8(2)
+    fate = np.empty(fused_px.shape[1], np.uint8)
+    for row in range(fused_px.shape[0]):
+        rule, left, shown_px = rules.rule[row], rules.weight_left[row], fused_px[row]
+        before_px, before_seen_px, before_age = memory.disparity_px[row], memory.seen_px[row], memory.age[row]
+        before_gray, measured_gray, measured_weight = memory.gray[row], measurement.gray[row], measurement.weight[row]
+        updated_px, updated_weight, seen_px = updated.disparity_px[row], updated.weight[row], updated.seen_px[row]
+        gray, age = updated.gray[row], updated.age[row]
+        for col in range(len(fate)):
+            is_replaced = _shows_measurement(rule[col]) & (left[col] == 0)
+            found = replaced if is_replaced else kept
+            fate[col] = mixed if rule[col] == AGREEING else found
+        for col in range(len(fate)):
+            of_measurement, of_memory = measured_weight[col], left[col]
+            updated_weight[col] = of_measurement if fate[col] == replaced else of_memory
+        for col in range(len(fate)):
+            old_px, new_px = before_px[col], shown_px[col]
+            now_px = old_px if fate[col] == kept else new_px
+            updated_px[col] = now_px if updated_weight[col] > 0 else float32(0)
+        for col in range(len(fate)):
+            old_px, new_px = before_seen_px[col], shown_px[col]
+            seen_px[col] = old_px if fate[col] == kept else new_px
+        for col in range(len(fate)):
+            old, new = before_gray[col], measured_gray[col]
+            gray[col] = old if fate[col] == kept else new
+        for col in range(len(fate)):
+            older = uint8(before_age[col] + (before_age[col] < 255))
+            age[col] = uint8(1) if fate[col] == replaced else older

@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import boolean, float32, void
+from numba import boolean, float32, uint8, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from ..types import FloatImage, Frame, GrayImage
 from .masks import above, box_mean
 from .memory import WEIGHT_UNIT
-from .working_resolution import MAX_DISPARITY_PX, WorkingResolution, disparity_of
+from .working_resolution import MAX_DISPARITY_PX, WorkingResolution, disparities_of
 
 VALIDITY_WINDOW_PX = 5
 """Window in which the valid neighbours of a pixel are counted: most pixels beside holes are wrong."""
@@ -28,7 +28,7 @@ BEYOND_SHARE = 0.9
 """Share of the disparity of the farthest larger surface of the image below which a speckle is beyond the scene."""
 SPECKLE_KERNEL = np.ones((7, 7), np.uint8)
 """Neighbourhood in which the background of a speckle is searched."""
-_BLOCK_VALIDITY = np.rint(255 * np.sqrt(np.arange(5) / 4)).astype(np.uint8)
+_BLOCK_VALIDITY = np.rint(255 * np.sqrt(np.minimum(np.arange(256), 4) / 4)).astype(np.uint8)
 """Validity of a block in 0..255, by the number of its valid pixels: the square root of the valid fraction. The fraction
 itself would leave too little weight to surfaces that are measured in sparse pixels only."""
 _WEIGHT = np.maximum(1, np.rint(WEIGHT_UNIT * (np.arange(256) / 255) ** 4)).astype(np.uint8)
@@ -54,8 +54,9 @@ def measure(frame: Frame, resolution: WorkingResolution) -> Measurement:
         disparity_px, gray = resolution.disparity(frame.depth_m), frame.gray
         validity = above(disparity_px, 0)
     else:
-        disparity_px, validity = np.empty(resolution.shape, np.float32), np.empty(resolution.shape, np.uint8)
-        _decimate(np.ascontiguousarray(frame.depth_m), resolution.focal_baseline_px_m, disparity_px, validity)
+        disparity_px, n_valid = np.empty(resolution.shape, np.float32), np.empty(resolution.shape, np.uint8)
+        _decimate(np.ascontiguousarray(frame.depth_m), resolution.focal_baseline_px_m, disparity_px, n_valid)
+        validity = np.asarray(cv2.LUT(n_valid, _BLOCK_VALIDITY), np.uint8)
         even = frame.gray[: 2 * resolution.height_px, : 2 * resolution.width_px]
         gray = np.asarray(cv2.resize(even, resolution.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
     disparity_px = without_speckles(disparity_px)
@@ -81,26 +82,32 @@ def _decimate(
     focal_baseline_px_m: float,
     # output
     disparity_px: FloatImage,
-    validity: GrayImage,
+    n_valid: GrayImage,
 ) -> None:
-    """Disparity and validity of each block of two by two pixels, shape (h, w), of a depth image of shape (H, W).
+    """Disparity and number of valid pixels of each block of two by two, shape (h, w), of a depth image, shape (H, W).
 
     The disparity is the mean of a block that shows one surface. Of a block that shows two, it is that of the surface
     with more pixels, or else of the farther one.
     """
+    width = disparity_px.shape[1]
+    upper_px, lower_px = np.empty(2 * width, np.float32), np.empty(2 * width, np.float32)
     for row in range(disparity_px.shape[0]):
-        for col in range(disparity_px.shape[1]):
-            a_m, b_m = depth_m[2 * row, 2 * col], depth_m[2 * row, 2 * col + 1]
-            c_m, d_m = depth_m[2 * row + 1, 2 * col], depth_m[2 * row + 1, 2 * col + 1]
-            a_px, b_px = disparity_of(a_m, focal_baseline_px_m), disparity_of(b_m, focal_baseline_px_m)
-            c_px, d_px = disparity_of(c_m, focal_baseline_px_m), disparity_of(d_m, focal_baseline_px_m)
-            n_valid = (a_px > 0) + (b_px > 0) + (c_px > 0) + (d_px > 0)
-            mean_px = (a_px + b_px + c_px + d_px) / np.float32(max(n_valid, 1))
+        disparities_of(depth_m[2 * row], focal_baseline_px_m, upper_px)
+        disparities_of(depth_m[2 * row + 1], focal_baseline_px_m, lower_px)
+        block_px, block_n = disparity_px[row], n_valid[row]
+        for col in range(width):
+            left = np.uintp(2 * col)
+            right = left + np.uintp(1)
+            a_px, b_px, c_px, d_px = upper_px[left], upper_px[right], lower_px[left], lower_px[right]
+            n = float32(a_px > 0) + float32(b_px > 0) + float32(c_px > 0) + float32(d_px > 0)
+            mean_px = (a_px + b_px + c_px + d_px) / max(n, float32(1))
             near_px = max(a_px, b_px, c_px, d_px)
-            far_px = disparity_of(max(a_m, b_m, c_m, d_m), focal_baseline_px_m)
+            a_px, b_px = (a_px if a_px > 0 else near_px), (b_px if b_px > 0 else near_px)
+            c_px, d_px = (c_px if c_px > 0 else near_px), (d_px if d_px > 0 else near_px)
+            far_px = min(a_px, b_px, c_px, d_px)
             surface_px = near_px if near_px - mean_px < mean_px - far_px else far_px
-            disparity_px[row, col] = mean_px if near_px - far_px < MAX_SURFACE_SPAN_PX else surface_px
-            validity[row, col] = _BLOCK_VALIDITY[n_valid]
+            block_px[col] = mean_px if near_px - far_px < MAX_SURFACE_SPAN_PX else surface_px
+            block_n[col] = uint8(n)
 
 
 def without_speckles(disparity_px: FloatImage) -> FloatImage:

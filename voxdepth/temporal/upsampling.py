@@ -1,21 +1,30 @@
 """The output of the method: depth, source and confidence of every pixel of the frame, from its working pixel."""
 
 import weakref
-from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import boolean, float32, int64, uint8, void
+from numba import float32, uint8, void
+from numba.types import UniTuple
 
 from ..arithmetic import without_ipp
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
+from ..compiled import (
+    BYTE_IMAGE,
+    BYTE_ROW,
+    FLOAT_IMAGE,
+    FLOAT_ROW,
+    READABLE_IMAGE,
+    compiled,
+    compiled_part,
+    named_tuple,
+)
 from ..geometry import fill_from_nearest
 from ..types import FloatImage, GrayImage, Source
 from .fusion import PixelClass
 from .rays import PLACES, Places
-from .working_resolution import MAX_DISPARITY_PX, WorkingResolution, depth_of, disparity_of
+from .working_resolution import MAX_DISPARITY_PX, MIN_DISPARITY_PX, WorkingResolution, depth_of, disparity_of
 
 KERNEL = np.ones((3, 3), np.uint8)
 MAX_SURFACE_SPAN_PX = np.float32(1)
@@ -104,8 +113,7 @@ class Upsampler:
             with without_ipp():
                 disparity_px = np.asarray(cv2.resize(disparity_px, size, interpolation=cv2.INTER_LINEAR), np.float32)
             _separate(measured_m, estimate, np.asarray(span_px, np.float32), focal_baseline_px_m, disparity_px)
-        show = _SHOW[resolution.decimation]
-        show(measured_m, disparity_px, estimate, focal_baseline_px_m, min_fill_confidence, shown)
+        _show(measured_m, disparity_px, estimate, focal_baseline_px_m, min_fill_confidence, shown)
         height, width = disparity_px.shape
         _show_odd(measured_m, np.s_[height:], np.s_[height - 1 : height], shown)
         _show_odd(measured_m, np.s_[:, width:], np.s_[:, width - 1 : width], shown)
@@ -129,27 +137,19 @@ def completed(shown: Shown) -> Shown:
     return Shown(depth_m, source, np.where(is_guessed, NO_VOTE, shown.confidence))
 
 
-@compiled_part(void(SHOWN_TYPE, int64, int64, float32, boolean, uint8, float32, float32))
-def _show_pixel(
-    shown: Shown,
-    row: int,
-    col: int,
-    depth_m: float,
-    is_measured: bool,
-    pixel_class: int,
-    confidence: float,
-    min_fill_confidence: float,
-) -> None:
-    """Write one pixel of the output. The sensor may have measured only other pixels of the same working pixel."""
-    unmeasured = Source.MEMORY if pixel_class == PixelClass.FUSED else Source.INPAINTED
-    source = Source.SENSOR if is_measured else unmeasured
-    source = Source.INPAINTED if pixel_class == PixelClass.UNMEASURED else source
-    source = Source.MEMORY if pixel_class == PixelClass.REMEMBERED else source
-    is_likely = (source != Source.INPAINTED) | (confidence >= min_fill_confidence)
-    is_shown = (depth_m > 0) & (confidence > 0) & is_likely
-    shown.depth_m[row, col] = depth_m if is_shown else float32(0)
-    shown.source[row, col] = source if is_shown else Source.INVALID
-    shown.confidence[row, col] = confidence if is_shown else float32(0)
+@compiled_part(UniTuple(uint8, 2)(uint8, float32, float32))
+def _sources(pixel_class: int, confidence: float, min_fill_confidence: float) -> tuple[int, int]:
+    """Source of the measured pixels of a working pixel, and of the others: the sensor may have measured only some.
+
+    Without enough confidence it is `INVALID`: nothing is shown.
+    """
+    sensor = uint8(Source.SENSOR if confidence > 0 else Source.INVALID)
+    memory = uint8(Source.MEMORY if confidence > 0 else Source.INVALID)
+    fill = uint8(Source.INPAINTED if (confidence > 0) & (confidence >= min_fill_confidence) else Source.INVALID)
+    is_remembered = pixel_class == PixelClass.REMEMBERED
+    of_measured = fill if pixel_class == PixelClass.UNMEASURED else sensor
+    of_others = memory if pixel_class == PixelClass.FUSED else fill
+    return memory if is_remembered else of_measured, memory if is_remembered else of_others
 
 
 @compiled(void(READABLE_IMAGE, ESTIMATE_TYPE, FLOAT_IMAGE, float32, FLOAT_IMAGE))
@@ -176,35 +176,52 @@ def _separate(
                     disparity_px[full_row, full_col] = measured_px if measured_px > 0 and is_same else value_px
 
 
-def _shower(decimation: int) -> Callable[[FloatImage, FloatImage, Estimate, float, float, Shown], None]:
-    """The loop for a decimation, which is a constant in it."""
-
-    @compiled(void(READABLE_IMAGE, FLOAT_IMAGE, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
-    def show(
-        measured_m: FloatImage,
-        disparity_px: FloatImage,
-        estimate: Estimate,
-        focal_baseline_px_m: float,
-        min_fill_confidence: float,
-        # output
-        shown: Shown,
-    ) -> None:
-        """The output for the disparity of the pixels of the frame, each of which is in a working pixel."""
-        least_m = focal_baseline_px_m / MAX_DISPARITY_PX
-        for row in range(disparity_px.shape[0]):
-            for of_col in range(estimate.confidence.shape[1]):
-                pixel_class = estimate.pixel_class[row // decimation, of_col]
-                confidence = estimate.confidence[row // decimation, of_col]
-                for side in range(decimation):
-                    col = decimation * of_col + side
-                    depth_m = depth_of(disparity_px[row, col], focal_baseline_px_m)
-                    is_measured = measured_m[row, col] >= least_m
-                    _show_pixel(shown, row, col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence)
-
-    return show
+@compiled_part(void(BYTE_ROW, FLOAT_ROW, BYTE_ROW, FLOAT_ROW))
+def _double(
+    pixel_class: GrayImage,
+    confidence: FloatImage,
+    # output
+    doubled_class: GrayImage,
+    doubled_confidence: FloatImage,
+) -> None:
+    """Repeat each pixel of a row."""
+    for col in range(len(pixel_class)):
+        left = np.uintp(2 * col)
+        right = left + np.uintp(1)
+        doubled_class[left] = doubled_class[right] = pixel_class[col]
+        doubled_confidence[left] = doubled_confidence[right] = confidence[col]
 
 
-_SHOW = {decimation: _shower(decimation) for decimation in (1, 2)}
+@compiled(void(READABLE_IMAGE, FLOAT_IMAGE, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
+def _show(
+    measured_m: FloatImage,
+    disparity_px: FloatImage,
+    estimate: Estimate,
+    focal_baseline_px_m: float,
+    min_fill_confidence: float,
+    # output
+    shown: Shown,
+) -> None:
+    """The output for the disparity of the pixels of the frame, each of which is in a working pixel."""
+    height, width = disparity_px.shape
+    is_halved, least_m = width > estimate.confidence.shape[1], focal_baseline_px_m / MAX_DISPARITY_PX
+    class_row, confidence_row = np.empty(width, np.uint8), np.empty(width, np.float32)
+    for row in range(height):
+        if is_halved:
+            _double(estimate.pixel_class[row // 2], estimate.confidence[row // 2], class_row, confidence_row)
+        else:
+            class_row, confidence_row = estimate.pixel_class[row], estimate.confidence[row]
+        row_m, row_px = measured_m[row], disparity_px[row]
+        depth_m, source, confidence = shown.depth_m[row], shown.source[row], shown.confidence[row]
+        for col in range(width):
+            of_measured, of_others = _sources(class_row[col], confidence_row[col], min_fill_confidence)
+            likely = of_measured if row_m[col] >= least_m else of_others
+            source[col] = likely if row_px[col] >= MIN_DISPARITY_PX else uint8(Source.INVALID)
+        for col in range(width):
+            here_m = depth_of(row_px[col], focal_baseline_px_m)
+            depth_m[col] = here_m if source[col] != Source.INVALID else float32(0)
+        for col in range(width):
+            confidence[col] = confidence_row[col] if source[col] != Source.INVALID else float32(0)
 
 
 @compiled(void(PLACES, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
@@ -218,6 +235,9 @@ def show_pixels(
 ) -> None:
     """Show the estimates of single pixels, shape (1, N), none of which is measured, instead of what is shown."""
     for k in range(len(place)):
-        depth_m = depth_of(estimate.disparity_px[0, k], focal_baseline_px_m)
-        pixel_class, confidence = estimate.pixel_class[0, k], estimate.confidence[0, k]
-        _show_pixel(shown, place[k, 0], place[k, 1], depth_m, False, pixel_class, confidence, min_fill_confidence)
+        depth_m, confidence = depth_of(estimate.disparity_px[0, k], focal_baseline_px_m), estimate.confidence[0, k]
+        _, source = _sources(estimate.pixel_class[0, k], confidence, min_fill_confidence)
+        is_shown, (row, col) = (depth_m > 0) & (source != Source.INVALID), place[k]
+        shown.depth_m[row, col] = depth_m if is_shown else float32(0)
+        shown.source[row, col] = source if is_shown else uint8(Source.INVALID)
+        shown.confidence[row, col] = confidence if is_shown else float32(0)

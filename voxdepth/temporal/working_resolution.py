@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import float32
+from numba import float32, void
 
-from ..compiled import compiled, compiled_part
+from ..compiled import FLOAT_ROW, READABLE_ROW, compiled, compiled_part
 from ..errors import ConfigError
 from ..types import FloatArray, FloatImage, Intrinsics, resized
 
@@ -25,6 +25,18 @@ def disparity_of(depth_m: float, focal_baseline_px_m: float) -> float:
     """Disparity [px] of a depth [m]; 0 = invalid in both."""
     disparity_px = focal_baseline_px_m / depth_m
     return disparity_px if 0 < disparity_px <= MAX_DISPARITY_PX else 0.0
+
+
+@compiled_part(void(READABLE_ROW, float32, FLOAT_ROW))
+def disparities_of(
+    depth_m: FloatImage,
+    focal_baseline_px_m: float,
+    # output
+    disparity_px: FloatImage,
+) -> None:
+    """Disparity [px] of the first depths [m] of a row, as many as there is room for."""
+    for col in range(len(disparity_px)):
+        disparity_px[col] = disparity_of(depth_m[col], focal_baseline_px_m)
 
 
 @compiled("f4(f4, f4)")
