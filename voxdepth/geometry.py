@@ -6,10 +6,10 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, float64, int32, uint32
+from numba import float32, float64, int32, int64, void
 
 from .arithmetic import matmul
-from .compiled import READABLE_IMAGE, compiled, compiled_part
+from .compiled import FLOAT_IMAGE, FLOAT_ROW, READABLE_IMAGE, compiled, compiled_part
 from .types import FloatArray, FloatImage, Intrinsics
 
 PointArray = npt.NDArray[np.float32]
@@ -144,24 +144,61 @@ def solve_symmetric(A: FloatArray, b: FloatArray) -> FloatArray:
     return b
 
 
-@compiled_part(float32(READABLE_IMAGE, float32, float32, float32))
-def bilinear(image: FloatImage, x_px: float, y_px: float, outside: float) -> float:
-    """The value of an image, shape (H, W), between the centres of four pixels; `outside` beyond the outermost centres.
+@compiled_part(void(FLOAT_ROW, int64, FLOAT_ROW, int32[::1], FLOAT_ROW))
+def _find_cells(
+    position_px: FloatImage,
+    side: int,
+    # output
+    inside_px: FloatImage,
+    cell: npt.NDArray[np.int32],
+    share: FloatImage,
+) -> None:
+    """The positions along one side of an image moved into it, and their whole and fractional parts, shape (N,)."""
+    last_px = float32(side - 1)
+    for k in range(len(position_px)):
+        at_px = position_px[k]
+        # The comparison is false for NaN.
+        inside_px[k] = min(at_px if at_px > 0 else float32(0), last_px)
+    for k in range(len(position_px)):
+        cell[k] = int32(inside_px[k])
+    for k in range(len(position_px)):
+        share[k] = inside_px[k] - float32(cell[k])
 
-    OpenCV's `remap` rounds differently on each processor.
+
+@compiled(void(READABLE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32, FLOAT_IMAGE))
+def interpolate(
+    image: FloatImage,
+    x_px: FloatImage,
+    y_px: FloatImage,
+    outside: float,
+    # output
+    values: FloatImage,
+) -> None:
+    """Sample an image of shape (H, W) bilinearly at columns x and rows y of shape (h, w).
+
+    Beyond the centres of the outermost pixels the value is `outside`. OpenCV's `remap` rounds differently on each
+    processor.
     """
-    last_row, last_col = image.shape[0] - 1, image.shape[1] - 1
-    # These comparisons are false for NaN.
-    inside_x = min(x_px if x_px > 0 else float32(0), float32(last_col))
-    inside_y = min(y_px if y_px > 0 else float32(0), float32(last_row))
-    col, row = uint32(int32(inside_x)), uint32(int32(inside_y))
-    right, below = min(col + uint32(1), uint32(last_col)), min(row + uint32(1), uint32(last_row))
-    a, b, c, d = image[row, col], image[row, right], image[below, col], image[below, right]
-    right_share, low_share = inside_x - float32(col), inside_y - float32(row)
-    upper, lower = a + right_share * (b - a), c + right_share * (d - c)
-    value = upper + low_share * (lower - upper)
-    inside: float = value if (inside_x == x_px) & (inside_y == y_px) else outside
-    return inside
+    (height, width), n = image.shape, x_px.shape[1]
+    pixels, below = image.reshape(height * width), np.uintp(width)
+    inside_x, inside_y = np.empty(n, np.float32), np.empty(n, np.float32)
+    right_share, low_share = np.empty(n, np.float32), np.empty(n, np.float32)
+    cell_x, cell_y = np.empty(n, np.int32), np.empty(n, np.int32)
+    for row in range(x_px.shape[0]):
+        x, y, value = x_px[row], y_px[row], values[row]
+        _find_cells(x, width, inside_x, cell_x, right_share)
+        _find_cells(y, height, inside_y, cell_y, low_share)
+        for k in range(n):
+            at = np.uintp(cell_y[k]) * below + np.uintp(cell_x[k])
+            # On the last column and row there is no pixel beyond, and its share is 0.
+            to_right = np.uintp(1) if right_share[k] > 0 else np.uintp(0)
+            to_low = below if low_share[k] > 0 else np.uintp(0)
+            a, b, c, d = pixels[at], pixels[at + to_right], pixels[at + to_low], pixels[at + to_low + to_right]
+            upper, lower = a + right_share[k] * (b - a), c + right_share[k] * (d - c)
+            value[k] = upper + low_share[k] * (lower - upper)
+        for k in range(n):
+            between, is_inside = value[k], (inside_x[k] == x[k]) & (inside_y[k] == y[k])
+            value[k] = between if is_inside else outside
 
 
 def fill_from_nearest(depth_m: FloatImage) -> FloatImage:

@@ -5,15 +5,13 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numba import float32, types, void
 
 from ..arithmetic import length, matmul
-from ..compiled import compiled
 from ..geometry import (
     PointArray,
     back_project,
-    bilinear,
     exp_se3,
+    interpolate,
     inverse_rigid,
     log_se3,
     solve_symmetric,
@@ -196,7 +194,7 @@ class Comparison:
         if there.sum() < MIN_POINTS:
             return None
         x, y, z = moved[there].T
-        gray, slope_u, slope_v = seen[there].T
+        gray, slope_u, slope_v = seen[:, there]
         difference = self._difference(gray, there)
         jx = slope_u * np.float32(self._camera.fx_px) / z
         jy = slope_v * np.float32(self._camera.fy_px) / z
@@ -208,11 +206,12 @@ class Comparison:
         return step if np.isfinite(step).all() else None
 
     def _look_up(self, moved: PointArray) -> tuple[Any, Any]:
-        """Gray value and gradient at the projected points, shape (N, 3), and which of them lie in the image."""
-        u_px, v_px = self._projected(moved)
-        seen = np.empty((len(moved), len(self._target_with_slopes)), np.float32)
-        _sample(self._target_with_slopes, u_px, v_px, seen)
-        return seen, np.isfinite(seen[:, 0]) & (moved[:, 2] > NEAREST_M)
+        """Gray value and gradient at the projected points, shape (3, N), and which of them lie in the image."""
+        u_px, v_px = (position_px[None] for position_px in self._projected(moved))
+        seen = np.empty((len(self._target_with_slopes), 1, len(moved)), np.float32)
+        for image, values in zip(self._target_with_slopes, seen, strict=True):
+            interpolate(image, u_px, v_px, np.float32(np.nan), values)
+        return seen[:, 0], np.isfinite(seen[0, 0]) & (moved[:, 2] > NEAREST_M)
 
     def _projected(self, moved: PointArray) -> tuple[Any, Any]:
         """Column and row of points in the target's camera [px], float32."""
@@ -250,14 +249,6 @@ def _slopes(gray: FloatImage) -> tuple[Any, Any]:
     along_cols = across[:-2] + 2 * across[1:-1] + across[2:]
     along_rows = down[:, :-2] + 2 * down[:, 1:-1] + down[:, 2:]
     return along_cols / 8, along_rows / 8
-
-
-@compiled(void(types.Array(float32, 3, "C", readonly=True), float32[::1], float32[::1], float32[:, ::1]))
-def _sample(images: Any, u_px: Any, v_px: Any, seen: Any) -> None:
-    """Samples of images, shape (K, h, w), at columns and rows, shape (N,), to shape (N, K); NaN outside of them."""
-    for point in range(len(u_px)):
-        for k in range(images.shape[0]):
-            seen[point, k] = bilinear(images[k], u_px[point], v_px[point], float32(np.nan))
 
 
 def _weights(difference: Any) -> Any:

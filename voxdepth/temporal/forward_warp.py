@@ -5,11 +5,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, float64, int32, int64, types, uint8, uint32, void
+from numba import float32, float64, int32, int64, uint8, uint32, void
 
 from ..arithmetic import matmul
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part, named_tuple
-from ..geometry import bilinear, inverse_rigid
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, FLOAT_ROW, compiled, compiled_part, named_tuple
+from ..geometry import interpolate, inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
 from .working_resolution import MAX_DISPARITY_PX, WorkingResolution
 
@@ -40,23 +40,33 @@ class Warped(NamedTuple):
     """Row in the source image that each pixel comes from."""
 
 
-WARPED_TYPE = named_tuple(Warped, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
-Row = tuple[float, float, float, float]
-ROW_TYPE = types.UniTuple(float32, 4)
-
-
-def reprojection(resolution: WorkingResolution, T_target_source: FloatArray) -> FloatImage:
-    """The projective map `(H | e)` of pixels with disparity for a motion of the camera, shape (3, 4), float32.
+class Reprojection(NamedTuple):
+    """The projective map `(H | e)` of pixels with disparity for a motion of the camera, float32.
 
     (u, v, D) moves to `H (u, v, 1) + e D`, divided by its last row. That divisor is the ratio of the depths after and
     before, so the new disparity is D divided by it as well. H is the infinite homography `K R K^-1`, shape (3, 3), and
     e is the epipole `K t / (f B)`, shape (3,).
     """
-    K_R = matmul(resolution.K, T_target_source[:3])
-    matrix = np.empty((3, 4), np.float32)
-    matrix[:, :3] = matmul(K_R[:, :3], resolution.K_inverse)
-    matrix[:, 3] = K_R[:, 3] / resolution.focal_baseline_px_m
-    return matrix
+
+    of_col: FloatImage
+    """What each column adds, `H (u, 0, 1)`, shape (3, W)."""
+    of_row: FloatImage
+    """What each row adds, `H (0, v, 0)`, shape (3, H)."""
+    epipole: FloatImage
+    """Shape (3,)."""
+
+    @classmethod
+    def of(cls, resolution: WorkingResolution, T_target_source: FloatArray) -> "Reprojection":
+        """The map for a motion of the camera, shape (4, 4)."""
+        K_R = matmul(resolution.K, T_target_source[:3])
+        H = matmul(K_R[:, :3], resolution.K_inverse).astype(np.float32)
+        epipole = (K_R[:, 3] / resolution.focal_baseline_px_m).astype(np.float32)
+        u, v = (np.arange(side, dtype=np.float32) for side in resolution.shape[::-1])
+        return cls(H[:, :1] * u + H[:, 2:], H[:, 1:2] * v, epipole)
+
+
+WARPED_TYPE = named_tuple(Warped, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
+REPROJECTION_TYPE = named_tuple(Reprojection, FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_ROW)
 
 
 class ForwardWarp:
@@ -72,7 +82,7 @@ class ForwardWarp:
         height, width = resolution.shape
         # A margin of one pixel catches the points that fall outside of the image.
         self._keys = np.empty((height + 2, width + 2), np.uint32)
-        self._marked_px = np.empty((height, width), np.float32)
+        self._marked_px, self._sampled_px = np.empty((2, height, width), np.float32)
 
     def warp(self, disparity_px: FloatImage, weight: GrayImage, T_target_source: FloatArray) -> Warped:
         """The image as the target camera sees it after a motion, shape (4, 4).
@@ -80,7 +90,7 @@ class ForwardWarp:
         Disparity and weight have shape (H, W); 0 = no surface. The larger weight wins between equal disparities.
         """
         forward, backward = (
-            reprojection(self._resolution, T) for T in (T_target_source, inverse_rigid(T_target_source))
+            Reprojection.of(self._resolution, T) for T in (T_target_source, inverse_rigid(T_target_source))
         )
         kinds = np.float32, np.uint8, np.float32, np.float32
         warped = Warped(*(np.empty(disparity_px.shape, kind) for kind in kinds))
@@ -90,7 +100,8 @@ class ForwardWarp:
         closed_px = np.asarray(cv2.morphologyEx(warped.disparity_px, cv2.MORPH_CLOSE, CRACK_KERNEL), np.float32)
         closed_weight = np.asarray(cv2.morphologyEx(warped.weight, cv2.MORPH_CLOSE, CRACK_KERNEL), np.uint8)
         _trace_back(closed_px, closed_weight, backward, warped)
-        _resample(self._marked_px, backward, warped)
+        interpolate(self._marked_px, warped.source_x, warped.source_y, HOLE_PX, self._sampled_px)
+        _resample(self._sampled_px, backward, warped.disparity_px)
         return warped
 
     def motion_px2(self, warped: Warped) -> float:
@@ -98,33 +109,56 @@ class ForwardWarp:
         return _mean_motion_px2(warped)
 
 
-@compiled(ROW_TYPE(FLOAT_IMAGE, int64))
-def _row(matrix: FloatImage, axis: int) -> Row:
-    """One row of a map."""
-    return matrix[axis, 0], matrix[axis, 1], matrix[axis, 2], matrix[axis, 3]
+@compiled_part(void(FLOAT_ROW, REPROJECTION_TYPE, int64, FLOAT_ROW))
+def _find_inverse_ratios(
+    disparity_px: FloatImage,
+    reprojection: Reprojection,
+    row: int,
+    # output
+    inverse: FloatImage,
+) -> None:
+    """The inverse of the last row of the map for the pixels of a row, shape (w,); 0 for points behind the camera."""
+    of_col, of_row, epipole = reprojection.of_col[2], reprojection.of_row[2, row], reprojection.epipole[2]
+    for col in range(len(inverse)):
+        ratio = epipole * disparity_px[col] + of_col[col] + of_row
+        per_ratio = float32(1) / ratio
+        inverse[col] = per_ratio if ratio > MIN_DEPTH_RATIO else float32(0)
 
 
-@compiled_part(float32(ROW_TYPE, int64, int64, float32))
-def _numerator(map_row: Row, row: int, col: int, disparity_px: float) -> float:
-    """One row of `H (u, v, 1) + e D`."""
-    of_col: float = map_row[0] * float32(col) + map_row[2]
-    of_row: float = map_row[1] * float32(row)
-    return map_row[3] * disparity_px + of_col + of_row
+@compiled_part(void(FLOAT_ROW, FLOAT_ROW, REPROJECTION_TYPE, int64, int64, FLOAT_ROW))
+def _move(
+    disparity_px: FloatImage,
+    inverse: FloatImage,
+    reprojection: Reprojection,
+    axis: int,
+    row: int,
+    # output
+    position_px: FloatImage,
+) -> None:
+    """The column (axis 0) or row (axis 1) that the pixels of a row move to, shape (w,)."""
+    of_col, of_row, epipole = reprojection.of_col[axis], reprojection.of_row[axis, row], reprojection.epipole[axis]
+    for col in range(len(position_px)):
+        position_px[col] = (epipole * disparity_px[col] + of_col[col] + of_row) * inverse[col]
 
 
-@compiled_part(float32(ROW_TYPE, int64, int64, float32))
-def _inverse_depth_ratio(map_row: Row, row: int, col: int, disparity_px: float) -> float:
-    """The inverse of the last row of the map; 0 for points behind the camera."""
-    ratio = _numerator(map_row, row, col, disparity_px)
-    inverse: float = float32(1) / ratio if ratio > MIN_DEPTH_RATIO else float32(0)
-    return inverse
+@compiled_part(void(FLOAT_ROW, int64, int32[::1]))
+def _round(
+    position_px: FloatImage,
+    side: int,
+    # output
+    nearest: npt.NDArray[np.int32],
+) -> None:
+    """The nearest pixel along a side of the image, and -1 or the length of the side beyond it."""
+    last = float32(side)
+    for col in range(len(nearest)):
+        nearest[col] = int32(min(max(np.rint(position_px[col]), float32(-1)), last))
 
 
-@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, uint32[:, ::1], FLOAT_IMAGE))
+@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, REPROJECTION_TYPE, uint32[:, ::1], FLOAT_IMAGE))
 def _splat(
     disparity_px: FloatImage,
     weight: GrayImage,
-    forward: FloatImage,
+    forward: Reprojection,
     # output
     keys: npt.NDArray[np.uint32],
     marked_px: FloatImage,
@@ -135,23 +169,26 @@ def _splat(
     them is written.
     """
     height, width = disparity_px.shape
-    forward_x, forward_y, forward_z = _row(forward, 0), _row(forward, 1), _row(forward, 2)
+    inverse, position_px = np.empty(width, np.float32), np.empty(width, np.float32)
     target_row, target_col, key = np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width, np.uint32)
     for row in range(height):
+        row_px, row_weight, marked = disparity_px[row], weight[row], marked_px[row]
         for col in range(width):
-            pixel_px = disparity_px[row, col]
-            marked_px[row, col] = pixel_px if pixel_px > 0 else HOLE_PX
-            inverse = _inverse_depth_ratio(forward_z, row, col, pixel_px)
-            y = np.rint(_numerator(forward_y, row, col, pixel_px) * inverse)
-            x = np.rint(_numerator(forward_x, row, col, pixel_px) * inverse)
-            target_row[col] = int32(min(max(y, float32(-1)), float32(height)))
-            target_col[col] = int32(min(max(x, float32(-1)), float32(width)))
-            target_px = pixel_px * inverse
+            pixel_px = row_px[col]
+            marked[col] = pixel_px if pixel_px > 0 else HOLE_PX
+        _find_inverse_ratios(row_px, forward, row, inverse)
+        _move(row_px, inverse, forward, 1, row, position_px)
+        _round(position_px, height, target_row)
+        _move(row_px, inverse, forward, 0, row, position_px)
+        _round(position_px, width, target_col)
+        for col in range(width):
+            target_px = row_px[col] * inverse[col]
             # Truncation would move the memory away a little in every frame.
-            units = int32(np.rint(target_px * UNITS_PER_PX)) if target_px <= MAX_DISPARITY_PX else int32(0)
-            key[col] = (uint32(units) << WEIGHT_BITS) | uint32(weight[row, col])
+            units = int32(np.rint(min(target_px, MAX_DISPARITY_PX) * UNITS_PER_PX))
+            known = units if target_px <= MAX_DISPARITY_PX else int32(0)
+            key[col] = (uint32(known) << WEIGHT_BITS) | uint32(row_weight[col])
         for col in range(width):
-            v, u = target_row[col] + 1, target_col[col] + 1
+            v, u = np.uintp(target_row[col] + 1), np.uintp(target_col[col] + 1)
             keys[v, u] = max(keys[v, u], key[col])
 
 
@@ -171,26 +208,46 @@ def _read_keys(
             weight[row, col] = uint8(key & WEIGHT_MASK) if units > 0 else uint8(0)
 
 
-@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, WARPED_TYPE))
+@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, REPROJECTION_TYPE, WARPED_TYPE))
 def _trace_back(
     closed_px: FloatImage,
     closed_weight: GrayImage,
-    backward: FloatImage,
+    backward: Reprojection,
     # input and output
     warped: Warped,
 ) -> None:
     """Fill the cracks, and find the position of each pixel in the source image."""
-    backward_x, backward_y, backward_z = _row(backward, 0), _row(backward, 1), _row(backward, 2)
+    inverse = np.empty(closed_px.shape[1], np.float32)
     for row in range(closed_px.shape[0]):
-        for col in range(closed_px.shape[1]):
-            near_px, near_weight = closed_px[row, col], closed_weight[row, col]
-            own_px, own_weight = warped.disparity_px[row, col], warped.weight[row, col]
-            disparity_px = own_px if own_px > 0 else near_px
-            inverse = _inverse_depth_ratio(backward_z, row, col, disparity_px)
-            warped.disparity_px[row, col] = disparity_px
-            warped.weight[row, col] = own_weight if own_px > 0 else near_weight
-            warped.source_x[row, col] = _numerator(backward_x, row, col, disparity_px) * inverse
-            warped.source_y[row, col] = _numerator(backward_y, row, col, disparity_px) * inverse
+        near_px, near_weight, weight = closed_px[row], closed_weight[row], warped.weight[row]
+        disparity_px = warped.disparity_px[row]
+        for col in range(len(weight)):
+            own, near = weight[col], near_weight[col]
+            weight[col] = own if disparity_px[col] > 0 else near
+        for col in range(len(weight)):
+            own_px, crack_px = disparity_px[col], near_px[col]
+            disparity_px[col] = own_px if own_px > 0 else crack_px
+        _find_inverse_ratios(disparity_px, backward, row, inverse)
+        _move(disparity_px, inverse, backward, 0, row, warped.source_x[row])
+        _move(disparity_px, inverse, backward, 1, row, warped.source_y[row])
+
+
+@compiled(void(FLOAT_IMAGE, REPROJECTION_TYPE, FLOAT_IMAGE))
+def _resample(
+    sampled_px: FloatImage,
+    backward: Reprojection,
+    # input and output
+    disparity_px: FloatImage,
+) -> None:
+    """Replace the disparity of each pixel by its sample in the source image, where that is of the same surface."""
+    of_col, epipole = backward.of_col[2], backward.epipole[2]
+    for row in range(disparity_px.shape[0]):
+        of_row, there_px, row_px = backward.of_row[2, row], sampled_px[row], disparity_px[row]
+        for col in range(len(row_px)):
+            splatted_px = row_px[col]
+            resampled_px = there_px[col] * (epipole * splatted_px + of_col[col] + of_row)
+            is_same = (abs(resampled_px - splatted_px) < MAX_RESAMPLING_CHANGE_PX) & (splatted_px > 0)
+            row_px[col] = resampled_px if is_same else splatted_px
 
 
 @compiled(float64(WARPED_TYPE))
@@ -204,23 +261,3 @@ def _mean_motion_px2(warped: Warped) -> float:
             total_px2 += float64(x_px * x_px + y_px * y_px) if is_known else 0.0
             n_surfaces += is_known
     return total_px2 / max(n_surfaces, 1)
-
-
-@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, WARPED_TYPE))
-def _resample(
-    marked_px: FloatImage,
-    backward: FloatImage,
-    # input and output
-    warped: Warped,
-) -> None:
-    """Replace the disparity of each pixel by its sample in the source image, where that is of the same surface."""
-    backward_z = _row(backward, 2)
-    disparity_px = warped.disparity_px
-    for row in range(marked_px.shape[0]):
-        for col in range(marked_px.shape[1]):
-            splatted_px = disparity_px[row, col]
-            depth_ratio = _numerator(backward_z, row, col, splatted_px)
-            sampled_px = bilinear(marked_px, warped.source_x[row, col], warped.source_y[row, col], float32(HOLE_PX))
-            resampled_px = sampled_px * depth_ratio
-            is_same = (abs(resampled_px - splatted_px) < MAX_RESAMPLING_CHANGE_PX) & (splatted_px > 0)
-            disparity_px[row, col] = resampled_px if is_same else splatted_px

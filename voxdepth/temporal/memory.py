@@ -4,10 +4,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import float32
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
-from ..geometry import bilinear
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, named_tuple
+from ..geometry import interpolate
 from ..types import FloatImage, GrayImage, resized
 from .forward_warp import Warped
 from .masks import Image
@@ -78,16 +77,10 @@ def _sample(image: Image, x: FloatImage, y: FloatImage, interpolation: int) -> I
     return np.asarray(cv2.remap(image, x, y, interpolation, borderMode=cv2.BORDER_REPLICATE))
 
 
-@compiled(FLOAT_IMAGE(FLOAT_IMAGE, READABLE_IMAGE, READABLE_IMAGE))
 def _sample_linear(image: FloatImage, x: FloatImage, y: FloatImage) -> FloatImage:
     """Samples between the pixels of an image at columns x and rows y, with the border replicated."""
-    last_row, last_col = float32(image.shape[0] - 1), float32(image.shape[1] - 1)
-    samples = np.empty(x.shape, np.float32)
-    for row in range(x.shape[0]):
-        for col in range(x.shape[1]):
-            inside_x = min(max(x[row, col], float32(0)), last_col)
-            inside_y = min(max(y[row, col], float32(0)), last_row)
-            samples[row, col] = bilinear(image, inside_x, inside_y, float32(0))
+    (last_row, last_col), samples = (np.float32(side - 1) for side in image.shape), np.empty_like(x)
+    interpolate(image, np.clip(x, 0, last_col), np.clip(y, 0, last_row), np.float32(0), samples)
     return samples
 
 
