@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import boolean, float32, uint8, void
+from numba import boolean, float32, int64, uint8, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
 from ..types import FloatImage, Frame, GrayImage
 from .masks import above, box_mean
 from .memory import WEIGHT_UNIT
-from .working_resolution import MAX_DISPARITY_PX, WorkingResolution, disparities_of
+from .working_resolution import WorkingResolution, disparities_of
 
 VALIDITY_WINDOW_PX = 5
 """Window in which the valid neighbours of a pixel are counted: most pixels beside holes are wrong."""
@@ -26,8 +26,8 @@ EXACT_STRIDE_PX, EXACT_PX, EXACT_SHARE = 24, 0.002, 0.9
 none. Of seven real recordings at most half are below 0.025 px."""
 BEYOND_SHARE = 0.9
 """Share of the disparity of the farthest larger surface of the image below which a speckle is beyond the scene."""
-SPECKLE_KERNEL = np.ones((7, 7), np.uint8)
-"""Neighbourhood in which the background of a speckle is searched."""
+SPECKLE_REACH_PX = 3
+"""Distance along rows and columns up to which the background of a speckle is searched."""
 _BLOCK_VALIDITY = np.rint(255 * np.sqrt(np.minimum(np.arange(256), 4) / 4)).astype(np.uint8)
 """Validity of a block in 0..255, by the number of its valid pixels: the square root of the valid fraction. The fraction
 itself would leave too little weight to surfaces that are measured in sparse pixels only."""
@@ -68,12 +68,17 @@ def measure(frame: Frame, resolution: WorkingResolution) -> Measurement:
 MEASUREMENT_TYPE = named_tuple(Measurement, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, boolean)
 
 
+@compiled(boolean(FLOAT_IMAGE))
 def is_exact(disparity_px: FloatImage) -> bool:
     """Whether most second differences along the rows of a disparity image are 0, as on planes without any noise."""
-    before_px, at_px, after_px = (disparity_px[::EXACT_STRIDE_PX, k : k - 2 or None] for k in range(3))
-    known = (before_px > 0) & (at_px > 0) & (after_px > 0)
-    curvature_px = np.abs(before_px - 2 * at_px + after_px)[known]
-    return curvature_px.size > 0 and bool(np.mean(curvature_px < EXACT_PX) >= EXACT_SHARE)
+    n_known, n_exact = 0, 0
+    for row in range(0, disparity_px.shape[0], EXACT_STRIDE_PX):
+        for col in range(disparity_px.shape[1] - 2):
+            before_px, at_px, after_px = disparity_px[row, col], disparity_px[row, col + 1], disparity_px[row, col + 2]
+            is_known = (before_px > 0) & (at_px > 0) & (after_px > 0)
+            n_known += is_known
+            n_exact += is_known & (abs(before_px - float32(2) * at_px + after_px) < EXACT_PX)
+    return n_known > 0 and n_exact >= EXACT_SHARE * n_known
 
 
 @compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE, BYTE_IMAGE))
@@ -120,12 +125,40 @@ def without_speckles(disparity_px: FloatImage) -> FloatImage:
     """
     levels = (disparity_px * LEVELS_PER_PX).astype(np.int16)
     kept, _ = cv2.filterSpeckles(levels.copy(), 0, MAX_SPECKLE_PX, float(MAX_SURFACE_SPAN_PX * LEVELS_PER_PX))
-    speckle = np.asarray(cv2.compare(levels, kept, cv2.CMP_NE), np.uint8)
-    not_background = speckle | ~above(disparity_px, 0)
-    background_px = cv2.copyTo(np.full_like(disparity_px, MAX_DISPARITY_PX), not_background, disparity_px.copy())
-    around_px = np.asarray(cv2.erode(background_px, SPECKLE_KERNEL), np.float32)
-    near = above(np.asarray(cv2.subtract(disparity_px, around_px), np.float32), float(MAX_SURFACE_SPAN_PX))
-    farthest_px, _, _, _ = cv2.minMaxLoc(background_px)
-    is_alone = above(around_px, float(MAX_DISPARITY_PX) - 1) if farthest_px < MAX_DISPARITY_PX else np.zeros_like(near)
-    beyond = is_alone & ~above(disparity_px, BEYOND_SHARE * farthest_px)
-    return np.asarray(cv2.copyTo(disparity_px, cv2.bitwise_not(speckle & (near | beyond))), np.float32)
+    is_speckle = np.asarray(cv2.compare(levels, kept, cv2.CMP_NE), np.uint8)
+    return _without_wrong(disparity_px, is_speckle)
+
+
+@compiled_part(float32(FLOAT_IMAGE, BYTE_IMAGE, int64, int64))
+def _farthest_around(disparity_px: FloatImage, is_speckle: GrayImage, row: int, col: int) -> float:
+    """Disparity of the farthest surface around a pixel that is no speckle; infinite if there is none."""
+    height, width = disparity_px.shape
+    farthest_px = float32(np.inf)
+    for v in range(max(row - SPECKLE_REACH_PX, 0), min(row + SPECKLE_REACH_PX + 1, height)):
+        for u in range(max(col - SPECKLE_REACH_PX, 0), min(col + SPECKLE_REACH_PX + 1, width)):
+            if disparity_px[v, u] > 0 and is_speckle[v, u] == 0:
+                farthest_px = min(farthest_px, disparity_px[v, u])
+    return farthest_px
+
+
+@compiled(FLOAT_IMAGE(FLOAT_IMAGE, BYTE_IMAGE))
+def _without_wrong(disparity_px: FloatImage, is_speckle: GrayImage) -> FloatImage:
+    """The disparity without the speckles that are too near or too far; see `without_speckles`."""
+    farthest_px = float32(np.inf)
+    for row in range(disparity_px.shape[0]):
+        row_px, speckle = disparity_px[row], is_speckle[row]
+        for col in range(len(row_px)):
+            here_px, is_surface = row_px[col], (row_px[col] > 0) & (speckle[col] == 0)
+            surface_px = here_px if is_surface else float32(np.inf)
+            farthest_px = min(farthest_px, surface_px)
+    kept_px = disparity_px.copy()
+    for row in range(disparity_px.shape[0]):
+        for col in range(disparity_px.shape[1]):
+            if is_speckle[row, col] == 0:
+                continue
+            here_px, around_px = disparity_px[row, col], _farthest_around(disparity_px, is_speckle, row, col)
+            is_near = here_px - around_px > MAX_SURFACE_SPAN_PX
+            is_beyond = around_px == np.inf and farthest_px < np.inf and here_px <= BEYOND_SHARE * farthest_px
+            if is_near or is_beyond:
+                kept_px[row, col] = 0
+    return kept_px

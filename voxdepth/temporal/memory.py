@@ -4,12 +4,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import float32, int32
+from numba.types import Tuple
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..geometry import interpolate
 from ..types import FloatImage, GrayImage, resized
 from .forward_warp import Warped
-from .masks import Image
 
 WEIGHT_UNIT = 16
 """Weight of one measurement whose neighbours are all valid."""
@@ -53,14 +54,15 @@ class Memory(NamedTuple):
     def seen_by(self, warped: Warped) -> "Memory":
         """The memory as a new frame sees it, from its disparity as that frame sees it."""
         coarse_x, coarse_y = _decimated(warped.source_x), _decimated(warped.source_y)
+        seen_px, age, filled_px = _sample_nearest(self, warped.source_x, warped.source_y)
         return Memory(
             disparity_px=warped.disparity_px,
             weight=warped.weight,
-            gray=_sample(self.gray, warped.source_x, warped.source_y, cv2.INTER_LINEAR),
-            seen_px=_sample(self.seen_px, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
-            age=_sample(self.age, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
+            gray=_sample_gray(self.gray, warped.source_x, warped.source_y),
+            seen_px=seen_px,
+            age=age,
             drift_px=_sample_linear(self.drift_px, coarse_x, coarse_y),
-            filled_px=_sample(self.filled_px, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
+            filled_px=filled_px,
         )
 
 
@@ -72,9 +74,29 @@ def coarse_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(max(1, side // DRIFT_DECIMATION) for side in shape)
 
 
-def _sample(image: Image, x: FloatImage, y: FloatImage, interpolation: int) -> Image:
-    """Samples of an image at columns x and rows y, with the border replicated."""
-    return np.asarray(cv2.remap(image, x, y, interpolation, borderMode=cv2.BORDER_REPLICATE))
+def _sample_gray(gray: GrayImage, x: FloatImage, y: FloatImage) -> GrayImage:
+    """Samples between the pixels of a gray image at columns x and rows y, with the border replicated."""
+    return np.asarray(cv2.remap(gray, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+@compiled(Tuple((FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE))(MEMORY_TYPE, FLOAT_IMAGE, FLOAT_IMAGE))
+def _sample_nearest(memory: Memory, x: FloatImage, y: FloatImage) -> tuple[FloatImage, GrayImage, FloatImage]:
+    """The nearest `seen_px`, `age` and `filled_px` at columns x and rows y, with the border replicated."""
+    height, width = x.shape
+    seen_px, age, filled_px = np.empty_like(x), np.empty(x.shape, np.uint8), np.empty_like(x)
+    last_row, last_col, place = float32(height - 1), float32(width - 1), np.empty(width, np.int32)
+    from_seen_px, from_age = memory.seen_px.reshape(height * width), memory.age.reshape(height * width)
+    from_filled_px = memory.filled_px.reshape(height * width)
+    for row in range(height):
+        row_x, row_y = x[row], y[row]
+        for col in range(width):
+            nearest_row = min(max(np.rint(row_y[col]), float32(0)), last_row)
+            nearest_col = min(max(np.rint(row_x[col]), float32(0)), last_col)
+            place[col] = int32(nearest_row) * width + int32(nearest_col)
+        for col in range(width):
+            at = np.uintp(place[col])
+            seen_px[row, col], age[row, col], filled_px[row, col] = from_seen_px[at], from_age[at], from_filled_px[at]
+    return seen_px, age, filled_px
 
 
 def _sample_linear(image: FloatImage, x: FloatImage, y: FloatImage) -> FloatImage:

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, int16
+from numba import float32, int16, int64, void
 
 from ..arithmetic import matmul
-from ..compiled import FLOAT_IMAGE, compiled
+from ..compiled import FLOAT_IMAGE, FLOAT_ROW, compiled, compiled_part
 from ..geometry import inverse_rigid, transform
 from ..paper.registration import Features
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
@@ -36,7 +36,7 @@ WINDOW_PX = 11
 """Side of the window that is compared around a corner."""
 PYRAMID_LEVELS, NEAR_LEVELS = 2, 1
 """Halvings of the tracking image, and those where a motion is predicted. Each one doubles the radius of the search."""
-TENSOR_IMAGE = float32[:, :, ::1]
+SLOPES, SLOPE_ROW = int16[:, ::1], int16[::1]
 CORNER_PX = 5
 """Side of the neighbourhood of a corner."""
 EIGENVALUE_UNIT = np.float32((4 * 255 * CORNER_PX) ** -2)
@@ -116,14 +116,7 @@ def find_corners(gray: GrayImage, cell_px: int = CELL_PX) -> Pixels:
 
     Corners are the pixels whose neighbourhood changes most in every direction (Shi and Tomasi 1994).
     """
-    eigenvalue = least_eigenvalue(gray)
-    rows, cols = (side // cell_px for side in gray.shape)
-    whole = eigenvalue[: rows * cell_px, : cols * cell_px].reshape(rows, cell_px, cols, cell_px)
-    cells = whole.swapaxes(1, 2).reshape(rows * cols, cell_px * cell_px)
-    best = cells.argmax(axis=1)
-    row, col = np.divmod(np.arange(rows * cols), max(cols, 1))
-    corners = np.stack([col * cell_px + best % cell_px, row * cell_px + best // cell_px], axis=1)
-    return np.asarray(corners[cells.max(axis=1) > MIN_EIGENVALUE], np.float32)
+    return best_of_cells(least_eigenvalue(gray), cell_px)
 
 
 def least_eigenvalue(gray: GrayImage) -> FloatImage:
@@ -133,31 +126,95 @@ def least_eigenvalue(gray: GrayImage) -> FloatImage:
     numbers have no rounding here.
     """
     dx, dy = (np.asarray(cv2.Sobel(gray, cv2.CV_16S, *order), np.int16) for order in ((1, 0), (0, 1)))
-    products = _products(dx, dy)
-    tensor = cv2.boxFilter(products, cv2.CV_32F, (CORNER_PX, CORNER_PX), normalize=False)
-    return _least_eigenvalue(np.asarray(tensor, np.float32))
+    return _least_eigenvalue(dx, dy)
 
 
-@compiled(TENSOR_IMAGE(int16[:, ::1], int16[:, ::1]))
-def _products(dx: npt.NDArray[np.int16], dy: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
-    """The products of the slopes of each pixel, shape (h, w, 3): of columns, of both, and of rows."""
-    products = np.empty((*dx.shape, 3), np.float32)
-    for row in range(dx.shape[0]):
-        for col in range(dx.shape[1]):
-            x, y = float32(dx[row, col]), float32(dy[row, col])
-            products[row, col, 0], products[row, col, 1], products[row, col, 2] = x * x, x * y, y * y
-    return products
+@compiled_part(int64(int64, int64))
+def _reflected(at: int, side: int) -> int:
+    """A row or column within the image: positions beyond its sides are those as far within."""
+    at = abs(at)
+    return max(min(at, 2 * (side - 1) - at), 0)
 
 
-@compiled(FLOAT_IMAGE(TENSOR_IMAGE))
-def _least_eigenvalue(tensor: npt.NDArray[np.float32]) -> FloatImage:
-    eigenvalue = np.empty(tensor.shape[:2], np.float32)
-    for row in range(tensor.shape[0]):
-        for col in range(tensor.shape[1]):
-            xx, xy, yy = tensor[row, col, 0], tensor[row, col, 1], tensor[row, col, 2]
-            mean, half = float32(0.5) * (xx + yy), float32(0.5) * (xx - yy)
-            eigenvalue[row, col] = EIGENVALUE_UNIT * (mean - np.sqrt(half * half + xy * xy))
+@compiled_part(void(SLOPE_ROW, SLOPE_ROW, float32, FLOAT_IMAGE))
+def _add_products(
+    dx: npt.NDArray[np.int16],
+    dy: npt.NDArray[np.int16],
+    factor: float,
+    # input and output
+    tensor: FloatImage,
+) -> None:
+    """Add the products of the slopes of a row to the tensors of its columns, shape (3, w)."""
+    of_cols, of_both, of_rows = tensor[0], tensor[1], tensor[2]
+    for col in range(len(dx)):
+        x = float32(dx[col])
+        of_cols[col] += factor * (x * x)
+    for col in range(len(dx)):
+        x, y = float32(dx[col]), float32(dy[col])
+        of_both[col] += factor * (x * y)
+    for col in range(len(dx)):
+        y = float32(dy[col])
+        of_rows[col] += factor * (y * y)
+
+
+@compiled_part(void(FLOAT_ROW, FLOAT_ROW, FLOAT_ROW))
+def _sum_along_row(
+    values: FloatImage,
+    # scratch
+    padded: FloatImage,
+    # output
+    sums: FloatImage,
+) -> None:
+    """The sum of `CORNER_PX` adjacent values around each of a row, which is reflected at its ends."""
+    width, reach = len(values), CORNER_PX // 2
+    for k in range(reach):
+        padded[k] = values[_reflected(k - reach, width)]
+        padded[reach + width + k] = values[_reflected(width + k, width)]
+    padded[reach : reach + width] = values
+    sums[:] = padded[:width]
+    for k in range(1, CORNER_PX):
+        shifted = padded[k : k + width]
+        for col in range(width):
+            sums[col] += shifted[col]
+
+
+@compiled(FLOAT_IMAGE(SLOPES, SLOPES))
+def _least_eigenvalue(dx: npt.NDArray[np.int16], dy: npt.NDArray[np.int16]) -> FloatImage:
+    """The smaller eigenvalue of the sums of products of slopes, which run down the image column by column."""
+    (height, width), reach = dx.shape, CORNER_PX // 2
+    eigenvalue, tensor = np.empty((height, width), np.float32), np.zeros((3, width), np.float32)
+    padded, sums = np.empty(width + 2 * reach, np.float32), np.empty((3, width), np.float32)
+    for row in range(-reach, reach):
+        _add_products(dx[_reflected(row, height)], dy[_reflected(row, height)], float32(1), tensor)
+    for row in range(height):
+        after, before = _reflected(row + reach, height), _reflected(row - reach, height)
+        _add_products(dx[after], dy[after], float32(1), tensor)
+        for k in range(3):
+            _sum_along_row(tensor[k], padded, sums[k])
+        of_cols, of_both, of_rows, least = sums[0], sums[1], sums[2], eigenvalue[row]
+        for col in range(width):
+            mean, half = float32(0.5) * (of_cols[col] + of_rows[col]), float32(0.5) * (of_cols[col] - of_rows[col])
+            least[col] = EIGENVALUE_UNIT * (mean - np.sqrt(half * half + of_both[col] * of_both[col]))
+        _add_products(dx[before], dy[before], float32(-1), tensor)
     return eigenvalue
+
+
+@compiled(FLOAT_IMAGE(FLOAT_IMAGE, int64))
+def best_of_cells(eigenvalue: FloatImage, cell_px: int) -> Pixels:
+    """Column and row of the pixel with the largest eigenvalue of each whole cell, if it is a corner."""
+    rows, cols = eigenvalue.shape[0] // cell_px, eigenvalue.shape[1] // cell_px
+    corners, n = np.empty((rows * cols, 2), np.float32), 0
+    for cell in range(rows * cols):
+        top, left = cell_px * (cell // cols), cell_px * (cell % cols)
+        most, best_row, best_col = MIN_EIGENVALUE, -1, -1
+        for row in range(top, top + cell_px):
+            for col in range(left, left + cell_px):
+                if eigenvalue[row, col] > most:
+                    most, best_row, best_col = eigenvalue[row, col], row, col
+        if best_row >= 0:
+            corners[n, 0], corners[n, 1] = best_col, best_row
+            n += 1
+    return corners[:n].copy()
 
 
 def track_corners(

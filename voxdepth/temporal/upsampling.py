@@ -115,8 +115,10 @@ class Upsampler:
             _separate(measured_m, estimate, np.asarray(span_px, np.float32), focal_baseline_px_m, disparity_px)
         _show(measured_m, disparity_px, estimate, focal_baseline_px_m, min_fill_confidence, shown)
         height, width = disparity_px.shape
-        _show_odd(measured_m, np.s_[height:], np.s_[height - 1 : height], shown)
-        _show_odd(measured_m, np.s_[:, width:], np.s_[:, width - 1 : width], shown)
+        if height < measured_m.shape[0]:
+            _show_odd(measured_m, np.s_[height:], np.s_[height - 1 : height], shown)
+        if width < measured_m.shape[1]:
+            _show_odd(measured_m, np.s_[:, width:], np.s_[:, width - 1 : width], shown)
         return shown
 
 
