@@ -141,8 +141,6 @@ class HoleFiller:
 
     def __init__(self, resolution: WorkingResolution, shadow_factor: float) -> None:
         self._resolution, decimation = resolution, resolution.decimation
-        row, col = np.indices(resolution.shape)
-        self._offset = np.asarray((row | col) & 3, np.uint8)
         width_px = decimation * resolution.width_px
 
         def rules_of(scale: int) -> Rules:
@@ -160,10 +158,10 @@ class HoleFiller:
         """
         hole = np.asarray(cv2.bitwise_not(above(known.disparity_px, 0)), np.uint8)
         block = find_blocks(hole & ~above(known.remembered_px, 0))
-        place = self._places(hole, block, depth_m)
+        place = find_places(hole, block, np.ascontiguousarray(depth_m))
         rays = trace_rays(known.disparity_px, place)
         filled = vote(known, place, rays, self._rules)
-        inpainted = Inpainted(np.zeros_like(known.disparity_px), np.ones_like(known.disparity_px), np.zeros_like(hole))
+        inpainted = Inpainted(np.empty_like(known.disparity_px), np.empty_like(known.disparity_px), np.empty_like(hole))
         paste(hole, block, filled, inpainted)
         smooth_px = np.asarray(cv2.medianBlur(known.disparity_px + inpainted.disparity_px, MEDIAN_PX), np.float32)
         np.copyto(inpainted.disparity_px, smooth_px, where=inpainted.disparity_px > 0)
@@ -175,14 +173,30 @@ class HoleFiller:
         march(known.disparity_px, depth_m, focal_baseline_px_m, pixels, number, rays.steps, pixel_rays)
         return inpainted, vote(known, pixels, pixel_rays, self._pixel_rules)
 
-    def _places(self, hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> Places:
-        """The working pixels that are holes or contain one, row by row; of each block that votes as one, the first."""
-        height, width = (self._resolution.decimation * side for side in hole.shape)
-        complete = cv2.resize(above(depth_m, 0)[:height, :width], hole.shape[::-1], interpolation=cv2.INTER_AREA)
-        voting = (hole | ~above(np.asarray(complete, np.uint8), 254)) * ((self._offset & block) == 0)
-        found = cv2.findNonZero(voting)
-        places = np.empty((0, 2), np.int32) if found is None else found.reshape(-1, 2)
-        return np.ascontiguousarray(places[:, ::-1], np.int32)
+
+@compiled(PLACES(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE))
+def find_places(hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> Places:
+    """The working pixels that are holes or contain one, row by row; of each block that votes as one, the first."""
+    (height, width), decimation = hole.shape, depth_m.shape[1] // hole.shape[1]
+    known, votes = np.empty(decimation * width, np.uint8), np.empty(width, np.uint8)
+    places, n = np.empty((height * width, 2), np.int32), np.uintp(0)
+    for row in range(height):
+        known[:] = 1
+        for full_row in range(decimation * row, decimation * (row + 1)):
+            row_m = depth_m[full_row]
+            for k in range(len(known)):
+                known[k] &= uint8(row_m[k] > 0)
+        for col in range(width):
+            left = np.uintp(decimation * col)
+            votes[col] = known[left] & known[left + np.uintp(decimation - 1)]
+        is_hole, side = hole[row], block[row]
+        for col in range(width):
+            is_first = (uint8(row | col) & side[col]) == 0
+            votes[col] = uint8(is_first & ((is_hole[col] > 0) | (votes[col] == 0)))
+        for col in range(width):
+            places[n, 0], places[n, 1] = row, col
+            n += np.uintp(votes[col])
+    return places[:n].copy()
 
 
 def find_blocks(unknown: GrayImage) -> GrayImage:
@@ -353,11 +367,13 @@ def paste(
     inpainted: Inpainted,
 ) -> None:
     """Write what is filled to the images of the working pixels without a measurement."""
+    inpainted.disparity_px[:], inpainted.probability[:], inpainted.remembered[:] = float32(0), float32(1), uint8(0)
     for k in range(len(filled.place)):
-        row, col = filled.place[k]
-        inpainted.disparity_px[row, col] = filled.disparity_px[k] if hole[row, col] else float32(0)
-        inpainted.probability[row, col] = filled.probability[k] if hole[row, col] else float32(1)
-        inpainted.remembered[row, col] = filled.remembered[k] & hole[row, col]
+        row, col = np.uintp(filled.place[k, 0]), np.uintp(filled.place[k, 1])
+        if hole[row, col]:
+            inpainted.disparity_px[row, col] = filled.disparity_px[k]
+            inpainted.probability[row, col] = filled.probability[k]
+            inpainted.remembered[row, col] = filled.remembered[k]
     for row in range(hole.shape[0]):
         for col in range(hole.shape[1]):
             if block[row, col]:

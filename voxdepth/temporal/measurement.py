@@ -144,14 +144,14 @@ def _farthest_around(disparity_px: FloatImage, is_speckle: GrayImage, row: int, 
 @compiled(FLOAT_IMAGE(FLOAT_IMAGE, BYTE_IMAGE))
 def _without_wrong(disparity_px: FloatImage, is_speckle: GrayImage) -> FloatImage:
     """The disparity without the speckles that are too near or too far; see `without_speckles`."""
-    farthest_px = float32(np.inf)
+    farthest_of_col_px = np.full(disparity_px.shape[1], float32(np.inf))
     for row in range(disparity_px.shape[0]):
         row_px, speckle = disparity_px[row], is_speckle[row]
         for col in range(len(row_px)):
             here_px, is_surface = row_px[col], (row_px[col] > 0) & (speckle[col] == 0)
             surface_px = here_px if is_surface else float32(np.inf)
-            farthest_px = min(farthest_px, surface_px)
-    kept_px = disparity_px.copy()
+            farthest_of_col_px[col] = min(farthest_of_col_px[col], surface_px)
+    farthest_px, kept_px = farthest_of_col_px.min(), disparity_px.copy()
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):
             if is_speckle[row, col] == 0:

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import float32, int32
-from numba.types import Tuple
+from numba import float32, int32, int64
+from numba.types import Tuple, UniTuple
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..geometry import interpolate
-from ..types import FloatImage, GrayImage, resized
+from ..types import FloatImage, GrayImage
 from .forward_warp import Warped
 
 WEIGHT_UNIT = 16
@@ -53,7 +53,6 @@ class Memory(NamedTuple):
 
     def seen_by(self, warped: Warped) -> "Memory":
         """The memory as a new frame sees it, from its disparity as that frame sees it."""
-        coarse_x, coarse_y = _decimated(warped.source_x), _decimated(warped.source_y)
         seen_px, age, filled_px = _sample_nearest(self, warped.source_x, warped.source_y)
         return Memory(
             disparity_px=warped.disparity_px,
@@ -61,7 +60,7 @@ class Memory(NamedTuple):
             gray=_sample_gray(self.gray, warped.source_x, warped.source_y),
             seen_px=seen_px,
             age=age,
-            drift_px=_sample_linear(self.drift_px, coarse_x, coarse_y),
+            drift_px=_sample_drift(self.drift_px, warped.source_x, warped.source_y),
             filled_px=filled_px,
         )
 
@@ -69,9 +68,10 @@ class Memory(NamedTuple):
 MEMORY_TYPE = named_tuple(Memory, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, BYTE_IMAGE, *[FLOAT_IMAGE] * 2)
 
 
+@compiled(UniTuple(int64, 2)(UniTuple(int64, 2)))
 def coarse_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
     """Shape of the drift of a memory of a shape."""
-    return tuple(max(1, side // DRIFT_DECIMATION) for side in shape)
+    return max(1, shape[0] // DRIFT_DECIMATION), max(1, shape[1] // DRIFT_DECIMATION)
 
 
 def _sample_gray(gray: GrayImage, x: FloatImage, y: FloatImage) -> GrayImage:
@@ -99,16 +99,27 @@ def _sample_nearest(memory: Memory, x: FloatImage, y: FloatImage) -> tuple[Float
     return seen_px, age, filled_px
 
 
-def _sample_linear(image: FloatImage, x: FloatImage, y: FloatImage) -> FloatImage:
-    """Samples between the pixels of an image at columns x and rows y, with the border replicated."""
-    (last_row, last_col), samples = (np.float32(side - 1) for side in image.shape), np.empty_like(x)
-    interpolate(image, np.clip(x, 0, last_col), np.clip(y, 0, last_row), np.float32(0), samples)
+def _sample_drift(drift_px: FloatImage, x: FloatImage, y: FloatImage) -> FloatImage:
+    """Samples between the pixels of a drift where blocks of pixels lie in the memory, with the border replicated."""
+    samples = np.empty_like(drift_px)
+    interpolate(drift_px, _coarse(x, drift_px.shape[1]), _coarse(y, drift_px.shape[0]), np.float32(0), samples)
     return samples
 
 
-def _decimated(position: FloatImage) -> FloatImage:
-    """Columns or rows of the memory as those of the decimated drift: the mean of each block of pixels."""
+@compiled(FLOAT_IMAGE(FLOAT_IMAGE, int64))
+def _coarse(position: FloatImage, side: int) -> FloatImage:
+    """Columns or rows of the memory as those of the drift, a side of which has a length: the mean of each block.
+
+    They are moved into the drift.
+    """
     height, width = coarse_shape(position.shape)
-    even = position[: DRIFT_DECIMATION * height, : DRIFT_DECIMATION * width]
-    mean = np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
-    return resized(mean, 1 / DRIFT_DECIMATION)
+    coarse, last = np.empty((height, width), np.float32), float32(side - 1)
+    for row in range(height):
+        upper, lower = position[DRIFT_DECIMATION * row], position[min(DRIFT_DECIMATION * row + 1, len(position) - 1)]
+        for col in range(width):
+            left = np.uintp(DRIFT_DECIMATION * col)
+            right = min(left + np.uintp(1), np.uintp(position.shape[1] - 1))
+            mean = float32(0.25) * ((upper[left] + upper[right]) + (lower[left] + lower[right]))
+            within = (mean + float32(0.5)) / float32(DRIFT_DECIMATION) - float32(0.5)
+            coarse[row, col] = min(max(within, float32(0)), last)
+    return coarse

@@ -170,12 +170,13 @@ def _sum_along_row(
     for k in range(reach):
         padded[k] = values[_reflected(k - reach, width)]
         padded[reach + width + k] = values[_reflected(width + k, width)]
-    padded[reach : reach + width] = values
-    sums[:] = padded[:width]
-    for k in range(1, CORNER_PX):
-        shifted = padded[k : k + width]
-        for col in range(width):
-            sums[col] += shifted[col]
+    for col in range(width):
+        padded[reach + col] = values[col]
+    for col in range(width):
+        total = float32(0)
+        for k in range(CORNER_PX):
+            total += padded[col + k]
+        sums[col] = total
 
 
 @compiled(FLOAT_IMAGE(SLOPES, SLOPES))

@@ -106,9 +106,11 @@ def trace(
             here_px, here_steps = told_px[axis, 1:-1], told_steps[axis, 1:-1]
             there_px, there_steps = next_px[axis, first_col:], next_steps[axis, first_col:]
             for col in range(width):
-                there_px[col] = own_px[col] if own_px[col] > 0 else here_px[col]
+                at_px, end_px = own_px[col], here_px[col]
+                there_px[col] = at_px if at_px > 0 else end_px
             for col in range(width):
-                there_steps[col] = float32(1) if own_px[col] > 0 else here_steps[col] + float32(1)
+                steps = here_steps[col] + float32(1)
+                there_steps[col] = float32(1) if own_px[col] > 0 else steps
         told_px, next_px, told_steps, next_steps = next_px, told_px, next_steps, told_steps
 
 
