@@ -13,7 +13,7 @@ class TemporalConfig(Model):
 
     decimation: Literal["auto", 1, 2] = "auto"
     """Pixels of the image per working pixel along each side. 2 takes about half of the time, and loses thin objects;
-    `auto` chooses it for images of more than 200 000 pixels."""
+    `auto` chooses it for images of more than 60 000 pixels."""
     pose_sigma_m: float = Field(default=0.01, ge=1e-6, le=1e6)
     """Standard deviation of each coordinate of the motion between two poses of the caller. More trusts the images
     more."""

@@ -47,21 +47,19 @@ def trace_rays(known_px: FloatImage, place: Places) -> Rays:
     return rays
 
 
-@compiled_part(void(NUMBERS, boolean, NUMBERS, NUMBERS))
-def tell_along_row(
+@compiled_part(void(NUMBERS, boolean, int32[::1]))
+def find_known_along_row(
     own_px: Numbers,
     is_backward: bool,
     # output
-    told_px: Numbers,
-    told_steps: Numbers,
+    known_col: npt.NDArray[np.int32],
 ) -> None:
-    """Tell every pixel of a row the nearest known pixel before it or after it, and the number of steps to that."""
-    end_px, end_col, width = float32(0), INFINITE, len(own_px)
+    """The column of the nearest known pixel before or after each one of a row; -1 if there is none."""
+    last, width = int32(-1), len(own_px)
     for k in range(width):
-        col = width - 1 - k if is_backward else k
-        told_px[col], told_steps[col] = end_px, abs(float32(col) - end_col)
-        is_known = own_px[col] > 0
-        end_px, end_col = (own_px[col] if is_known else end_px), (float32(col) if is_known else end_col)
+        col = np.uintp(width - 1 - k if is_backward else k)
+        known_col[col] = last
+        last = int32(col) if own_px[col] > 0 else last
 
 
 @compiled(void(FLOAT_IMAGE, PLACES, int64[::1], boolean, RAYS))
@@ -89,12 +87,17 @@ def trace(
     first_ray, direction = (AXES, -1) if is_backward else (0, 1)
     # Ends of the rays from a row and from the one after it, with a column beyond each of their sides.
     told_px, told_steps = np.zeros((AXES, width + 2), np.float32), np.full((AXES, width + 2), INFINITE)
-    next_px, next_steps = told_px.copy(), told_steps.copy()
+    next_px, next_steps, known_col = told_px.copy(), told_steps.copy(), np.empty(width, np.int32)
     for k in range(height):
         row = height - 1 - k if is_backward else k
         own_px = known_px[row]
-        tell_along_row(own_px, is_backward, told_px[0, 1:-1], told_steps[0, 1:-1])
-        for ray in range(AXES):
+        find_known_along_row(own_px, is_backward, known_col)
+        for n in range(start[row], start[row + 1]):
+            col = place[n, 1]
+            end_col = known_col[np.uintp(col)]
+            rays.end_px[first_ray, n] = own_px[np.uintp(end_col)] if end_col >= 0 else float32(0)
+            rays.steps[first_ray, n] = float32(abs(col - end_col)) if end_col >= 0 else INFINITE
+        for ray in range(1, AXES):
             for n in range(start[row], start[row + 1]):
                 at = np.uint32(place[n, 1] + 1)
                 rays.end_px[first_ray + ray, n] = told_px[ray, at]

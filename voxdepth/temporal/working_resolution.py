@@ -16,7 +16,7 @@ MIN_DISPARITY_PX = float32(1e-4)
 """Smaller disparities are invalid: they lie beyond 300 km for usual cameras."""
 MIN_SIDE_PX = 8
 """Smallest side of an image: at half resolution, a smaller one leaves no neighbourhood to work on."""
-MAX_FULL_RESOLUTION_PX = 200_000
+MAX_FULL_RESOLUTION_PX = 60_000
 """Images of more pixels are halved by default, so that the method keeps up with a camera."""
 
 
