@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.temporal_scenes import CAMERA, depth_of, pose
-from voxdepth.temporal.fusion import FILLING_WEIGHT, MAX_WEIGHT, RELIABLE_WEIGHT, PixelClass, fuse
+from voxdepth.temporal.fusion import FILLING_WEIGHT_PER_FRAME, MAX_WEIGHT, RELIABLE_WEIGHT, PixelClass, fuse
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.temporal.pose_fit import fit_pose, project
@@ -71,7 +71,7 @@ def test_every_pixel_is_one_kind_of_thing(seed: int, holes: float, forgotten: fl
     np.testing.assert_array_equal(fused.remembered_px[valid], 0)
     remembered = fused.remembered_px > 0
     np.testing.assert_array_equal(fused.remembered_px[remembered], old_px[remembered])
-    assert (weight >= FILLING_WEIGHT[age])[remembered].all()
+    assert (weight >= np.minimum(np.rint(FILLING_WEIGHT_PER_FRAME * age), RELIABLE_WEIGHT))[remembered].all()
     assert (after.age > 0).all()
     assert after.weight.max() <= MAX_WEIGHT
     np.testing.assert_array_equal(after.weight > 0, after.disparity_px > 0)

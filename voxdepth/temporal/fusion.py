@@ -13,7 +13,7 @@ from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, compiled_part, named_t
 from ..types import FloatImage, GrayImage
 from .masks import box_mean
 from .measurement import MEASUREMENT_TYPE, Measurement
-from .memory import MEMORY_TYPE, WEIGHT_UNIT, Memory
+from .memory import DRIFT_DECIMATION, MEMORY_TYPE, WEIGHT_UNIT, Memory
 
 WINDOW_PX = 5
 """Side of the neighbourhood over which differences of disparity and gray value are averaged."""
@@ -185,8 +185,9 @@ def _compare(memory: Memory, measurement: Measurement) -> tuple[Comparison, Floa
 
 def _drift(before_px: FloatImage, difference_px: FloatImage, overlap: GrayImage) -> FloatImage:
     """The running mean of measured minus remembered disparity after a frame, decimated."""
+    height, width = (DRIFT_DECIMATION * side for side in before_px.shape)
     count, total_px = (
-        cv2.resize(image, before_px.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+        cv2.resize(image[:height, :width], before_px.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
         for image in (overlap, difference_px)
     )
     share = np.maximum(box_mean(count, DRIFT_WINDOW_PX) / np.float32(255), MIN_OVERLAP)

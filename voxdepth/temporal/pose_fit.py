@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import float64, int64, void
+from numba import float64, int64, types, void
 from numba.types import Tuple, UniTuple
 
 from ..compiled import compiled, compiled_part
@@ -77,10 +77,17 @@ def fit_pose(
 
 def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
     """Pixels, shape (N, 2), of points in the camera frame, shape (N, 3), in double precision."""
-    fx, fy, cx, cy = lens_of(camera)
-    x, y, z = points_m.T
-    z = np.maximum(z, MIN_DEPTH_M)
-    return np.stack([fx * x / z + cx, fy * y / z + cy], axis=1)
+    return _project(np.ascontiguousarray(points_m), lens_of(camera))
+
+
+@compiled(MATRIX(types.Array(float64, 2, "C", readonly=True), LENS_TYPE))
+def _project(points_m: FloatArray, lens: Lens) -> FloatArray:
+    fx, fy, cx, cy = lens
+    pixels = np.empty((len(points_m), 2))
+    for k in range(len(points_m)):
+        z = max(points_m[k, 2], MIN_DEPTH_M)
+        pixels[k, 0], pixels[k, 1] = fx * points_m[k, 0] / z + cx, fy * points_m[k, 1] / z + cy
+    return pixels
 
 
 def lens_of(camera: Intrinsics) -> Lens:

@@ -4,9 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import boolean, float64, types
+from numba.types import Tuple
 
+from ..compiled import FLOAT_IMAGE, FLOAT_ROW, READABLE_IMAGE, compiled
 from ..types import FloatArray, FloatImage, Intrinsics, MaskImage
-from .pose_fit import lens_of, project
+from .pose_fit import LENS_TYPE, Lens, lens_of, project
 from .working_resolution import WorkingResolution
 
 Pixels = npt.NDArray[np.float32]
@@ -37,18 +40,14 @@ class TrackingCamera:
 
         The disparity has the working resolution, shape (h, w); 0 = unknown.
         """
-        pixel_px = self.sample(disparity_px, pixels)
-        known = pixel_px > 0
-        z = self.resolution.focal_baseline_px_m / pixel_px[known].astype(np.float64)
-        fx, fy, cx, cy = lens_of(self.intrinsics)
-        col, row = pixels[known].T
-        return np.stack([(col - cx) * z / fx, (row - cy) * z / fy, z], axis=1), known
+        known_px = self.sample(disparity_px, pixels)
+        return _points(pixels, known_px, self.resolution.focal_baseline_px_m, lens_of(self.intrinsics))
 
     def sample(self, image: FloatImage, pixels: npt.NDArray[np.floating]) -> FloatImage:
         """Nearest values, shape (N,), of a full or working image at pixels of the tracking image, shape (N, 2)."""
         decimation = 1 if image.shape == self.full.shape else self.resolution.decimation
-        col, row = np.rint((pixels.T + 0.5) / (self.scale * decimation)[:, None] - 0.5).astype(np.int64)
-        return np.asarray(image[row.clip(0, image.shape[0] - 1), col.clip(0, image.shape[1] - 1)], np.float32)
+        scale = self.scale * decimation
+        return _sample(np.ascontiguousarray(image), np.ascontiguousarray(pixels, np.float64), scale[0], scale[1])
 
     def sees(self, points_m: FloatArray) -> MaskImage:
         """Whether points in the camera frame, shape (N, 3), are in front of the camera and inside the image."""
@@ -56,3 +55,34 @@ class TrackingCamera:
         width_px, height_px = self.size
         in_image = (col >= 0) & (col <= width_px - 1) & (row >= 0) & (row <= height_px - 1)
         return np.asarray((points_m[:, 2] > 0) & in_image, np.bool_)
+
+
+@compiled(FLOAT_ROW(READABLE_IMAGE, types.Array(float64, 2, "C", readonly=True), float64, float64))
+def _sample(image: FloatImage, pixels: FloatArray, scale_x: float, scale_y: float) -> FloatImage:
+    """Nearest values, shape (N,), of an image at pixels of another one that is as many times its size."""
+    values = np.empty(len(pixels), np.float32)
+    for k in range(len(pixels)):
+        col, row = np.rint((pixels[k, 0] + 0.5) / scale_x - 0.5), np.rint((pixels[k, 1] + 0.5) / scale_y - 0.5)
+        nearest_row = int(min(max(row, 0), image.shape[0] - 1))
+        nearest_col = int(min(max(col, 0), image.shape[1] - 1))
+        values[k] = image[nearest_row, nearest_col]
+    return values
+
+
+@compiled(Tuple((float64[:, ::1], boolean[::1]))(FLOAT_IMAGE, FLOAT_ROW, float64, LENS_TYPE))
+def _points(
+    pixels: Pixels, disparity_px: FloatImage, focal_baseline_px_m: float, lens: Lens
+) -> tuple[FloatArray, MaskImage]:
+    """Points of the pixels of a disparity above 0, shape (N,); see `TrackingCamera.points`."""
+    fx, fy, cx, cy = lens
+    points_m, n = np.empty((len(pixels), 3)), 0
+    for k in range(len(pixels)):
+        if disparity_px[k] > 0:
+            z = focal_baseline_px_m / disparity_px[k]
+            points_m[n, 0], points_m[n, 1], points_m[n, 2] = (
+                (pixels[k, 0] - cx) * z / fx,
+                (pixels[k, 1] - cy) * z / fy,
+                z,
+            )
+            n += 1
+    return points_m[:n].copy(), disparity_px > 0
