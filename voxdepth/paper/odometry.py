@@ -210,7 +210,7 @@ class Comparison:
         u_px, v_px = (position_px[None] for position_px in self._projected(moved))
         seen = np.empty((len(self._target_with_slopes), 1, len(moved)), np.float32)
         for image, values in zip(self._target_with_slopes, seen, strict=True):
-            interpolate(image, u_px, v_px, np.float32(np.nan), values)
+            interpolate(image, u_px, v_px, np.nan, values)
         return seen[:, 0], np.isfinite(seen[0, 0]) & (moved[:, 2] > NEAREST_M)
 
     def _projected(self, moved: PointArray) -> tuple[Any, Any]:

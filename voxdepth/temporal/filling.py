@@ -369,11 +369,11 @@ def paste(
     """Write what is filled to the images of the working pixels without a measurement."""
     inpainted.disparity_px[:], inpainted.probability[:], inpainted.remembered[:] = float32(0), float32(1), uint8(0)
     for k in range(len(filled.place)):
-        row, col = np.uintp(filled.place[k, 0]), np.uintp(filled.place[k, 1])
-        if hole[row, col]:
-            inpainted.disparity_px[row, col] = filled.disparity_px[k]
-            inpainted.probability[row, col] = filled.probability[k]
-            inpainted.remembered[row, col] = filled.remembered[k]
+        v, u = np.uintp(filled.place[k, 0]), np.uintp(filled.place[k, 1])
+        if hole[v, u]:
+            inpainted.disparity_px[v, u] = filled.disparity_px[k]
+            inpainted.probability[v, u] = filled.probability[k]
+            inpainted.remembered[v, u] = filled.remembered[k]
     for row in range(hole.shape[0]):
         for col in range(hole.shape[1]):
             if block[row, col]:

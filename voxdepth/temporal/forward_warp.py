@@ -99,7 +99,7 @@ class ForwardWarp:
         closed_px = np.asarray(cv2.morphologyEx(warped.disparity_px, cv2.MORPH_CLOSE, CRACK_KERNEL), np.float32)
         closed_weight = np.asarray(cv2.morphologyEx(warped.weight, cv2.MORPH_CLOSE, CRACK_KERNEL), np.uint8)
         _trace_back(closed_px, closed_weight, backward, warped)
-        interpolate(self._marked_px, warped.source_x, warped.source_y, HOLE_PX, self._sampled_px)
+        interpolate(self._marked_px, warped.source_x, warped.source_y, float(HOLE_PX), self._sampled_px)
         _resample(self._sampled_px, backward, warped.disparity_px)
         return warped
 

@@ -289,7 +289,8 @@ def _find_rules(
 @compiled_part(boolean(uint8))
 def _shows_measurement(rule: int) -> bool:
     """Whether the fused disparity of a pixel is the measured one."""
-    return (rule == OCCLUDING) | (rule == FREE_SPACE) | (rule == NEW)
+    shows: bool = (rule == OCCLUDING) | (rule == FREE_SPACE) | (rule == NEW)
+    return shows
 
 
 @compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, FLOAT_IMAGE, RULES_TYPE, FUSED_TYPE))

@@ -133,7 +133,7 @@ def without_speckles(disparity_px: FloatImage) -> FloatImage:
 def _farthest_around(disparity_px: FloatImage, is_speckle: GrayImage, row: int, col: int) -> float:
     """Disparity of the farthest surface around a pixel that is no speckle; infinite if there is none."""
     height, width = disparity_px.shape
-    farthest_px = float32(np.inf)
+    farthest_px: float = float32(np.inf)
     for v in range(max(row - SPECKLE_REACH_PX, 0), min(row + SPECKLE_REACH_PX + 1, height)):
         for u in range(max(col - SPECKLE_REACH_PX, 0), min(col + SPECKLE_REACH_PX + 1, width)):
             if disparity_px[v, u] > 0 and is_speckle[v, u] == 0:

@@ -102,7 +102,7 @@ def _sample_nearest(memory: Memory, x: FloatImage, y: FloatImage) -> tuple[Float
 def _sample_drift(drift_px: FloatImage, x: FloatImage, y: FloatImage) -> FloatImage:
     """Samples between the pixels of a drift where blocks of pixels lie in the memory, with the border replicated."""
     samples = np.empty_like(drift_px)
-    interpolate(drift_px, _coarse(x, drift_px.shape[1]), _coarse(y, drift_px.shape[0]), np.float32(0), samples)
+    interpolate(drift_px, _coarse(x, drift_px.shape[1]), _coarse(y, drift_px.shape[0]), 0.0, samples)
     return samples
 
 
