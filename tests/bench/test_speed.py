@@ -25,11 +25,9 @@ from swarm.config import MissionConfig
 from swarm.mapping_pilot import MappingPilot
 from swarm.mission import Mission
 from tests.helpers import camera_at
-from tests.realsense_files import SoftwareCamera
 from voxdepth import TemporalCorrector
-from voxdepth.tools.benchmark import FRAME, camera_of, measure, tables
 from voxdepth.tools.table import Column, Table
-from voxdepth.types import Frame, Intrinsics
+from voxdepth.types import Intrinsics
 
 pytestmark = pytest.mark.bench
 
@@ -181,19 +179,3 @@ def test_recording(name: str, tmp_path: Path) -> None:
         f"record {name}, {size.width_px}x{size.height_px}, 25 frames, start included",
         f"{25 / (time.perf_counter() - start):6.1f} frames a second",
     )
-
-
-@pytest.mark.parametrize("size", [(640, 360), (1024, 1024)])
-def test_correctors_beside_librealsense(size: tuple[int, int]) -> None:
-    camera = camera_of(*size)
-    sdk = SoftwareCamera(camera)
-    filters = sdk.recommended_filters()
-
-    def filtered(frame: Frame) -> dict[str, float]:
-        shown = sdk.frame(np.clip(1000 * frame.depth_m, 0, 65_535).astype(np.uint16))
-        start = time.perf_counter()
-        sdk.filtered(shown, filters)
-        return {FRAME: time.perf_counter() - start}
-
-    table, *_ = tables(f"{size[0]}x{size[1]}", measure(camera, 100, {"librealsense": filtered}))
-    print("\n" + table.markdown())

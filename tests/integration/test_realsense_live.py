@@ -9,7 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from tests.realsense_files import librealsense, record_with_librealsense
+from tests.realsense_files import realsense, record_with_librealsense
 from voxdepth.types import Intrinsics
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "realsense_live.py"
@@ -19,7 +19,7 @@ N_FRAMES = 4
 
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
-    librealsense()
+    realsense()
     spec = importlib.util.spec_from_file_location("realsense_live", EXAMPLE)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

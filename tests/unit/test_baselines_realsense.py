@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.realsense_files import SoftwareCamera
+from tests.realsense_files import software_camera, through
 from voxdepth.baselines.realsense import RealSenseChain, fill_farthest, fill_from_left
 from voxdepth.errors import ConfigError
 from voxdepth.types import Frame, Intrinsics
@@ -56,18 +56,18 @@ def test_the_chain_cuts_depths_that_16_bits_cannot_hold(beyond_m: float) -> None
 
 @pytest.mark.parametrize(("mode", "fill"), enumerate([fill_from_left, fill_farthest]))
 def test_hole_filling_equals_that_of_librealsense(mode: int, fill: Any) -> None:
-    sdk = SoftwareCamera(CAMERA)
+    sdk = software_camera(CAMERA)
     block = sdk.rs.hole_filling_filter(mode)
     for units in moving_scene(5):
-        expected, filled_m = sdk.through(units, [block]), (units / 1000).astype(np.float32)
+        expected, filled_m = through(sdk, units, [block]), (units / 1000).astype(np.float32)
         fill(filled_m)
         np.testing.assert_array_equal(np.rint(filled_m * 1000), expected)
         assert (expected != units).any() == units.any()
 
 
 def test_the_chain_equals_that_of_librealsense() -> None:
-    sdk, chain = SoftwareCamera(CAMERA), RealSenseChain(CAMERA)
+    sdk, chain = software_camera(CAMERA), RealSenseChain(CAMERA)
     blocks = sdk.recommended_filters()
     for units in moving_scene(14):
         result_m = chain.process(frame_of(units / 1000)).depth_m
-        np.testing.assert_array_equal(np.rint(result_m * 1000), sdk.through(units, blocks))
+        np.testing.assert_array_equal(np.rint(result_m * 1000), through(sdk, units, blocks))

@@ -23,6 +23,7 @@ from ..devices import cuda_devices
 from ..networks import has_runtime
 from ..paper.config import VoxDepthConfig
 from ..types import DepthCorrector, FloatArray, FloatImage, Frame, Intrinsics
+from .librealsense import SoftwareCamera
 from .table import Column, Table, Value
 
 N_IMAGES, RATE_HZ = 16, 30.0
@@ -49,11 +50,14 @@ def camera_of(width_px: int, height_px: int) -> Intrinsics:
     return Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=HFOV_DEG, baseline_m=BASELINE_M)
 
 
-def measure(camera: Intrinsics, frames: int, others: Mapping[str, Method] | None = None) -> Latencies:
-    """Correct each drawn frame with each method in turn, after `WARM_UP_FRAMES` frames: with others, then ours."""
+def measure(camera: Intrinsics, frames: int) -> Latencies:
+    """Correct each drawn frame with each method in turn, after `WARM_UP_FRAMES` frames.
+
+    The first is librealsense itself where it is installed, and else `realsense`, which equals it.
+    """
     with one_core():
         correctors = _correctors(camera)
-        methods = {**(others or {}), "realsense": _timed(RealSenseChain(camera))}
+        methods = {**_librealsense(camera), "realsense": _timed(RealSenseChain(camera))}
         methods |= {name: _timed(each) for name, each in correctors.items()}
         times_s: Latencies = {name: defaultdict(list) for name in methods}
         for k, frame in enumerate(played(list(walk(N_IMAGES, camera)), WARM_UP_FRAMES + frames)):
@@ -136,6 +140,23 @@ def _correctors(intrinsics: Intrinsics) -> dict[str, StreamCorrector]:
     if cuda_devices():
         found["voxdepth, cuda"] = VoxDepth(intrinsics, paper.model_copy(update={"device": "cuda"}))
     return found | ({"learned": Learned(intrinsics)} if has_runtime() else {})
+
+
+def _librealsense(camera: Intrinsics) -> dict[str, Method]:
+    """The recommended filters of librealsense, C++, where it is installed. Only the filters are timed."""
+    try:
+        sdk = SoftwareCamera(camera)
+    except (ImportError, OSError):
+        return {}
+    filters = sdk.recommended_filters()
+
+    def process(frame: Frame) -> Mapping[str, float]:
+        shown = sdk.frame(np.clip(1000 * frame.depth_m, 0, 65_535).astype(np.uint16))
+        start = time.perf_counter()
+        sdk.filtered(shown, filters)
+        return {FRAME: time.perf_counter() - start}
+
+    return {"librealsense": process}
 
 
 def _timed(corrector: DepthCorrector) -> Method:

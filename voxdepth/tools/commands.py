@@ -273,7 +273,7 @@ def _comment(text: str | None) -> list[str]:
 
 
 def bench(size: Annotated[str, typer.Option(help="Image size.")] = "640x360") -> None:
-    """Measure how fast the correctors are here, in all and step by step, beside a baseline that equals librealsense."""
+    """Measure how fast the correctors are here, in all and step by step, beside librealsense or what equals it."""
     from rich.console import Console
 
     from .benchmark import N_FRAMES, camera_of, measure, tables
