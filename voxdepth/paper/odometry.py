@@ -176,7 +176,7 @@ class Comparison:
         seen, there = self._look_up(transform(T_target_source, self._points))
         if there.sum() < MIN_POINTS:
             return None
-        return float(np.median(np.abs(self._difference(seen[there, 0], there))) / np.median(self._gradient[there]))
+        return float(np.median(np.abs(self._difference(seen[0, there], there))) / np.median(self._gradient[there]))
 
     def overlap(self, T_target_source: FloatArray) -> float:
         """Share of the source's pixels with depth that land where the target has a depth."""
