@@ -30,8 +30,9 @@ ALWAYS_SET = ("rig.depth", "corrector")
 NOISE_RATIO = "rig.noise.scale.theta"
 OWN_KEYS = (*ALWAYS_SET, NOISE_RATIO, "rig.width_px", "rig.height_px")
 """Keys of a scenario that an arm sets by a field of its own."""
-EndpointName = Literal["arrived", "collision"]
-"""What is counted: runs in which all arrived without a collision, or runs with a collision."""
+EndpointName = Literal["arrived", "collision", "leader_collision"]
+"""What is counted: runs in which all arrived without a collision, runs with a collision, or those in which a leader hit
+something."""
 ENDPOINTS: tuple[EndpointName, ...] = get_args(EndpointName)
 GAIN: Literal["gain"] = "gain"
 """The endpoint of a study with an axis: by how much farther along it an arm keeps half of the full goal speed."""
@@ -141,12 +142,26 @@ class Arm(Model):
 
 
 class PrimaryComparison(Model):
-    """The pre-registered primary comparison. It is fixed before the first run, so its p-value is not adjusted."""
+    """The pre-registered primary comparison, fixed before the first run.
 
-    arm: str
+    The p-value of a single one is not adjusted, and those of several, of some arms with one, are for their number.
+    """
+
+    arm: tuple[str, ...] = Field(min_length=1)
+    """The arm, or a list of arms."""
     against: str
     endpoint: EndpointName | Literal["gain"] = "arrived"
     """What is counted, or `GAIN`."""
+
+    @pydantic.field_validator("arm", mode="before")
+    @classmethod
+    def _as_tuple(cls, arm: Any) -> Any:
+        return tuple(arm) if isinstance(arm, list | tuple) else (arm,)
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """All arms that are compared."""
+        return *self.arm, self.against
 
 
 class Study(Model):
@@ -217,7 +232,7 @@ class Study(Model):
         if declared is None:
             return
         levels = {arm.name: len(self.levels_of(arm)) for arm in self.arms}
-        for name in (declared.arm, declared.against):
+        for name in declared.arms:
             if name not in levels:
                 raise ValueError(f"the declared comparison names no arm of the study: {name!r}; it has {list(levels)}")
             if declared.endpoint != GAIN and levels[name] > 1:
@@ -225,8 +240,10 @@ class Study(Model):
                 raise ValueError(
                     f"a declared comparison needs arms of one level, or endpoint = {GAIN!r}: {name!r} has {count}"
                 )
-        if declared.arm == declared.against:
-            raise ValueError(f"the declared comparison must name two arms, got {declared.arm!r} twice")
+        if twice := [name for name, count in Counter(declared.arms).items() if count > 1]:
+            raise ValueError(f"the declared comparison must name two arms, got {twice[0]!r} twice")
+        if declared.endpoint == GAIN and len(declared.arm) > 1:
+            raise ValueError(f"endpoint = {GAIN!r} compares one arm with another, got {list(declared.arm)}")
         if declared.endpoint == GAIN and (self.axis is None or self.axis.reference is None):
             raise ValueError(f"endpoint = {GAIN!r} needs an axis with a reference: give both in [axis]")
 
@@ -374,7 +391,7 @@ def by_importance(study: Study, waiting: Iterable[RunSpec]) -> list[RunSpec]:
     A gain is declared on whole curves and their reference, so that all runs of a seed go together.
     """
     declared = study.declared
-    compared = () if declared is None or declared.endpoint == GAIN else (declared.arm, declared.against)
+    compared = () if declared is None or declared.endpoint == GAIN else declared.arms
     return sorted(waiting, key=lambda spec: spec.arm not in compared)
 
 

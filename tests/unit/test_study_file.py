@@ -108,6 +108,9 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "c"\n[[arms]]', "names no arm of the study: 'c'"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "b"\n[[arms]]', "needs arms of one level, or"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "a"\n[[arms]]', "must name two arms, got 'a' twice"),
+        ("[[arms]]", '[declared]\narm = ["a", "d"]\nagainst = "a"\n[[arms]]', "names no arm of the study: 'd'"),
+        ("[[arms]]", '[declared]\narm = []\nagainst = "a"\n[[arms]]', "declared.arm"),
+        ("[[arms]]", '[declared]\narm = "a"\nagainst = "b"\nendpoint = "hit"\n[[arms]]', "leader_collision"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, old: str, new: str, message: str) -> None:
