@@ -101,7 +101,8 @@ class Arm(Model):
     corrector: CorrectorSpec
     """The corrector's name, or a table with `name` and `config`."""
     theta: tuple[float, ...] = ()
-    """Noise ratios of the sensor model `noisy`, one or a list; a list is an axis of the arm, from the easiest on."""
+    """Noise ratios of the sensor model `noisy`, one or a list; a list is an axis of the arm, from the easiest on. Left
+    out where they are the axis of the study."""
     levels: tuple[float, ...] = Field(default=(), strict=False)
     """Levels of the study's axis that this arm flies. Default: all."""
     size: str | None = Field(default=None, pattern=r"^\d+x\d+$")
@@ -118,10 +119,10 @@ class Arm(Model):
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> "Arm":
-        if (self.depth == "noisy") != bool(self.theta):
+        if self.theta and self.depth != "noisy":
             raise ValueError(
-                f"arm {self.name!r}: the sensor model 'noisy' needs theta, and no other has one; got depth "
-                f"{self.depth!r} with theta {list(self.theta)}"
+                f"arm {self.name!r}: only the sensor model 'noisy' has theta; got depth {self.depth!r} with theta "
+                f"{list(self.theta)}"
             )
         if taken := [key for key in self.changes if _is_set_by(key, OWN_KEYS)]:
             raise ValueError(
@@ -191,6 +192,7 @@ class Study(Model):
                 raise ValueError(f"every {what} may be named once, got {twice[0]!r} more than once")
         if taken := [key for key in self.changes if _is_set_by(key, ALWAYS_SET)]:
             raise ValueError(f"changes must not set {taken[0]}, because every arm sets it: set it in the arms")
+        self._check_theta()
         self._check_axis()
         self._check_primary_comparison()
         return self
@@ -210,6 +212,18 @@ class Study(Model):
         if self.axis is None:
             return tuple(sorted(set(arm.theta))) or (None,)
         return tuple(level for level in self.axis.levels if level in (arm.levels or self.axis.levels))
+
+    def _check_theta(self) -> None:
+        is_axis = self.axis is not None and self.axis.key == NOISE_RATIO
+        for arm in self.arms:
+            if is_axis and arm.theta:
+                raise ValueError(
+                    f"arm {arm.name!r} must not set theta, which is the axis: leave it out, or give levels"
+                )
+            if arm.depth == "noisy" and not (is_axis or arm.theta):
+                raise ValueError(
+                    f"arm {arm.name!r}: the sensor model 'noisy' needs theta, or it as the axis of the study"
+                )
 
     def _check_axis(self) -> None:
         axis = self.axis
