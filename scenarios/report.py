@@ -1,11 +1,13 @@
 """What people read of a finished run, on the terminal and as a page."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
 from swarm.mission import contact_text
+from swarm.types import DroneValue
 from voxdepth.tools.files import write
 from voxdepth.tools.page import render_page
 from voxdepth.tools.provenance import source_commit
@@ -32,8 +34,30 @@ NUMBER, PERCENT = Column("number"), Column("share", number=percent)
 TOO_FAR, HOLES = Column("more than 10 % too far", number=percent), Column("holes", number=percent)
 
 
+def end_text(drone: Mapping[str, DroneValue]) -> str:
+    """Return how a drone ended in words, with what it hit and after what way."""
+    if drone["hit"] is None:
+        return str(drone["end"])
+    return f"{drone['end']} ({drone['hit']}) after {NUMBER.text(drone['first_contact_m'])} m"
+
+
+def drone_table(drones: Sequence[Mapping[str, DroneValue]]) -> Table:
+    """Return how each drone of a run ended."""
+    columns = ("drone", "", "end", Column("way", "m"), Column("smallest clearance", "m"), "unsafe commitments")
+    rows = [
+        (
+            drone["drone"],
+            "leader" if drone["leads"] else "follower",
+            end_text(drone),
+            *(drone[name] for name in ("path_length_m", "min_clearance_m", "unsafe_commitments")),
+        )
+        for drone in drones
+    ]
+    return Table.of("How the drones ended", columns, rows)
+
+
 def summary_tables(finished: Finished, run: Run) -> list[Table]:
-    """Return outcome, safety and depth errors of one run as tables; the page of a run shows the same."""
+    """Return outcome, the end of each drone, and depth errors of one run; the page of a run shows the same."""
     result = finished.result
     m = result.metrics
     rows = [
@@ -41,6 +65,7 @@ def summary_tables(finished: Finished, run: Run) -> list[Table]:
         ("simulated time [s]", NUMBER.text(m["sim_time_s"])),
         ("collisions", ", ".join(f"{m[key]} {kind}" for kind in CONTACT_KINDS if (key := f"collisions_{kind}") in m)),
         *(("", f"{contact.time_s:.2f} s: {contact_text(contact)}") for contact in result.contacts[:3]),
+        ("drones lost", f"{m['drones_lost']} of {len(result.drones)}"),
         ("minimum separation [m]", NUMBER.text(m["min_separation_m"])),
         ("minimum clearance [m]", NUMBER.text(m["min_clearance_m"])),
         ("unsafe commitments", str(m["unsafe_commitments"])),
@@ -55,6 +80,7 @@ def summary_tables(finished: Finished, run: Run) -> list[Table]:
     ]
     return [
         Table.of(run.title, ("metric", "value"), rows),
+        drone_table(result.drones),
         Table.of("Depth errors, surfaces within 20 m", ("depth", Column("MAE", "m"), TOO_FAR, HOLES), depth),
     ]
 
@@ -64,7 +90,7 @@ def write_page(path: Path, run: Run, finished: Finished, *, picture: Path) -> No
 
     The same run gives the same page.
     """
-    overview, depth = summary_tables(finished, run)
+    overview, drones, depth = summary_tables(finished, run)
     metrics = list(finished.result.metrics.items())
     all_metrics = Table.of("All metrics", ("metric", Column("value", number=".4g")), metrics)
     caption = "The flight from above, to scale: higher bodies are darker."
@@ -74,7 +100,7 @@ def write_page(path: Path, run: Run, finished: Finished, *, picture: Path) -> No
         outcome=finished.result.outcome,
         time_s=float(finished.result.metrics["sim_time_s"] or 0),
         flight=Picture(title="The flight", caption=caption, png=picture.read_bytes()),
-        tables=[replace(overview, title="Overview"), depth, all_metrics],
+        tables=[replace(overview, title="Overview"), drones, depth, all_metrics],
         recording=RECORDING if (path.parent / RECORDING).exists() else None,
         versions=simulation_versions(),
         commit=source_commit(),

@@ -132,10 +132,10 @@ class MappingPilot(Pilot):
         self._recover(intent, situation.time_s)
         if self._is_rotating(at_m, situation.time_s):
             yaw_rad = self._heading.turn()
-        elif look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
+        elif look_at_m is not None and intent.speed_m_s < WANTS_TO_FLY_M_S:
             yaw_rad = self._heading.turn_towards(look_at_m - situation.own.position_m, np.inf)
         else:
-            yaw_rad = self._heading.turn_towards(costs.to_world(look), length(wanted_m_s))
+            yaw_rad = self._heading.turn_towards(costs.to_world(look), intent.speed_m_s)
         return Decision(
             command=VelocityCommand(velocity_m_s=costs.to_world(velocity), yaw_rad=yaw_rad),
             state=_state(intent, direction, velocity),
@@ -162,7 +162,9 @@ class MappingPilot(Pilot):
         if self._costs is None:
             self._voxels.start(at_m, START_RADIUS_M, stamp_s)
         self._voxels.update(self._sensor.read(percept.corrected), percept.T_odom_cam, others_in_image_m, stamp_s)
-        self._voxels.mark_free(drones_m, self._airframe.radius_m, self._half_height_m, stamp_s)
+        radius_m, half_height_m = self._airframe.radius_m, self._half_height_m
+        self._voxels.take(at_m, radius_m, half_height_m, stamp_s)
+        self._voxels.mark_free(drones_m[1:], radius_m, half_height_m, stamp_s)
         self._mapped_s, self._path = stamp_s, None
         self._costs = CostMap(
             self._voxels.layer(*self._band(at_m), stamp_s),

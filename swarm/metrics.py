@@ -14,10 +14,12 @@ from voxdepth.metrics import DepthErrors, depth_errors
 from voxdepth.types import CorrectedDepth, Diagnostics, FloatArray
 
 from .approach import RESPONSE_S, braking_m_s2
+from .config import MissionConfig
+from .ends import DroneEnds
 from .errors import MissionError
 from .pilot import Decision
 from .team import Team, positions_of
-from .types import MetricValue, Trajectory
+from .types import DroneValue, MetricValue, Outcome, Trajectory
 
 EVALUATED_RANGE_M = 20.0
 """Depth errors are evaluated on pixels up to this true depth."""
@@ -25,6 +27,8 @@ CORRECTOR = "corrector_"
 """Beginning of the names of all metrics that come from the diagnostics of a corrector."""
 NO_EVENT = "none"
 """Value of an enumeration in diagnostics that says that nothing happened."""
+PASSED = "passthrough"
+"""Value of one that says that a frame was not corrected, though a filter of single frames may have smoothed it."""
 
 
 def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
@@ -67,18 +71,27 @@ def stopping_way_m(state: DroneState, commanded_m_s: FloatArray, decel_m_s2: flo
 
 
 class CorrectorWork:
-    """Counts what correctors report: frames in each of their states, and events; at first those of `parts`."""
+    """Counts what correctors do: frames in each state that they report, events, and frames that passed through.
+
+    It begins with the counts of `parts`.
+    """
 
     def __init__(self, parts: Iterable["CorrectorWork"] = ()) -> None:
         self._frames: Counter[tuple[str, StrEnum]] = Counter()
         self._events: Counter[str] = Counter()
+        self._n_frames = self._n_passed = 0
         for part in parts:
             self._frames.update(part._frames)
             self._events.update(part._events)
+            self._n_frames += part._n_frames
+            self._n_passed += part._n_passed
 
-    def add(self, diagnostics: Diagnostics) -> None:
-        """Add a frame."""
-        for name, fact in diagnostics.facts().items():
+    def add(self, diagnostics: Diagnostics | None, *, unchanged: bool = False) -> None:
+        """Add a frame; it passed through if its depth is unchanged, or if the corrector reports so."""
+        facts = {} if diagnostics is None else diagnostics.facts()
+        self._n_frames += 1
+        self._n_passed += unchanged or PASSED in facts.values()
+        for name, fact in facts.items():
             if isinstance(fact, StrEnum) and NO_EVENT in tuple(type(fact)):
                 self._events.update({f"{name}s_{kind}": kind is fact for kind in type(fact) if kind != NO_EVENT})
             elif isinstance(fact, StrEnum):
@@ -87,30 +100,30 @@ class CorrectorWork:
                 self._events[f"{name}s"] += fact
 
     def metrics(self) -> dict[str, MetricValue]:
-        """Return the share of the frames in each state, and the number of events of each kind."""
+        """Return the share of the frames that passed through, that in each state, and the number of events."""
         frames: Counter[str] = Counter()
         for (name, _), n in self._frames.items():
             frames[name] += n
         states = self._frames.items()
         return {
+            "passed_through_share": self._n_passed / self._n_frames if self._n_frames else None,
             **{f"{CORRECTOR}{name}_{state}_share": n / frames[name] for (name, state), n in states},
             **{f"{CORRECTOR}{name}": n for name, n in self._events.items()},
         }
 
 
 class MissionMetrics:
-    """Accumulates the metrics of a mission. A leader has arrived when it was within `goal_radius_m` of its goal.
+    """Accumulates the metrics of a mission. A leader has arrived when it was within the goal's radius.
 
     Drones that have dropped out count until then: they have no clearance, no slot and no way afterwards.
     """
 
-    def __init__(self, world: World, teams: Sequence[Team], *, goal_radius_m: float) -> None:
+    def __init__(self, config: MissionConfig, world: World, teams: Sequence[Team]) -> None:
         self._world = world
         self._teams = teams
-        self._goal_radius_m = goal_radius_m
         self._commitments = UnsafeCommitments(world)
         self._progress_m = [0.0] * len(teams)
-        self._arrived = [False] * len(teams)
+        self._ends = DroneEnds(config, teams)
         self._ticks_flown = np.zeros(world.n_drones, np.intp)
         self._samples: list[list[DroneState]] = []
         self._times_s: list[float] = []
@@ -143,23 +156,22 @@ class MissionMetrics:
         self._sampled.append(now)
         return now
 
-    def follow_leaders(self, positions_m: FloatArray) -> None:
-        """Keep how far every leader came at the end of a control tick, by the positions of all drones, shape (N, 3).
+    def follow(self, positions_m: FloatArray) -> None:
+        """Keep how far the drones came at the end of a control tick, by the positions of all, shape (N, 3).
 
         The position of a drone that has dropped out is NaN.
         """
         for k, team in enumerate(self._teams):
             self._progress_m[k] = float(np.fmax(self._progress_m[k], team.progress_m(positions_m)))
-            self._arrived[k] |= team.distance_to_goal_m(positions_m) <= self._goal_radius_m
+        self._ends.follow(positions_m)
 
     def add_depth(self, capture: Capture, corrected: CorrectedDepth) -> None:
         """Add the depth errors of one image, and what its corrector reports.
 
         Depth that the corrector did not change is evaluated once.
         """
-        if corrected.diagnostics is not None:
-            self._work[capture.drone].add(corrected.diagnostics)
         true_m, unchanged = capture.depth_true_m, np.array_equal(corrected.depth_m, capture.depth_raw_m)
+        self._work[capture.drone].add(corrected.diagnostics, unchanged=unchanged)
         raw = depth_errors(capture.depth_raw_m, true_m, max_range_m=EVALUATED_RANGE_M)
         self._raw_errors[capture.drone] += raw
         self._corrected_errors[capture.drone] += (
@@ -190,7 +202,7 @@ class MissionMetrics:
             "drones_lost": len(touched(contacts)),
             "unsafe_commitments": sum(self._commitments.counts),
             "leader_progress_m": min(self._progress_m),
-            "leader_arrived": int(all(self._arrived)),
+            "leader_arrived": int(self._ends.leaders_arrived()),
             "min_separation_m": _min_gap_m(min(self._values("separation_m"), default=np.inf), touched="drone" in kinds),
             "min_clearance_m": _min_gap_m(min(self._min_clearances_m), touched=bool(contacts)),
             "formation_error_mean_m": float(np.mean(errors_m)) if errors_m else None,
@@ -201,28 +213,42 @@ class MissionMetrics:
             **CorrectorWork(self._work).metrics(),
         }
 
-    def by_drone(self, contacts: Sequence[Contact]) -> list[dict[str, MetricValue]]:
-        """Return the metrics of each drone; a collision of two drones counts for both."""
-        contact_times_s = [[c.time_s for c in contacts if drone in c.drones] for drone in range(self._world.n_drones)]
+    def by_drone(self, contacts: Sequence[Contact], ended: Outcome | None) -> list[dict[str, DroneValue]]:
+        """Return the metrics of each drone, and how it ended; a collision of two drones counts for both.
+
+        `ended` is how those ended the mission that had no part in a collision.
+        """
         leaders = {team.leader for team in self._teams}
         return [
             {
                 "drone": drone,
                 "leads": int(drone in leaders),
-                "first_contact_s": min(contact_times_s[drone], default=None),
-                "min_clearance_m": _min_gap_m(self._min_clearances_m[drone], touched=bool(contact_times_s[drone])),
+                "end": self._ends.of(drone, contacts, ended).value,
+                **self._first_contact(drone, contacts),
+                "min_clearance_m": _min_gap_m(self._min_clearances_m[drone], touched=drone in touched(contacts)),
                 "unsafe_commitments": self._commitments.counts[drone],
                 "path_length_m": self._path_length_m(drone),
             }
             for drone in range(self._world.n_drones)
         ]
 
+    def _first_contact(self, drone: int, contacts: Sequence[Contact]) -> dict[str, DroneValue]:
+        """Return what a drone hit first, when, and after what way."""
+        for contact in contacts:
+            if drone in contact.drones:
+                others = [f"drone-{other}" for other in contact.drones if other != drone]
+                way_m = self._path_length_m(drone, until_s=contact.time_s)
+                what = others[0] if others else contact.other
+                return {"hit": what, "first_contact_s": contact.time_s, "first_contact_m": way_m}
+        return {"hit": None, "first_contact_s": None, "first_contact_m": None}
+
     def _values(self, name: str) -> list[float]:
         """Return the values of a metric in the ticks in which it was defined."""
         return [now[name] for now in self._sampled if name in now]
 
-    def _path_length_m(self, drone: int) -> float:
-        positions_m = np.array([s[drone].position_m for s in self._samples]).reshape(-1, 3)
+    def _path_length_m(self, drone: int, until_s: float = np.inf) -> float:
+        flown = zip(self._times_s, self._samples, strict=True)
+        positions_m = np.array([s[drone].position_m for time_s, s in flown if time_s <= until_s]).reshape(-1, 3)
         return float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
 
 
@@ -233,7 +259,7 @@ class Unmeasured(MissionMetrics):
         """Add nothing and return nothing."""
         return {}
 
-    def follow_leaders(self, positions_m: FloatArray) -> None:
+    def follow(self, positions_m: FloatArray) -> None:
         """Add nothing."""
 
     def add_depth(self, capture: Capture, corrected: CorrectedDepth) -> None:

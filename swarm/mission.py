@@ -73,7 +73,7 @@ class Mission:
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)
         metrics = MissionMetrics if measured else Unmeasured
-        self._metrics = metrics(world, self._teams, goal_radius_m=config.goal_radius_m)
+        self._metrics = metrics(config, world, self._teams)
         self._ticks = 0
         self._dropped_frames = 0
         self.outcome: Outcome | None = None
@@ -104,7 +104,7 @@ class Mission:
         moved = self.world.states
         self._link.broadcast(moved, self.time_s)
         positions_m = positions_of(moved, self.world.flying)
-        self._metrics.follow_leaders(positions_m)
+        self._metrics.follow(positions_m)
         outcome = self._termination.check(self.time_s, positions_m, self.world.contacts)
         if outcome is not None:
             self._end(outcome)
@@ -143,7 +143,7 @@ class Mission:
             contacts=contacts,
             trajectories=self._metrics.trajectories(),
             metrics=self._metrics.summary(contacts, self._dropped_frames),
-            drones=self._metrics.by_drone(contacts),
+            drones=self._metrics.by_drone(contacts, self._termination.ended),
         )
 
     def _perceive(self) -> None:
@@ -210,6 +210,8 @@ class TerminationConditions:
         self._least_left_m = np.full((len(teams), 2), np.inf)
         self._followers = np.array([len(team.members) - 1 for team in teams])
         self._progress_at_s = 0.0
+        self.ended: Outcome | None = None
+        """How those have ended the mission that had no part in a collision; None if they have not."""
 
     def check(self, time_s: float, positions_m: FloatArray, contacts: Sequence[Contact]) -> Outcome | None:
         """Return the outcome if the mission has ended; after a contact it is a collision, whatever ended the mission.
@@ -220,15 +222,15 @@ class TerminationConditions:
         if contacts and (over or self._config.after_contact == "end"):
             last = contacts[-1] if over else contacts[0]
             return Outcome.COLLISION if time_s >= last.time_s + self._config.aftermath_s else None
-        ended = self._ended(time_s, positions_m)
-        return Outcome.COLLISION if ended and contacts else ended
+        self.ended = self._ended(time_s, positions_m)
+        return Outcome.COLLISION if self.ended and contacts else self.ended
 
     def _ended(self, time_s: float, positions_m: FloatArray) -> Outcome | None:
         """Return how the swarms that are left have ended the mission; None if they have not."""
         self._arrived |= [self._has_arrived(team, positions_m) for team in self._teams]
         if (self._arrived | [team.is_over(positions_m) for team in self._teams]).all():
             return Outcome.SUCCESS
-        if any(team.stray_m(positions_m) > self._config.lost_m for team in self._teams):
+        if any((team.strays_m(positions_m) > self._config.lost_m).any() for team in self._teams):
             return Outcome.LOST
         if self._is_stuck(time_s, positions_m):
             return Outcome.DEADLOCK

@@ -19,7 +19,7 @@ from .types import Motion, Neighbours, Percept
 from .voxel_map import MapConfig
 
 TURNS_ABOVE_M_S = 0.4
-"""A drone that wants to fly no faster than this keeps its heading."""
+"""A drone that wants to fly no faster than this, horizontally, keeps its heading."""
 
 
 class PilotConfig(Model):
@@ -99,7 +99,7 @@ class Pilot:
         `target_m` is the place to which the drone wants to get, and `look_at_m` one at which it looks when it has
         nowhere to fly, both of shape (3,); pilots with a map use them.
         """
-        yaw_rad = self._heading.turn_towards(wanted_m_s, length(wanted_m_s))
+        yaw_rad = self._heading.turn_towards(wanted_m_s, length(wanted_m_s[:2]))
         velocity_m_s = clamp_to_limits(wanted_m_s, self._drone_limits(situation))
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
         return Decision(command=command, state="unguarded")
@@ -126,9 +126,9 @@ class Heading:
         self.yaw_rad += self._max_turn_rad
         return self.yaw_rad
 
-    def turn_towards(self, direction: FloatArray, wanted_speed_m_s: float) -> float:
-        """Turn towards a direction, shape (3,), unless the wanted speed is small; return the new heading [rad]."""
-        if wanted_speed_m_s > TURNS_ABOVE_M_S and np.hypot(direction[0], direction[1]) >= 0.1:
+    def turn_towards(self, direction: FloatArray, level_speed_m_s: float) -> float:
+        """Turn towards a direction, shape (3,), unless the horizontal speed is small; return the new heading [rad]."""
+        if level_speed_m_s > TURNS_ABOVE_M_S and np.hypot(direction[0], direction[1]) >= 0.1:
             error_rad = math.atan2(direction[1], direction[0]) - self.yaw_rad
             error_rad = (error_rad + np.pi) % (2 * np.pi) - np.pi
             self.yaw_rad += float(min(max(error_rad, -self._max_turn_rad), self._max_turn_rad))

@@ -91,22 +91,29 @@ class Team:
         """Return whether the leader has dropped out, so that there is nobody to follow."""
         return bool(np.isnan(positions_m[self.leader]).any())
 
+    def distances_to_slots_m(self, positions_m: FloatArray) -> FloatArray:
+        """Return the distance of each member from its slot, shape (n,); NaN for one that dropped out."""
+        own_m = self._own_m(positions_m)
+        distances_m: FloatArray = np.linalg.norm(own_m - own_m[0] - self.offsets_m, axis=1)
+        return distances_m
+
     def slot_errors_m(self, positions_m: FloatArray) -> FloatArray:
         """Return the distance from its slot of each follower that has not dropped out, shape (n,)."""
-        own_m = self._own_m(positions_m)
-        errors_m: FloatArray = np.linalg.norm(own_m[1:] - own_m[0] - self.offsets_m[1:], axis=1)
+        errors_m = self.distances_to_slots_m(positions_m)[1:]
         return errors_m[~np.isnan(errors_m)]
 
     def distance_to_goal_m(self, positions_m: FloatArray) -> float:
         """Return the distance of the leader from the goal."""
         return length(positions_m[self.leader] - self.goal_m)
 
-    def stray_m(self, positions_m: FloatArray) -> float:
-        """Return how far a follower has strayed at most from both its leader and its slot; 0 without followers."""
+    def strays_m(self, positions_m: FloatArray) -> FloatArray:
+        """Return how far each member has strayed from both its leader and its slot, shape (n,).
+
+        It is 0 for the leader, and NaN for a drone that dropped out.
+        """
         own_m = self._own_m(positions_m)
-        from_leader_m = np.linalg.norm(own_m[1:] - own_m[0], axis=1)
-        from_leader_m = from_leader_m[~np.isnan(from_leader_m)]
-        return float(np.minimum(from_leader_m, self.slot_errors_m(positions_m)).max(initial=0.0))
+        from_leader_m = np.linalg.norm(own_m - own_m[0], axis=1)
+        return np.asarray(np.minimum(from_leader_m, self.distances_to_slots_m(positions_m)))
 
     def progress_m(self, positions_m: FloatArray) -> float:
         """Return how far the leader has come along the straight line from start to goal."""

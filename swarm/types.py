@@ -13,6 +13,8 @@ from voxdepth.types import CorrectedDepth, FloatArray, GrayImage
 
 MetricValue = float | int | None
 """A metric of a mission; None where it is undefined."""
+DroneValue = MetricValue | str
+"""A metric of a drone, or how it ended, in words."""
 
 
 class Motion(NamedTuple):
@@ -99,5 +101,5 @@ class MissionResult:
     trajectories: tuple[Trajectory, ...]
     metrics: Mapping[str, MetricValue] = field(default_factory=dict)
     """Metrics of the run by name; the unit is the end of the name."""
-    drones: Sequence[Mapping[str, MetricValue]] = ()
-    """Metrics of each drone by name."""
+    drones: Sequence[Mapping[str, DroneValue]] = ()
+    """Metrics of each drone by name, and how it ended."""

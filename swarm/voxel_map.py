@@ -27,15 +27,19 @@ FREE, UNKNOWN, UNOBSERVABLE, BLACKLISTED, OCCUPIED = range(5)
 nor a surface, and blacklisted where a drone did not get on although it knew that."""
 STATES = ("free", "unknown", "unobservable", "blacklisted", "occupied")
 """Names of the states, in the order of their numbers."""
-HIT, OCCUPIED_FROM, MAX_OCCUPANCY = 8, 9, 60
-"""A hit, an image that shows a surface in a voxel, adds the first to its occupancy, and a miss, one that sees through
-it, takes 1 away. From the second on the voxel is occupied: two images confirm a surface, and one alone in free space is
-an error of depth. The third is the largest occupancy. Errors of images come in episodes, so that a surface outlasts
-more images that see through it than showed it."""
-MAX_COUNT = 200
-"""Counts of images end here."""
-BLACKLISTED_COUNT = MAX_COUNT + 1
-"""In place of the count of images that observed nothing."""
+MAX_IMAGE_S = 0.1
+"""An image counts for the time since the one before, and for no more than this. So fast cameras live under the same
+rules as slow ones, whose images are errors of their own, and of which each counts in full."""
+HIT, OCCUPIED_MS, MAX_OCCUPANCY_MS = 8, 900, 6_000
+"""A hit, an image that shows a surface in a voxel, adds its time to the occupancy, as many times as the first says, and
+a miss, one that sees through it, takes its time away. From the second on the voxel is occupied. That is more than one
+image may add: two confirm a surface, and one alone in free space is an error of depth. The third is the largest
+occupancy. Errors of images come in episodes, so that a surface outlasts more images that see through it than showed
+it."""
+MAX_MS = 20_000
+"""Times that images add up end here."""
+BLACKLISTED_MS = MAX_MS + 1
+"""In place of the time of images that observed nothing."""
 NEAREST_M = 0.05
 """Voxels whose depth is smaller are not in view."""
 SLACK = np.float32(0.01)
@@ -55,15 +59,15 @@ MAX_ERROR_M = 0.5
 
 
 class MapConfig(Model):
-    """Size of the map, and the images that decide about a voxel."""
+    """Size of the map, and how long images must look to decide about a voxel; see `MAX_IMAGE_S`."""
 
     reach_m: float = Field(default=10.0, gt=2, le=100)
     """Distance from the drone to the sides of the map, at least."""
-    min_passed: int = Field(default=3, ge=1, le=100)
-    """Misses until a voxel is free: images that must see through it."""
-    min_vain: int = Field(default=5, ge=1, le=100)
-    """Images in a row that show nothing in a nearby voxel, until it is unobservable: looking does not help. Free space
-    must be proven again then, unless more images had proven it."""
+    passed_s: float = Field(default=0.3, gt=0, le=10)
+    """Time for which images must see through a voxel until it is free: three images of a camera of 10 Hz."""
+    vain_s: float = Field(default=0.5, gt=0, le=10)
+    """Time for which images show nothing in a nearby voxel, without a break, until it is unobservable: looking does not
+    help. Free space must be proven again then, unless images had seen through it for longer."""
     memory_s: float = Field(default=60.0, gt=0)
     """Time for which free space is remembered. Odometry drifts, and things move: less of it forgets both."""
 
@@ -82,15 +86,18 @@ class VoxelMap:
         self._config = c = config
         self._sensor = sensor
         self._max_surface_m = sensor.range_of_error(MAX_ERROR_M)
-        self._misses = np.zeros(c.shape, np.uint8)
-        """Number of misses of each voxel since it was occupied last."""
+        self._passed_from_ms, self._vain_from_ms = (round(1e3 * time_s) for time_s in (c.passed_s, c.vain_s))
+        self._updated_s, self._counted_s = -np.inf, 0.0
+        """Time of the last image, and for how long all images together count [s]."""
+        self._passed_ms = np.zeros(c.shape, np.uint16)
+        """Time for which images saw through each voxel since it was occupied last."""
         self._missed_s = np.zeros(c.shape, np.float32)
         """Time of the last miss [s]."""
-        self._occupancy = np.zeros(c.shape, np.uint8)
+        self._occupancy_ms = np.zeros(c.shape, np.uint16)
         """Hits less misses; see `HIT`."""
-        self._unobserved = np.zeros(c.shape, np.uint8)
-        """Number of images in a row that had the voxel in view from nearby, and neither hit nor missed it; or
-        `BLACKLISTED_COUNT`."""
+        self._unobserved_ms = np.zeros(c.shape, np.uint16)
+        """Time for which images had the voxel in view from nearby, and neither hit nor missed it since; or
+        `BLACKLISTED_MS`."""
         self._half = np.array(c.shape[::-1]) // 2
         """Numbers of voxels (x, y, z) from the corner of the map to its middle."""
         self._slack = np.array([MARGIN_M, MARGIN_M, VOXEL_M]) / VOXEL_M
@@ -107,25 +114,30 @@ class VoxelMap:
     def start(self, at_m: FloatArray, radius_m: float, time_s: float) -> None:
         """Begin the map around a drone, within a radius of which all counts as free."""
         self._follow(at_m)
-        self.mark_free(at_m[None], radius_m, HEIGHT_M / 2, time_s)
+        self.take(at_m, radius_m, HEIGHT_M / 2, time_s)
+
+    def take(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
+        """Make the upright cylinder free that the drone itself takes: it is there, so that a surface was an error."""
+        self._make_free(self._in_cylinders(at_m[None], radius_m, half_height_m), time_s)
 
     def mark_free(self, places_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
-        """Make places that drones take free, shape (n, 3): upright cylinders, in which a surface was an error."""
+        """Make places free that other drones are believed to take, shape (n, 3): upright cylinders.
+
+        A confirmed surface stays: the belief may be wrong by more than the width of a drone.
+        """
         inside = self._in_cylinders(places_m, radius_m, half_height_m)
-        self._misses[inside] = MAX_COUNT
-        self._missed_s[inside] = time_s
-        self._occupancy[inside] = self._unobserved[inside] = 0
+        is_open = self._occupancy_ms[inside] < OCCUPIED_MS
+        self._make_free(tuple(along[is_open] for along in inside), time_s)
 
     def blacklist(self, places_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
         """Make what is unknown in upright cylinders unobservable, because looking did not help.
 
-        What was unobservable already is blacklisted, until an image shows it.
+        What was unobservable already is blacklisted, until an image shows it; cylinders that overlap count once.
         """
-        for place_m in places_m:
-            inside = self._in_cylinders(place_m[None], radius_m, half_height_m)
-            counts = self._unobserved[inside]
-            worse = np.where(counts >= self._config.min_vain, BLACKLISTED_COUNT, self._config.min_vain)
-            self._unobserved[inside] = np.where(self._is_free(inside, time_s), counts, worse)
+        inside = self._in_cylinders(places_m, radius_m, half_height_m)
+        before_ms = self._unobserved_ms[inside]
+        worse_ms = np.where(before_ms >= self._vain_from_ms, BLACKLISTED_MS, self._vain_from_ms)
+        self._unobserved_ms[inside] = np.where(self._is_free(inside, time_s), before_ms, worse_ms)
 
     def is_column_free(self, at_m: FloatArray, low_m: float, high_m: float, time_s: float) -> bool:
         """Return whether the column of voxels at a position (x, y) and the eight around it are free between heights.
@@ -142,6 +154,7 @@ class VoxelMap:
         Those surfaces, and surfaces that are too far to be exact, are no hits, but hide what lies behind them.
         """
         self._follow(T_odom_cam[:3, 3])
+        image_ms = self._counted_ms(time_s)
         (free_m, surface_m), half_m = evidence, np.float32(VOXEL_M / 2)
         is_exact, points_m = self._surfaces(surface_m, T_odom_cam, drones_m)
         voxel, cell, squared_m2 = self._in_view(T_odom_cam, max(NEAR_M, float(free_m.max())))
@@ -153,12 +166,12 @@ class VoxelMap:
         is_hit = ~(is_miss | is_before) & (squared_m2 <= to_m2) & is_exact.ravel()[cell]
         # A surface may be thin, and lie beside the middle of its voxel: that is hit, whatever the image shows there.
         hit = self._voxels_at(points_m)
-        is_other = np.ones(self._misses.size, np.bool_)
+        is_other = np.ones(self._passed_ms.size, np.bool_)
         is_other[hit] = False
         is_other = is_other[voxel]
-        self._count_misses(voxel[is_miss & is_other], time_s)
-        self._count_unobserved(voxel[~is_miss & is_before & (squared_m2 < NEAR_M**2) & is_other])
-        self._count_hits(np.concatenate([hit, voxel[is_hit & is_other]]))
+        self._add_misses(voxel[is_miss & is_other], image_ms, time_s)
+        self._add_unobserved(voxel[~is_miss & is_before & (squared_m2 < NEAR_M**2) & is_other], image_ms)
+        self._add_hits(np.concatenate([hit, voxel[is_hit & is_other]]), image_ms)
 
     def layer(self, low_m: float, high_m: float, time_s: float, columns: Any = np.s_[:, :]) -> Bytes:
         """Return the worst state of each column of voxels between two heights, shape (rows along y, columns along x).
@@ -168,17 +181,23 @@ class VoxelMap:
         bottom_m = float(self.origin_m[2])
         first, last = floor((low_m - bottom_m) / VOXEL_M), ceil((high_m - bottom_m) / VOXEL_M)
         voxels = np.s_[max(first, 0) : last, *columns]
-        count = self._unobserved[voxels]
-        state = np.uint8(UNKNOWN) + (count >= self._config.min_vain) + (count == BLACKLISTED_COUNT)
+        vain_ms = self._unobserved_ms[voxels]
+        state = np.uint8(UNKNOWN) + (vain_ms >= self._vain_from_ms) + (vain_ms == BLACKLISTED_MS)
         state[self._is_free(voxels, time_s)] = FREE
-        state[self._occupancy[voxels] >= OCCUPIED_FROM] = OCCUPIED
-        reaches = first >= 0 and last <= len(self._misses)
+        state[self._occupancy_ms[voxels] >= OCCUPIED_MS] = OCCUPIED
+        reaches = first >= 0 and last <= len(self._passed_ms)
         return np.asarray(state.max(axis=0, initial=FREE if reaches else UNKNOWN), np.uint8)
 
     def _is_free(self, voxels: Any, time_s: float) -> npt.NDArray[np.bool_]:
-        """Return whether voxels, by their index, have enough misses that are not too long ago."""
+        """Return whether images saw through voxels, by their index, for long enough and not too long ago."""
         is_recent = self._missed_s[voxels] >= time_s - self._config.memory_s
-        return np.asarray((self._misses[voxels] >= self._config.min_passed) & is_recent)
+        return np.asarray((self._passed_ms[voxels] >= self._passed_from_ms) & is_recent)
+
+    def _make_free(self, voxels: tuple[Indices, ...], time_s: float) -> None:
+        """Make voxels free, by their indices along each axis, as if images had seen through them for long."""
+        self._passed_ms[voxels] = MAX_MS
+        self._missed_s[voxels] = time_s
+        self._occupancy_ms[voxels] = self._unobserved_ms[voxels] = 0
 
     def _in_view(self, T_map_cam: FloatArray, farthest_m: float) -> tuple[Indices, Indices, FloatVector]:
         """Find the voxels whose middle is in view, up to a range: their indices, cells and squared ranges [m^2].
@@ -187,7 +206,7 @@ class VoxelMap:
         a voxel to either side of the view, times the focal length, is linear in its height, so that the ends of a
         column decide. All arithmetic is of 32 bits.
         """
-        c, side_m, (layers, rows, cols) = self._sensor.camera, np.float32(VOXEL_M), self._misses.shape
+        c, side_m, (layers, rows, cols) = self._sensor.camera, np.float32(VOXEL_M), self._passed_ms.shape
         fx, fy, cx, cy = (np.float32(px) for px in (c.fx_px, c.fy_px, c.cx_px + 0.5, c.cy_px + 0.5))
         height, width = np.float32(c.height_px), np.float32(c.width_px)
         # Axes of the camera, and middles of the voxels along the axes of the map, as seen from the camera.
@@ -233,34 +252,43 @@ class VoxelMap:
     def _voxels_at(self, points_m: FloatArray) -> Indices:
         """Return the indices of the voxels that contain points, shape (n, 3), without those beside the map."""
         voxel = np.floor((points_m - self.origin_m) / VOXEL_M).astype(np.int64)[:, ::-1]
-        inside = ((voxel >= 0) & (voxel < self._misses.shape)).all(axis=1)
-        return np.asarray(np.ravel_multi_index(tuple(voxel[inside].T), self._misses.shape))
+        inside = ((voxel >= 0) & (voxel < self._passed_ms.shape)).all(axis=1)
+        return np.asarray(np.ravel_multi_index(tuple(voxel[inside].T), self._passed_ms.shape))
 
-    def _count_misses(self, voxel: Indices, time_s: float) -> None:
-        """Count an image that saw through voxels; misses longer ago than the memory do not count any more."""
-        misses, missed_s, occupancy = self._misses.ravel(), self._missed_s.ravel(), self._occupancy.ravel()
-        is_occupied = occupancy[voxel] >= OCCUPIED_FROM
-        kept = np.where(missed_s[voxel] >= time_s - self._config.memory_s, misses[voxel], 0)
-        misses[voxel] = np.minimum(kept + ~is_occupied, MAX_COUNT)
+    def _counted_ms(self, time_s: float) -> int:
+        """Return for how long the image of a time counts; what rounding leaves out of one, the next ones make up."""
+        before_ms = round(1e3 * self._counted_s)
+        self._counted_s += min(time_s - self._updated_s, MAX_IMAGE_S)
+        self._updated_s = time_s
+        return round(1e3 * self._counted_s) - before_ms
+
+    def _add_misses(self, voxel: Indices, image_ms: int, time_s: float) -> None:
+        """Add an image that saw through voxels; misses longer ago than the memory do not count any more."""
+        passed_ms, missed_s, occupancy_ms = self._passed_ms.ravel(), self._missed_s.ravel(), self._occupancy_ms.ravel()
+        is_occupied = occupancy_ms[voxel] >= OCCUPIED_MS
+        kept_ms = np.where(missed_s[voxel] >= time_s - self._config.memory_s, passed_ms[voxel], 0)
+        passed_ms[voxel] = np.minimum(kept_ms + image_ms * ~is_occupied, MAX_MS)
         missed_s[voxel] = time_s
-        occupancy[voxel] = np.maximum(occupancy[voxel], 1) - 1
-        self._unobserved.ravel()[voxel] = 0
+        occupancy_ms[voxel] = np.maximum(occupancy_ms[voxel], image_ms) - image_ms
+        self._unobserved_ms.ravel()[voxel] = 0
 
-    def _count_unobserved(self, voxel: Indices) -> None:
-        """Count an image that had voxels in view from nearby, and neither hit nor missed them.
+    def _add_unobserved(self, voxel: Indices, image_ms: int) -> None:
+        """Add an image that had voxels in view from nearby, and neither hit nor missed them.
 
-        Free space does not outlast a view of nothing: as many such images in a row as had seen through it undo them.
+        Free space does not outlast a view of nothing: as long a one as images had seen through it undoes them.
         """
-        unobserved, misses = self._unobserved.ravel(), self._misses.ravel()
-        unobserved[voxel] += unobserved[voxel] < MAX_COUNT
-        misses[voxel] *= unobserved[voxel] < np.maximum(misses[voxel], self._config.min_vain)
+        unobserved_ms, passed_ms = self._unobserved_ms.ravel(), self._passed_ms.ravel()
+        before_ms = unobserved_ms[voxel]
+        vain_ms = np.maximum(np.minimum(before_ms + image_ms, MAX_MS), before_ms)
+        unobserved_ms[voxel] = vain_ms
+        passed_ms[voxel] *= vain_ms < np.maximum(passed_ms[voxel], self._vain_from_ms)
 
-    def _count_hits(self, voxel: Indices) -> None:
-        """Count an image that showed a surface in voxels."""
-        occupancy = np.minimum(self._occupancy.ravel()[voxel] + HIT, MAX_OCCUPANCY)
-        self._occupancy.ravel()[voxel] = occupancy
-        self._misses.ravel()[voxel] *= occupancy < OCCUPIED_FROM
-        self._unobserved.ravel()[voxel] = 0
+    def _add_hits(self, voxel: Indices, image_ms: int) -> None:
+        """Add an image that showed a surface in voxels."""
+        occupancy_ms = np.minimum(self._occupancy_ms.ravel()[voxel] + HIT * image_ms, MAX_OCCUPANCY_MS)
+        self._occupancy_ms.ravel()[voxel] = occupancy_ms
+        self._passed_ms.ravel()[voxel] *= occupancy_ms < OCCUPIED_MS
+        self._unobserved_ms.ravel()[voxel] = 0
 
     def _in_cylinders(self, centers_m: FloatArray, radius_m: float, half_height_m: float) -> tuple[Indices, ...]:
         """Return the voxels whose middle is in one of some upright cylinders around centres of shape (n, 3).
@@ -272,7 +300,7 @@ class VoxelMap:
         voxel = np.floor(center / VOXEL_M).astype(np.int64) + window
         z_m, y_m, x_m = np.moveaxis((voxel + 0.5) * VOXEL_M - center, -1, 0)
         inside = (x_m * x_m + y_m * y_m <= radius_m**2) & (np.abs(z_m) < half_height_m + VOXEL_M / 2)
-        inside &= ((voxel >= 0) & (voxel < self._misses.shape)).all(axis=-1)
+        inside &= ((voxel >= 0) & (voxel < self._passed_ms.shape)).all(axis=-1)
         return tuple(voxel[inside].T)
 
     def _follow(self, at_m: FloatArray) -> None:
@@ -282,7 +310,7 @@ class VoxelMap:
             moved = wanted - self._origin
             if (np.abs(moved) < self._slack).all():
                 return
-            for values in (self._misses, self._missed_s, self._occupancy, self._unobserved):
+            for values in (self._passed_ms, self._missed_s, self._occupancy_ms, self._unobserved_ms):
                 values[...] = _shifted(values, moved[::-1])
         self._origin = wanted
 

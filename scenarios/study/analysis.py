@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from swarm.types import Outcome
+from swarm.ends import DroneEnd
+from swarm.types import DroneValue, MetricValue, Outcome
 from voxdepth.types import FloatArray
 
-from .design import GAIN, EndpointName, RunSpec, Study, arm_label
+from .design import ENDPOINTS, GAIN, EndpointName, RunSpec, Study, arm_label
 from .statistics import (
     Estimate,
     IndexArray,
@@ -31,8 +32,6 @@ Sides = tuple[str, str]
 """Labels of two arms that are compared."""
 RunPairs = tuple[pd.DataFrame, pd.DataFrame]
 """Runs of two arms; equal rows have the same scenario and seed."""
-REACHED: Mapping[EndpointName, Outcome] = {"arrived": Outcome.SUCCESS, "collision": Outcome.COLLISION}
-"""Outcome of the runs that reached an endpoint."""
 ENDS: Mapping[str, tuple[Outcome, ...]] = {
     "arrived": (Outcome.SUCCESS,),
     "collision": (Outcome.COLLISION,),
@@ -62,6 +61,14 @@ MEASURES = (
     Measure("unsafe commitments [per 100 m]", "unsafe_commitments", "way_of_all_100_m"),
 )
 """Measures of every arm, of which pairs of arms are compared."""
+SWARM_MEASURES = (
+    Measure("drones lost [%]", "percent_lost"),
+    Measure("drones arrived [%]", "percent_arrived"),
+    Measure("contacts between drones", "contacts_of_drones"),
+)
+"""The same of swarms. Whether a run collided does not tell what became of its drones."""
+PASSED_THROUGH = Measure("passed through [%]", "percent_passed")
+"""The frames that a corrector handed on as they were: with many of them, a rate says little of its correction."""
 DEPTH_MEASURES = Measure("depth error, MAE [m]", "depth_error_m"), Measure("without depth [%]", "without_depth_percent")
 
 
@@ -72,8 +79,10 @@ def run_frame(data: StudyData) -> pd.DataFrame:
     the store lacks is NaN.
     """
     rows = [_row(spec, data.records[spec.key]) for spec in data.flown]
-    numbers = sorted({one for measure in (*MEASURES, *DEPTH_MEASURES) for one in (measure.count, measure.per)})
-    frame = pd.DataFrame(rows, columns=["scenario", "label", "arm", "level", "seed", "outcome", *numbers])
+    measures = (*MEASURES, *SWARM_MEASURES, *DEPTH_MEASURES, PASSED_THROUGH)
+    numbers = sorted({one for measure in measures for one in (measure.count, measure.per)})
+    head = ["scenario", "label", "arm", "level", "seed", "outcome", *ENDPOINTS]
+    frame = pd.DataFrame(rows, columns=[*head, *numbers])
     order = {"scenario": [spec.scenario for spec in data.specs], "label": [spec.label for spec in data.specs]}
     categories = {name: pd.CategoricalDtype(list(dict.fromkeys(names))) for name, names in order.items()}
     return frame.astype(dict.fromkeys(numbers, float) | categories)
@@ -84,17 +93,24 @@ def _row(spec: RunSpec, record: RunRecord) -> dict[str, Any]:
     metrics, drones = record.metrics, record.drones
     has_arrived = record.outcome is Outcome.SUCCESS
     time_s = float(metrics["sim_time_s"] or 0) if has_arrived else spec.run.scenario.mission.duration_s
-    hole_share = metrics.get("depth_corrected_hole_share")
     row = {
         **{"scenario": spec.scenario, "label": spec.label, "arm": spec.arm, "level": spec.level, "seed": spec.seed},
         "outcome": record.outcome,
+        **{"arrived": has_arrived, "collision": record.outcome is Outcome.COLLISION, "leader_collision": False},
         "runs": 1.0,
         "goal_speed_m_s": float(metrics["leader_progress_m"] or 0) / time_s,
         "time_to_goal_s": time_s,
         "largest_detour_m": metrics.get("path_deviation_max_m"),
         "depth_error_m": metrics.get("depth_corrected_mae_m"),
-        "without_depth_percent": None if hole_share is None else 100 * hole_share,
+        "without_depth_percent": _percent(metrics.get("depth_corrected_hole_share")),
+        "percent_passed": _percent(metrics.get("passed_through_share")),
     }
+    return row | _of_drones(drones, metrics)
+
+
+def _of_drones(drones: Sequence[Mapping[str, DroneValue]], metrics: Mapping[str, MetricValue]) -> dict[str, Any]:
+    """Return the part of a row that the drones of the run tell; nothing of a run that has no rows of them."""
+    row: dict[str, Any] = {}
     leaders = [drone for drone in drones if drone["leads"]]
     followers = [drone for drone in drones if not drone["leads"]]
     for who, some in {"leaders": leaders, "followers": followers, "all": drones}.items():
@@ -102,8 +118,18 @@ def _row(spec: RunSpec, record: RunRecord) -> dict[str, Any]:
             row[f"hits_of_{who}"] = sum(drone["first_contact_s"] is not None for drone in some)
             row[f"way_of_{who}_100_m"] = sum(float(drone["path_length_m"] or 0) for drone in some) / 100
     if drones:
+        row["leader_collision"] = row["hits_of_leaders"] > 0
         row["unsafe_commitments"] = sum(float(drone["unsafe_commitments"] or 0) for drone in drones)
+    if followers:
+        row["percent_lost"] = 100 * row["hits_of_all"] / len(drones)
+        row["contacts_of_drones"] = metrics["collisions_drone"]
+        if "end" in drones[0]:
+            row["percent_arrived"] = 100 * sum(drone["end"] == DroneEnd.ARRIVED for drone in drones) / len(drones)
     return row
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +158,18 @@ class Arm:
         """Number of runs."""
         return len(self.runs)
 
+    @property
+    def tells_of_drones(self) -> bool:
+        """Whether its runs tell of each drone."""
+        return bool(self.runs["hits_of_leaders"].notna().all())
+
     def count(self, *outcomes: Outcome) -> int:
         """Return the number of runs with one of some outcomes."""
         return int(self.runs["outcome"].isin(outcomes).sum())
+
+    def reached(self, endpoint: EndpointName) -> int:
+        """Return the number of runs that reached an endpoint."""
+        return int(self.runs[endpoint].sum())
 
     def estimate(self, measure: Measure) -> Estimate | None:
         """Return a measure over the runs with its interval; None where no run has it."""
@@ -166,6 +201,8 @@ class Comparison(NamedTuple):
     second: str
     declared: bool
     """Whether the study declares this pair of arms."""
+    primary: bool
+    """Whether it declares them on this endpoint."""
     cells: Mapping[str, Pairs]
     """Pairs by scenario."""
     pairs: Pairs
@@ -173,7 +210,8 @@ class Comparison(NamedTuple):
     p: float
     """P-value of the exact McNemar test."""
     p_holm: float | None
-    """P-value adjusted over all comparisons except the primary one; None for this pre-registered one."""
+    """P-value adjusted for the number of the comparisons that were declared, or of the others; None for a single one
+    that was declared."""
 
     @property
     def by_scenario(self) -> Mapping[str, Pairs]:
@@ -190,24 +228,43 @@ def headline(comparisons: Sequence[Comparison]) -> list[Comparison]:
 def compare_arms(matched: "MatchedArms", study: Study, endpoint: EndpointName) -> list[Comparison]:
     """Compare how many runs of two arms reached an endpoint, for all pairs of arms that have a pair of runs.
 
-    The declared comparison comes first; it is the primary one if it was declared on this endpoint.
+    The declared comparisons come first; they are the primary ones if they were declared on this endpoint.
     """
-    declared = matched.declared
-    primary = declared if endpoint == study.endpoint else None
+    primary = matched.declared if endpoint == study.endpoint else ()
     cells = {sides: _pairs_by_scenario(pairs, endpoint) for sides, pairs in matched.pairs.items()}
     pooled = {sides: Pairs(*map(sum, zip(*own.values(), strict=True))) for sides, own in cells.items()}
     p_values = {sides: mcnemar(pairs.first_only, pairs.second_only) for sides, pairs in pooled.items()}
-    others = [sides for sides in pooled if sides != primary]
-    adjusted = dict(zip(others, holm([p_values[sides] for sides in others]), strict=True))
+    adjusted = _adjusted(p_values, primary)
     return [
-        Comparison(*sides, sides == declared, cells[sides], pairs, p_values[sides], adjusted.get(sides))
+        Comparison(
+            *sides,
+            sides in matched.declared,
+            sides in primary,
+            cells[sides],
+            pairs,
+            p_values[sides],
+            adjusted.get(sides),
+        )
         for sides, pairs in pooled.items()
     ]
 
 
+def _adjusted(p_values: Mapping[Sides, float], primary: Sequence[Sides]) -> dict[Sides, float]:
+    """Return the p-values adjusted by Holm's method, those that were declared apart from the others.
+
+    A single declared one has none, and of several, one that has no pair yet counts as 1.
+    """
+    others = [sides for sides in p_values if sides not in primary]
+    declared = primary if len(primary) > 1 else ()
+    return {
+        **dict(zip(others, holm([p_values[sides] for sides in others]), strict=True)),
+        **dict(zip(declared, holm([p_values.get(sides, 1.0) for sides in declared]), strict=True)),
+    }
+
+
 def _pairs_by_scenario(pairs: RunPairs, endpoint: EndpointName) -> dict[str, Pairs]:
     """Count the pairs of each scenario by which of the two runs reached an endpoint."""
-    first, second = ((runs["outcome"] == REACHED[endpoint]).to_numpy() for runs in pairs)
+    first, second = (runs[endpoint].to_numpy(bool) for runs in pairs)
     kinds, scenarios = (first & second, first & ~second, ~first & second, ~first & ~second), pairs[0]["scenario"]
     return {name: Pairs(*(int(kind[scenarios == name].sum()) for kind in kinds)) for name in dict.fromkeys(scenarios)}
 
@@ -223,8 +280,8 @@ class MatchedArms(NamedTuple):
 
     pairs: Mapping[Sides, RunPairs]
     """The declared arms come first, those of a gain at every level."""
-    declared: Sides | None
-    """The declared arms; None for a gain."""
+    declared: tuple[Sides, ...]
+    """The declared arms; none for a gain."""
 
 
 def matched_arms(study: Study, runs: pd.DataFrame) -> MatchedArms:
@@ -233,13 +290,14 @@ def matched_arms(study: Study, runs: pd.DataFrame) -> MatchedArms:
     flown = dict(list(runs.set_index(blocks).groupby("label", observed=True)))
     levels = [(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
     sides = [(a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (None in (a[1], b[1]) or a[1] == b[1])]
-    declared = None
+    declared: tuple[Sides, ...] = ()
     if study.declared is not None:
-        first, second = ([one for one in levels if one[0] == n] for n in (study.declared.arm, study.declared.against))
+        first = [one for name in study.declared.arm for one in levels if one[0] == name]
+        second = [one for one in levels if one[0] == study.declared.against]
         is_gain = study.declared.endpoint == GAIN
         own = [(a, b) for a in first for b in second if not is_gain or a[1] == b[1]]
         sides = [*own, *(pair for pair in sides if pair not in own and pair[::-1] not in own)]
-        declared = None if is_gain else (arm_label(*own[0][0]), arm_label(*own[0][1]))
+        declared = () if is_gain else tuple((arm_label(*a), arm_label(*b)) for a, b in own)
     matched = {}
     for one, other in ((arm_label(*a), arm_label(*b)) for a, b in sides):
         if one in flown and other in flown:
@@ -308,7 +366,7 @@ def thresholds(data: StudyData, runs: pd.DataFrame) -> list[Threshold]:
 def gains(data: StudyData, runs: pd.DataFrame) -> list[Gain]:
     """Compare the curves of goal speed of all pairs of arms that share seeds; the declared pair comes first."""
     declared, (speeds, full) = data.study.declared, _speeds(data, runs)
-    primary = (declared.arm, declared.against) if declared is not None and declared.endpoint == GAIN else None
+    primary = declared.arms if declared is not None and declared.endpoint == GAIN else None
     found = []
     for pair in combinations((place for place, own in speeds.items() if len(own.columns) > 2), 2):
         (scenario, first), (other, second) = reversed(pair) if (pair[1][1], pair[0][1]) == primary else pair

@@ -30,8 +30,9 @@ ALWAYS_SET = ("rig.depth", "corrector")
 NOISE_RATIO = "rig.noise.scale.theta"
 OWN_KEYS = (*ALWAYS_SET, NOISE_RATIO, "rig.width_px", "rig.height_px")
 """Keys of a scenario that an arm sets by a field of its own."""
-EndpointName = Literal["arrived", "collision"]
-"""What is counted: runs in which all arrived without a collision, or runs with a collision."""
+EndpointName = Literal["arrived", "collision", "leader_collision"]
+"""What is counted: runs in which all arrived without a collision, runs with a collision, or those in which a leader hit
+something."""
 ENDPOINTS: tuple[EndpointName, ...] = get_args(EndpointName)
 GAIN: Literal["gain"] = "gain"
 """The endpoint of a study with an axis: by how much farther along it an arm keeps half of the full goal speed."""
@@ -100,7 +101,8 @@ class Arm(Model):
     corrector: CorrectorSpec
     """The corrector's name, or a table with `name` and `config`."""
     theta: tuple[float, ...] = ()
-    """Noise ratios of the sensor model `noisy`, one or a list; a list is an axis of the arm, from the easiest on."""
+    """Noise ratios of the sensor model `noisy`, one or a list; a list is an axis of the arm, from the easiest on. Left
+    out where they are the axis of the study."""
     levels: tuple[float, ...] = Field(default=(), strict=False)
     """Levels of the study's axis that this arm flies. Default: all."""
     size: str | None = Field(default=None, pattern=r"^\d+x\d+$")
@@ -117,10 +119,10 @@ class Arm(Model):
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> "Arm":
-        if (self.depth == "noisy") != bool(self.theta):
+        if self.theta and self.depth != "noisy":
             raise ValueError(
-                f"arm {self.name!r}: the sensor model 'noisy' needs theta, and no other has one; got depth "
-                f"{self.depth!r} with theta {list(self.theta)}"
+                f"arm {self.name!r}: only the sensor model 'noisy' has theta; got depth {self.depth!r} with theta "
+                f"{list(self.theta)}"
             )
         if taken := [key for key in self.changes if _is_set_by(key, OWN_KEYS)]:
             raise ValueError(
@@ -141,12 +143,26 @@ class Arm(Model):
 
 
 class PrimaryComparison(Model):
-    """The pre-registered primary comparison. It is fixed before the first run, so its p-value is not adjusted."""
+    """The pre-registered primary comparison, fixed before the first run.
 
-    arm: str
+    The p-value of a single one is not adjusted, and those of several, of some arms with one, are for their number.
+    """
+
+    arm: tuple[str, ...] = Field(min_length=1)
+    """The arm, or a list of arms."""
     against: str
     endpoint: EndpointName | Literal["gain"] = "arrived"
     """What is counted, or `GAIN`."""
+
+    @pydantic.field_validator("arm", mode="before")
+    @classmethod
+    def _as_tuple(cls, arm: Any) -> Any:
+        return tuple(arm) if isinstance(arm, list | tuple) else (arm,)
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """All arms that are compared."""
+        return *self.arm, self.against
 
 
 class Study(Model):
@@ -176,6 +192,7 @@ class Study(Model):
                 raise ValueError(f"every {what} may be named once, got {twice[0]!r} more than once")
         if taken := [key for key in self.changes if _is_set_by(key, ALWAYS_SET)]:
             raise ValueError(f"changes must not set {taken[0]}, because every arm sets it: set it in the arms")
+        self._check_theta()
         self._check_axis()
         self._check_primary_comparison()
         return self
@@ -195,6 +212,18 @@ class Study(Model):
         if self.axis is None:
             return tuple(sorted(set(arm.theta))) or (None,)
         return tuple(level for level in self.axis.levels if level in (arm.levels or self.axis.levels))
+
+    def _check_theta(self) -> None:
+        is_axis = self.axis is not None and self.axis.key == NOISE_RATIO
+        for arm in self.arms:
+            if is_axis and arm.theta:
+                raise ValueError(
+                    f"arm {arm.name!r} must not set theta, which is the axis: leave it out, or give levels"
+                )
+            if arm.depth == "noisy" and not (is_axis or arm.theta):
+                raise ValueError(
+                    f"arm {arm.name!r}: the sensor model 'noisy' needs theta, or it as the axis of the study"
+                )
 
     def _check_axis(self) -> None:
         axis = self.axis
@@ -217,7 +246,7 @@ class Study(Model):
         if declared is None:
             return
         levels = {arm.name: len(self.levels_of(arm)) for arm in self.arms}
-        for name in (declared.arm, declared.against):
+        for name in declared.arms:
             if name not in levels:
                 raise ValueError(f"the declared comparison names no arm of the study: {name!r}; it has {list(levels)}")
             if declared.endpoint != GAIN and levels[name] > 1:
@@ -225,8 +254,10 @@ class Study(Model):
                 raise ValueError(
                     f"a declared comparison needs arms of one level, or endpoint = {GAIN!r}: {name!r} has {count}"
                 )
-        if declared.arm == declared.against:
-            raise ValueError(f"the declared comparison must name two arms, got {declared.arm!r} twice")
+        if twice := [name for name, count in Counter(declared.arms).items() if count > 1]:
+            raise ValueError(f"the declared comparison must name two arms, got {twice[0]!r} twice")
+        if declared.endpoint == GAIN and len(declared.arm) > 1:
+            raise ValueError(f"endpoint = {GAIN!r} compares one arm with another, got {list(declared.arm)}")
         if declared.endpoint == GAIN and (self.axis is None or self.axis.reference is None):
             raise ValueError(f"endpoint = {GAIN!r} needs an axis with a reference: give both in [axis]")
 
@@ -374,7 +405,7 @@ def by_importance(study: Study, waiting: Iterable[RunSpec]) -> list[RunSpec]:
     A gain is declared on whole curves and their reference, so that all runs of a seed go together.
     """
     declared = study.declared
-    compared = () if declared is None or declared.endpoint == GAIN else (declared.arm, declared.against)
+    compared = () if declared is None or declared.endpoint == GAIN else declared.arms
     return sorted(waiting, key=lambda spec: spec.arm not in compared)
 
 

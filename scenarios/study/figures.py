@@ -9,7 +9,7 @@ import numpy as np
 from voxdepth.types import FloatArray
 
 from ..figure import Draw, Picture, encoded, line_color, panel_figure
-from .analysis import GOAL_SPEED, REACHED, Arm, Comparison, headline
+from .analysis import GOAL_SPEED, Arm, Comparison, headline
 from .design import ENDPOINTS, EndpointName, Study
 from .statistics import wilson
 from .tables import ENDPOINT_TITLES
@@ -20,7 +20,11 @@ FOREST_CAPTION = (
     "Differences of shares with 95 % intervals: Newcombe's in each scenario, and of all pairs. To "
     "the right of the line, more runs of the first arm."
 )
-AXIS_LABELS: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "runs with a collision"}
+AXIS_LABELS: dict[EndpointName, str] = {
+    "arrived": "arrived without a collision",
+    "collision": "runs with a collision",
+    "leader_collision": "runs whose leader hit something",
+}
 
 
 def all_figures(study: Study, arms: Sequence[Arm], comparisons: Sequence[Comparison]) -> list[Picture]:
@@ -102,5 +106,5 @@ def _goal_speeds(arms: Sequence[Arm]) -> FloatArray:
 
 def _shares(arms: Sequence[Arm], endpoint: EndpointName) -> FloatArray:
     """Return shares of runs that reached an endpoint [%] and their Wilson bounds, shape (3, arms)."""
-    counts = [(arm.count(REACHED[endpoint]), arm.n) for arm in arms]
+    counts = [(arm.reached(endpoint), arm.n) for arm in arms]
     return 100 * np.array([(count / n, *wilson(count, n)) for count, n in counts]).T

@@ -14,18 +14,21 @@ from voxdepth.tools.page import render_page
 from voxdepth.tools.table import Table, write_frame
 
 from ..files import DATA
-from .analysis import REACHED, arms_of, compare_arms, gains, matched_arms, run_frame, thresholds
+from .analysis import SWARM_MEASURES, arms_of, compare_arms, gains, matched_arms, run_frame, thresholds
 from .design import ENDPOINTS, RunSpec
 from .figures import all_figures
 from .store import StudyData
 from .tables import (
+    ENDPOINT_TITLES,
     comparison_table,
+    drone_end_table,
     effect_table,
     end_table,
     gain_table,
     gain_verdict,
     mean_difference_table,
     mean_table,
+    swarm_table,
     threshold_table,
     verdict,
 )
@@ -39,12 +42,14 @@ class Findings:
         self._runs = runs = run_frame(data)
         self.arms = arms_of(runs)
         """Every arm at every level in every scenario, and in all."""
-        reached = [name for name in ENDPOINTS if (runs["outcome"] == REACHED[name]).any()]
-        endpoints = dict.fromkeys([study.endpoint, *reached])
+        endpoints = [study.endpoint]
+        for name in ENDPOINTS:  # One that no run reached, or the same runs as another, says nothing.
+            if runs[name].any() and not any(runs[name].equals(runs[other]) for other in endpoints):
+                endpoints.append(name)
         self._matched = matched_arms(study, runs)
         self.comparisons = {endpoint: compare_arms(self._matched, study, endpoint) for endpoint in endpoints}
-        """The comparisons of arms by endpoint; the primary one comes first, and another that no run reached is left
-        out."""
+        """The comparisons of arms by endpoint, the primary one first. Another is left out that no run reached, or the
+        same runs as one before."""
         self._unit = "" if study.axis is None else study.axis.unit
         self._gains = gains(data, runs)
         declared = [gain_verdict(gain, self._unit) for gain in self._gains if gain.declared]
@@ -62,6 +67,9 @@ class Findings:
             **{f"{name}_comparisons": comparison_table(found, name) for name, found in self.comparisons.items()},
             "means": mean_table(self.arms),
             "mean_differences": mean_difference_table(self._matched.pairs),
+            "swarms": swarm_table(self.arms),
+            "swarm_differences": mean_difference_table(self._matched.pairs, SWARM_MEASURES),
+            "drone_ends": drone_end_table(drone_table(self.data)),
         }
 
 
@@ -86,6 +94,7 @@ def write_report(findings: Findings, place: Path, out: Path) -> Path:
     page = render_page(
         DATA / "templates" / "study.html.j2",
         study=study,
+        endpoint=ENDPOINT_TITLES[study.endpoint],
         scenarios=list(dict.fromkeys(spec.scenario for spec in data.specs)),
         seeds=f"{seeds[0]} to {seeds[-1]}",
         total=len(data.runs),

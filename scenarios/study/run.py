@@ -1,13 +1,19 @@
 """Running a study: missing runs go to the executor, completed runs go into the store, and the progress is told."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 
-from swarm.controllers import load_controller
+import numpy as np
 
-from .design import Study, by_importance, expand
+from swarm.controllers import Role, load_controller
+from voxdepth.errors import VoxDepthError
+from voxdepth.types import Frame
+
+from ..config import Scenario
+from ..errors import ScenarioError
+from .design import RunSpec, Study, by_importance, expand
 from .executors import Executor
 from .store import Failure, StudyData, add, begun, read_study
 
@@ -30,6 +36,36 @@ def progress_line(planned: int, left: int, flown: int, failed: int, elapsed_s: f
     return ", ".join(parts)
 
 
+def require_flyable(specs: Sequence[RunSpec]) -> None:
+    """Refuse arms whose corrector or controller cannot be made here, or fails at a first frame that is empty.
+
+    Each that differs is tried once. A file, a device or a package may be missing, which would fail every run.
+
+    Raises:
+        ScenarioError: An arm cannot fly.
+    """
+    tried: list[tuple[object, ...]] = []
+    for spec in specs:
+        scenario = spec.run.scenario
+        parts = scenario.corrector, scenario.rig.intrinsics, scenario.mission.controller
+        if parts in tried:
+            continue
+        tried.append(parts)
+        try:
+            _try_first_frame(scenario)
+        except VoxDepthError as error:
+            raise ScenarioError(f"arm {spec.arm!r} cannot fly: {error}") from error
+
+
+def _try_first_frame(scenario: Scenario) -> None:
+    """Make the corrector and the controller of the first drone, and correct a frame without depth."""
+    camera, mission = scenario.rig.intrinsics, scenario.mission
+    role = Role(drone=0, team=mission.teams()[0], airframe=scenario.airframe, camera=camera)
+    load_controller(mission.controller)(role, mission)
+    black, empty = np.zeros(camera.shape, np.uint8), np.zeros(camera.shape, np.float32)
+    scenario.corrector.create(camera).process(Frame(stamp_s=0.0, gray=black, depth_m=empty))
+
+
 def run_study(
     study: Study, out: Path, executor: Executor, tell: Callable[[str], None], *, resume: bool = False
 ) -> StudyData:
@@ -39,13 +75,11 @@ def run_study(
     `tell` gets `progress_line` at the beginning, at the end, and every half minute between.
 
     Raises:
-        ScenarioError: The study cannot be resolved, its store cannot be used, or no run can be flown.
-        PluginError: A controller cannot be loaded.
+        ScenarioError: The study cannot be resolved, an arm of it cannot fly, or its store cannot be used.
         KeyboardInterrupt: Ctrl-C was pressed; completed runs are stored.
     """
     specs = expand(study)
-    for controller in sorted({spec.run.scenario.mission.controller for spec in specs}):
-        load_controller(controller)
+    require_flyable(specs)
     with begun(out, study, specs, resume=resume) as data:
         waiting = by_importance(study, data.missing)
         if not waiting:

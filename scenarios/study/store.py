@@ -45,8 +45,8 @@ class RunRecord:
     """All collisions, ordered by time."""
     wall_s: float = field(compare=False)
     """Wall-clock time."""
-    drones: tuple[Mapping[str, float | int | None], ...] = ()
-    """Metrics of each drone by name."""
+    drones: tuple[Mapping[str, float | int | str | None], ...] = ()
+    """Metrics of each drone by name, and how it ended."""
 
     @classmethod
     def of(cls, key: str, finished: Finished) -> Self:

@@ -4,29 +4,40 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import pandas as pd
+
+from swarm.ends import DroneEnd
 from voxdepth.tools.table import Column, Table, Value
 
 from .analysis import (
     DEPTH_MEASURES,
     ENDS,
     MEASURES,
+    PASSED_THROUGH,
+    SWARM_MEASURES,
     Arm,
     Comparison,
     Gain,
+    Measure,
     RunPairs,
     Sides,
     Threshold,
     difference_of_means,
     headline,
 )
-from .design import EndpointName
+from .design import EndpointName, arm_label
 from .statistics import LEVEL, Estimate, Interval, Pairs, told, wilson
 
-ENDPOINT_TITLES: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "collisions"}
+ENDPOINT_TITLES: dict[EndpointName, str] = {
+    "arrived": "arrived without a collision",
+    "collision": "collisions",
+    "leader_collision": "the leader hit something",
+}
 
 END_NOTE = (
     "Shares of runs with Wilson 95 % intervals. Every run has one end. Arrived: all that the mission asks, without a "
-    "collision; stuck: nobody made progress, or a follower was lost."
+    "collision; stuck: nobody made progress, or a follower was lost. Frames that passed through were handed on as the "
+    "sensor made them, or at most smoothed: with many of them, a share says little of the correction."
 )
 MEAN_NOTE = (
     "With 95 % intervals of a bootstrap that draws runs. A run that does not arrive counts with the largest time that "
@@ -40,11 +51,20 @@ MEAN_DIFFERENCE_NOTE = (
     "Over pairs of the same scenario and seed, with 95 % intervals of a bootstrap that draws seeds. Measures that are "
     "the same in all pairs are left out."
 )
+SWARM_NOTE = (
+    "Of swarms, with intervals as above. A drone that touched something is lost. One has arrived that was in its slot "
+    "while its leader was at the goal, or led there. Followers whose leader hit something may be neither."
+)
+DRONE_NOTE = (
+    "Every drone has one end, and the first thing that it hit is its end wherever it was. Drones of one run are no "
+    "independent cases, so that these shares have no intervals: the table above has some."
+)
 EFFECT_NOTE = "As in the comparisons of arms, in each scenario and of all pairs together."
 COMPARISON_NOTE = (
     "Pairs are runs of the same scenario and seed. b: only the first arm reached the endpoint; c: only the second did. "
     "The difference of the shares has Newcombe's 95 % interval, and p is that of McNemar's exact test. What was "
-    "declared before the first run is not adjusted; all others of a table are, for their number after Holm."
+    "declared before the first run is adjusted for the number of what was declared, after Holm, and all others of a "
+    "table for theirs; a single declared one is not adjusted."
 )
 NONE_REACHED_NOTE = "No run of any pair reached this endpoint, so that these runs cannot tell the arms apart by it."
 THRESHOLD_NOTE = (
@@ -60,10 +80,15 @@ BEYOND = "outside of the levels that were flown"
 
 
 def verdict(comparisons: Sequence[Comparison], endpoint: EndpointName) -> str:
-    """Say what the first comparison found."""
+    """Say what the declared comparisons found, or else the first one."""
     if not comparisons:
         return "Nothing to compare: that takes two arms with results."
-    found, what = comparisons[0], ENDPOINT_TITLES[endpoint]
+    declared = [one for one in comparisons if one.declared] or comparisons[:1]
+    return " ".join(_verdict(one, endpoint) for one in declared)
+
+
+def _verdict(found: Comparison, endpoint: EndpointName) -> str:
+    what = ENDPOINT_TITLES[endpoint]
     pairs, p = found.pairs, found.p if found.p_holm is None else found.p_holm
     difference, (low, high) = pairs.difference
     points = f"{100 * difference:+.0f} points [{100 * low:.0f}, {100 * high:.0f}]"
@@ -85,35 +110,70 @@ def end_table(arms: Iterable[Arm]) -> Table:
     rows = [
         {"scenario": arm.scenario, "arm": arm.label, "runs": arm.n}
         | {f"{end} [%]": _percent(arm.count(*outcomes), arm.n) for end, outcomes in ENDS.items()}
+        | {"leader hit [%]": _percent(arm.reached("leader_collision"), arm.n) if arm.tells_of_drones else None}
+        | {PASSED_THROUGH.heading: _estimate(arm.estimate(PASSED_THROUGH), ".0f")}
         for arm in arms
     ]
     return _table("How runs ended", rows, END_NOTE)
 
 
+def drone_end_table(drones: pd.DataFrame) -> Table:
+    """Return the share of the leaders and of the followers of each arm that came to each end, by a row for each drone.
+
+    Ends to which none came are left out.
+    """
+    if "end" not in drones:
+        return Table.of("How drones ended", (), [])
+    arms = [
+        arm_label(arm, None if pd.isna(level) else level)
+        for arm, level in zip(drones["arm"], drones["level"], strict=True)
+    ]
+    who = drones["leads"].map({1: "leaders", 0: "followers"})
+    groups = drones["end"].groupby([drones["scenario"], pd.Series(arms, drones.index, name="arm"), who], sort=False)
+    ends = [end for end in DroneEnd if (drones["end"] == end).any()]
+    rows = [
+        {"scenario": scenario, "arm": arm, "of": who, "drones": len(own)}
+        | {f"{end} [%]": f"{100 * float((own == end).mean()):.0f}" for end in ends}
+        for (scenario, arm, who), own in groups
+    ]
+    return _table("How drones ended", rows, DRONE_NOTE)
+
+
 def mean_table(arms: Iterable[Arm]) -> Table:
     """Return the mean of each measure of each arm with its bootstrap interval."""
+    return _measured("Measures over all runs", arms, (*MEASURES, *DEPTH_MEASURES), MEAN_NOTE)
+
+
+def swarm_table(arms: Sequence[Arm]) -> Table:
+    """Return the same of what became of the drones; empty for arms of one drone."""
+    of_swarms = [arm for arm in arms if arm.estimate(SWARM_MEASURES[0]) is not None]
+    return _measured("What became of the drones", of_swarms, (*SWARM_MEASURES, PASSED_THROUGH), SWARM_NOTE)
+
+
+def _measured(title: str, arms: Iterable[Arm], measures: Sequence[Measure], note: str) -> Table:
     rows = [
         {"scenario": arm.scenario, "arm": arm.label, "runs": arm.n}
-        | {one.heading: _estimate(arm.estimate(one)) for one in (*MEASURES, *DEPTH_MEASURES)}
+        | {one.heading: _estimate(arm.estimate(one)) for one in measures}
         for arm in arms
     ]
-    return _table("Measures over all runs", rows, MEAN_NOTE)
+    return _table(title, rows, note)
 
 
-def mean_difference_table(matched: Mapping[Sides, RunPairs]) -> Table:
+def mean_difference_table(matched: Mapping[Sides, RunPairs], measures: Sequence[Measure] = MEASURES) -> Table:
     """Return the paired differences of means.
 
     Pairs whose measures are all unknown are left out, and so are measures that differ in no run of any pair.
     """
-    found = {sides: {one: difference_of_means(pairs, one) for one in MEASURES} for sides, pairs in matched.items()}
-    differ = [one for one in MEASURES if any(_differs(estimates[one]) for estimates in found.values())]
+    found = {sides: {one: difference_of_means(pairs, one) for one in measures} for sides, pairs in matched.items()}
+    differ = [one for one in measures if any(_differs(estimates[one]) for estimates in found.values())]
     rows = [
         {"first - second": " - ".join(sides), "pairs": len(matched[sides][0])}
         | {one.heading: _estimate(estimates[one], "+.2f") for one in differ}
         for sides, estimates in found.items()
         if differ and any(estimates.values())
     ]
-    return _table("Differences of measures", rows, MEAN_DIFFERENCE_NOTE)
+    title = "Differences of measures" if measures is MEASURES else "Differences of what became of the drones"
+    return _table(title, rows, MEAN_DIFFERENCE_NOTE)
 
 
 def _differs(estimate: Estimate | None) -> bool:
@@ -137,7 +197,7 @@ def comparison_table(comparisons: Sequence[Comparison], endpoint: EndpointName) 
     rows = [
         {
             "first - second": f"{found.first} - {found.second}",
-            "": "declared" if found.p_holm is None else "other",
+            "": "declared" if found.primary else "other",
             **_pairs_row(found.pairs),
             "p": found.p,
             "p after Holm": found.p_holm,

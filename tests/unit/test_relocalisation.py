@@ -144,6 +144,15 @@ class TestDepth:
     def test_the_true_motion_agrees(self, T: FloatArray) -> None:
         assert self.agrees(inverse_rigid(T), frame_of(ROOM, T))
 
+    @pytest.mark.parametrize(
+        ("share", "does_agree"), [(1.0, True), (0.2, True), (0.07, False), (0.01, False), (0.0, False)]
+    )
+    def test_a_few_pixels_confirm_no_motion(self, share: float, does_agree: bool) -> None:
+        there = frame_of(ROOM, pose(yaw=12))
+        kept = np.random.default_rng(0).random(there.depth_m.shape) < share
+        there = replace(there, depth_m=np.where(kept, there.depth_m, np.float32(0)))
+        assert self.agrees(inverse_rigid(pose(yaw=12)), there) == does_agree
+
     @pytest.mark.parametrize("T", [pose(z=-1.5), pose(pitch=25), pose(yaw=180), pose(roll=90)])
     def test_another_motion_does_not(self, T: FloatArray) -> None:
         assert not self.agrees(T, frame_of(ROOM, pose()))

@@ -13,7 +13,7 @@ from rich.console import Console
 from scenarios import runner
 from scenarios.config import images_of, load_run
 from scenarios.flight import Finished, fly
-from scenarios.report import print_summary, summary_tables
+from scenarios.report import drone_table, print_summary, summary_tables
 from scenarios.runner import fly_and_write
 from swarm.types import MissionResult, Outcome
 
@@ -35,11 +35,33 @@ def test_a_run_leaves_a_page_that_needs_nothing_else(tmp_path: Path) -> None:
     assert not re.search(r'(?:src|href)="(?!data:)', pages[0])
 
 
+def test_the_end_of_every_drone_stands_on_the_page_and_the_terminal(tmp_path: Path) -> None:
+    changes = {"mission.drones": 3, "mission.duration_s": 0.5, "mission.after_contact": "drop"}
+    run = load_run("city", 3, QUICK | changes)
+    finished = fly_and_write(run, tmp_path, record=False)
+    hit = {"end": "hit a drone", "hit": "drone-2", "first_contact_m": 31.25}
+    drones = [dict(drone) for drone in finished.result.drones]
+    assert [(drone["end"], drone["hit"]) for drone in drones] == [("out of time", None)] * 3
+    table = drone_table([drones[0], drones[1] | hit, drones[2] | {"end": "arrived"}])
+    assert [row[:3] for row in table.texts] == [
+        ["0", "leader", "out of time"],
+        ["1", "follower", "hit a drone (drone-2) after 31.25 m"],
+        ["2", "follower", "arrived"],
+    ]
+    console = Console(file=io.StringIO(), width=200)
+    print_summary(console, finished, run)
+    page = (finished.folder / "summary.html").read_text()
+    for text in (console.file.getvalue(), page):  # type: ignore[attr-defined]
+        assert "How the drones ended" in text
+        assert text.count("out of time") == 3
+        assert "0 of 3" in text
+
+
 def test_depth_that_is_too_far_and_holes_have_their_columns() -> None:
     run = load_run("city", 3, QUICK)
     metrics = {**fly(run).result.metrics, "depth_raw_too_far_share": 0.25, "depth_raw_hole_share": 0.5}
     result = MissionResult(outcome=Outcome.TIMEOUT, contacts=(), trajectories=(), metrics=metrics)
-    _, depth = summary_tables(Finished(result=result, wall_s=1.0, folder=None), run)
+    *_, depth = summary_tables(Finished(result=result, wall_s=1.0, folder=None), run)
     assert depth.texts[0][2:] == ["25.0 %", "50.0 %"]
 
 

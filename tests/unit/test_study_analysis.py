@@ -74,7 +74,7 @@ def test_the_declared_comparison_stands_first_and_alone() -> None:
 def test_arrivals_are_no_reverse_of_collisions_and_a_study_against_itself_has_no_difference() -> None:
     """A swarm that is stuck neither arrives nor collides."""
     stuck, same = two_arms("osst", "oxox"), two_arms("oxso", "oxso")
-    found = [compared(stuck, endpoint)[0].pairs for endpoint in ENDPOINTS]
+    found = [compared(stuck, endpoint)[0].pairs for endpoint in ENDPOINTS[:2]]
     assert [(pairs.first_only, pairs.second_only) for pairs in found] == [(0, 1), (0, 2)]
     for endpoint in ENDPOINTS:
         (none,) = compared(same, endpoint)
@@ -140,3 +140,86 @@ def test_hits_are_those_of_leaders_and_followers_apart() -> None:
     assert found["hits of followers"] == pytest.approx(100 / 200)
     assert found["unsafe commitments"] == pytest.approx(300 / 240)
     assert all(without.estimate(measure) is None for measure in MEASURES[3:])
+
+
+def of_swarms(data: StudyData, lost: dict[tuple[str, int], str], **metrics: float) -> StudyData:
+    """Results of swarms of four, by arm and seed a letter for each drone: x hit something, o arrived, - neither."""
+    ends = {"x": "hit a building", "o": "arrived", "-": "dropped out with its leader"}
+    records = dict(data.records)
+    for spec in data.flown:
+        drones = tuple(
+            {
+                "drone": k, "leads": int(k == 0), "end": ends[letter], "path_length_m": 50.0, "unsafe_commitments": 0,
+                "first_contact_s": 3.0 if letter == "x" else None,
+            }
+            for k, letter in enumerate(lost[spec.arm, spec.seed])
+        )  # fmt: skip
+        one = records[spec.key]
+        records[spec.key] = replace(one, drones=drones, metrics={**one.metrics, "collisions_drone": 2, **metrics})
+    return replace(data, records=records)
+
+
+LOST = {
+    ("a", 0): "x---", ("a", 1): "oxxo", ("a", 2): "x---", ("a", 3): "oooo",
+    ("b", 0): "oooo", ("b", 1): "ooox", ("b", 2): "oooo", ("b", 3): "oxxx",
+}  # fmt: skip
+
+
+def test_the_end_of_the_leader_is_an_endpoint_of_its_own() -> None:
+    declared = {"arm": "b", "against": "a", "endpoint": "leader_collision"}
+    data = of_swarms(two_arms("xxxo", "oxox", declared=declared), LOST)
+    (found,) = compared(data, "leader_collision")
+    assert (found.pairs.n, found.pairs.first_only, found.pairs.second_only, found.primary) == (4, 0, 2, True)
+    findings = Findings(data)
+    assert findings.verdict.startswith("4 pairs show no difference between b and a (the leader hit something: -50 ")
+    assert [*findings.comparisons] == ["leader_collision", "arrived", "collision"]
+    one_drone = Findings(
+        of_swarms(two_arms("xo", "ox"), {(k, s): "xo"[(s + (k == "a")) % 2] for k in "ab" for s in (0, 1)})
+    )
+    assert [*one_drone.comparisons] == ["arrived", "collision"], "of one drone, it is a collision"
+
+
+def test_what_became_of_the_drones_of_swarms_is_told_and_compared() -> None:
+    findings = Findings(of_swarms(two_arms("xxxo", "oxox"), LOST, passed_through_share=0.25))
+    table, ends = findings.tables["swarms"], findings.tables["ends"]
+    values = {row[1]: dict(zip(table.headings, row, strict=True)) for row in table.rows}
+    assert values["a"]["drones lost [%]"].startswith("25.00 [")
+    assert values["b"]["drones lost [%]"].startswith("25.00 [")
+    assert values["a"]["drones arrived [%]"].startswith("37.50 [")
+    assert values["b"]["drones arrived [%]"].startswith("75.00 [")
+    assert values["a"]["contacts between drones"].startswith("2.00 [")
+    for shown in (table, ends):
+        place = shown.headings.index("passed through [%]")
+        assert all(row[place].startswith("25") for row in shown.rows), "beside each rate"
+    assert [row[ends.headings.index("leader hit [%]")].split()[0] for row in ends.rows] == ["50", "0"]
+    differences = findings.tables["swarm_differences"]
+    assert differences.headings == ["first - second", "pairs", "drones lost [%]", "drones arrived [%]"]
+    alone = Findings(two_arms("xo", "ox")).tables
+    assert len(alone["swarms"]) == len(alone["swarm_differences"]) == len(alone["drone_ends"]) == 0
+
+
+def test_the_ends_of_drones_are_shares_of_leaders_and_of_followers() -> None:
+    table = Findings(of_swarms(two_arms("xxxo", "oxox"), LOST)).tables["drone_ends"]
+    assert table.headings == [
+        "scenario", "arm", "of", "drones", "arrived [%]", "hit a building [%]", "dropped out with its leader [%]"
+    ]  # fmt: skip
+    assert [row[1:] for row in table.texts] == [
+        ["a", "leaders", "4", "50", "50", "0"],
+        ["a", "followers", "12", "33", "17", "50"],
+        ["b", "leaders", "4", "100", "0", "0"],
+        ["b", "followers", "12", "67", "33", "0"],
+    ]
+
+
+def test_several_declared_comparisons_are_adjusted_for_their_number_apart_from_the_others() -> None:
+    declared = {"arm": ["b", "c"], "against": "a", "endpoint": "collision"}
+    data = two_arms("x" * 8, "o" * 8, "xxoooooo", declared=declared)
+    found = {(one.first, one.second): one for one in compared(data, "collision")}
+    assert [*found] == [("b", "a"), ("c", "a"), ("b", "c")]
+    assert found["b", "a"].p_holm == pytest.approx(2 * mcnemar(0, 8))
+    assert found["c", "a"].p_holm == pytest.approx(mcnemar(0, 6))
+    assert found["b", "c"].p_holm == pytest.approx(mcnemar(0, 2)), "the others are a family of their own"
+    assert [one.primary for one in found.values()] == [True, True, False]
+    assert Findings(data).verdict.count(" against a: collisions ") == 2
+    not_yet = two_arms("x" * 8, "o" * 8, " " * 8, declared=declared)
+    assert compared(not_yet, "collision")[0].p_holm == pytest.approx(2 * mcnemar(0, 8))

@@ -73,6 +73,18 @@ def test_an_axis_that_cannot_be_flown_is_refused(values: dict[str, object], mess
     assert message in str(caught.value)
 
 
+def test_the_noise_ratio_itself_is_an_axis_with_a_reference_that_has_no_noise() -> None:
+    noise = {"key": "rig.noise.scale.theta", "levels": [0.0, 0.6, 1.0], "reference": "t"}
+    quiet = {"name": "n", "depth": "noisy", "corrector": "raw"}
+    specs = expand(study(quiet, quiet | {"name": "t", "levels": [0.0]}, seeds=1, axis=noise))
+    assert [(s.arm, s.level, s.run.scenario.rig.noise.scale.theta) for s in specs] == [
+        ("n", 0.0, 0.0), ("n", 0.6, 0.6), ("n", 1.0, 1.0), ("t", 0.0, 0.0)
+    ]  # fmt: skip
+    for wrong, axis in ((noisy("n", 0.5), noise), (quiet, None)):
+        with pytest.raises(pydantic.ValidationError, match=r"'n'.*theta"):
+            study(wrong, arm("t"), axis=axis)
+
+
 def test_an_arm_has_one_noise_ratio_along_another_axis() -> None:
     noise = {"key": "rig.noise.disparity.sigma_px", "levels": [0.0, 0.5, 1.0]}
     specs = expand(study(noisy("n", 0.5), seeds=1, axis=noise))

@@ -37,7 +37,7 @@ def test_the_page_loads_nothing_and_says_what_there_is(tmp_path: Path) -> None:
     require_self_contained(text)
     assert "11 of 12 runs have a result. Seeds 0 to 3" in text
     assert "This study is not complete: 1 of 12 runs are missing." in text
-    assert "Primary endpoint: a run with a collision." in text
+    assert "Primary endpoint: collisions." in text
     assert "Declared before the first run: b against a." in text
     assert "<tr><td>b - a</td><td>declared</td><td>3</td><td>0</td><td>2</td><td>-0.667</td>" in text
     assert "voxdepth study replay out KEY" in text
@@ -121,7 +121,7 @@ def test_the_progress_of_a_study_is_told_at_its_beginning_and_end(tmp_path: Path
 
 def test_a_bar_of_the_effects_reaches_from_the_low_end_of_its_interval_to_the_high_one() -> None:
     pairs, axes = Pairs(5, 9, 1, 5), Figure().subplots()
-    _draw_forest([Comparison("a", "b", True, {"here": pairs, "there": pairs}, pairs, 0.1, None)], axes)
+    _draw_forest([Comparison("a", "b", True, True, {"here": pairs, "there": pairs}, pairs, 0.1, None)], axes)
     (ends,) = axes.containers[0].lines[2][0].get_segments()
     low, high = pairs.difference.interval
     np.testing.assert_allclose(ends[:, 0], [100 * low, 100 * high])

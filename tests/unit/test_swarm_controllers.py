@@ -177,6 +177,18 @@ class TestAgents:
             command = pilot.fly(2 * FORWARD, ahead).command
             assert abs(command.velocity_m_s[0]) < 1e-6
 
+    @pytest.mark.parametrize("climb_m_s", [2.0, -2.0, 0.5])
+    def test_a_drone_that_climbs_and_hardly_flies_keeps_its_heading(self, climb_m_s: float) -> None:
+        wanted_m_s, seeing = np.array([0.0, 0.3, climb_m_s]), situation(percept=percept_of(flat(30.0)))
+        for pilot in (MappingPilot(PilotConfig(), 20, 0.0, AIRFRAME, CAMERA), Pilot(PilotConfig(), 20, 0.0, AIRFRAME)):
+            assert pilot.fly(wanted_m_s, seeing).command.yaw_rad == 0.0
+            assert pilot.fly(wanted_m_s + 0.3 * LEFT, seeing).command.yaw_rad > 0.0
+
+    def test_a_drone_that_climbs_looks_where_it_is_told(self) -> None:
+        pilot = MappingPilot(PilotConfig(), 20, 0.0, AIRFRAME, CAMERA)
+        seeing = situation(percept=percept_of(flat(30.0)))
+        assert pilot.fly(np.array([0.0, 0.0, 1.0]), seeing, look_at_m=np.array([0.0, 9.0, 0.0])).command.yaw_rad > 0
+
 
 @pytest.mark.parametrize(
     ("start_rad", "direction", "speed_m_s", "turned_rad", "in_the_end_rad"),

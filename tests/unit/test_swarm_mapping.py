@@ -18,9 +18,20 @@ from swarm.errors import MissionError
 from swarm.mapping_pilot import MappingPilot
 from swarm.pilot import Decision, PilotConfig, Situation
 from swarm.types import Motion, Percept
-from swarm.voxel_map import BLACKLISTED, FREE, HEIGHT_M
+from swarm.voxel_map import BLACKLISTED, FREE, HEIGHT_M, OCCUPIED
 from tests.helpers import CAMERA
-from tests.swarm_scenes import AIRFRAME, NOBODY, RADIUS_M, flat, measured, neighbours_of, situation_of, state, turn
+from tests.swarm_scenes import (
+    AIRFRAME,
+    NOBODY,
+    RADIUS_M,
+    flat,
+    measured,
+    near,
+    neighbours_of,
+    situation_of,
+    state,
+    turn,
+)
 from voxdepth.types import CorrectedDepth, FloatArray
 
 RATE_HZ = 20
@@ -156,6 +167,15 @@ def test_a_drone_flies_to_a_wall_that_it_sees_and_stops_before_it() -> None:
     x_m = np.array(flight.path_m)[:, 0]
     assert 6.0 - RADIUS_M - 1.4 < x_m.max() < 6.0 - RADIUS_M
     assert max(np.linalg.norm(d.command.velocity_m_s) for d in flight.decisions) > 1.5
+
+
+@pytest.mark.parametrize("beside_m", [0.0, 0.5, -1.0])
+def test_a_wall_that_was_seen_stays_where_another_drone_is_believed(beside_m: float) -> None:
+    flight = Flight(wall_at(2.4)).flies((0, 0, 0), 1.0)
+    flight.neighbours = near(((2.4, beside_m, 0.0), (0.0, 0.0, 0.0)))
+    costs = flight.flies((0, 0, 0), 1.0).decisions[-1].view
+    assert costs is not None
+    assert costs.state_at(np.array([2.4, beside_m])) == OCCUPIED
 
 
 FAR = measured(flat(40.0))

@@ -12,11 +12,14 @@ import pytest
 from sim.types import Contact, DroneState, VelocityCommand
 from sim.world import World
 from swarm.approach import DECEL_M_S2, RESPONSE_S
+from swarm.config import MissionConfig
 from swarm.metrics import CorrectorWork, MissionMetrics, UnsafeCommitments, separation_m, touched
 from swarm.pilot import Decision
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import HOVERS, RADIUS_M, Vector, capture, corrected, flat, state
+from voxdepth.paper.epochs import Phase, VoxDepthDiagnostics
+from voxdepth.paper.registration import Registration, RegistrationStatus
 
 
 def swarm(n: int, *, first: int = 0, start_m: Vector = (0.0, 0.0, 0.0), goal_m: Vector = (30.0, 0.0, 0.0)) -> Team:
@@ -27,7 +30,7 @@ def swarm(n: int, *, first: int = 0, start_m: Vector = (0.0, 0.0, 0.0), goal_m: 
 def metrics_of(*teams: Team, wall_m: float = 50.0) -> Iterator[tuple[World, MissionMetrics]]:
     """A world with the teams in their slots before a wall, and its metrics."""
     with world_of(wall(wall_m), starts_m=np.vstack([team.starts_m for team in teams])) as world:
-        yield world, MissionMetrics(world, teams, goal_radius_m=1.5)
+        yield world, MissionMetrics(MissionConfig(), world, teams)
 
 
 def sampled(metrics: MissionMetrics, states: list[DroneState]) -> dict[str, float]:
@@ -74,7 +77,7 @@ class TestDistances:
                 world.apply([VelocityCommand(velocity_m_s=np.array([-1.0, 0, 0]), yaw_rad=0.0)])
                 for _ in range(120):
                     world.step()
-            summary, (drone,) = metrics.summary((), 0), metrics.by_drone(())
+            summary, (drone,) = metrics.summary((), 0), metrics.by_drone((), None)
         assert clearances[0] < clearances[1]
         assert summary["min_clearance_m"] == drone["min_clearance_m"] == min(clearances)
 
@@ -82,7 +85,7 @@ class TestDistances:
         with metrics_of(swarm(1)) as (_, metrics):
             for x, y in ((0, 0), (3, 4), (3, 5), (3, 4)):
                 sampled(metrics, [state(x, y, 0)])
-            (drone,) = metrics.by_drone(())
+            (drone,) = metrics.by_drone((), None)
             (trajectory,) = metrics.trajectories()
         assert drone["path_length_m"] == pytest.approx(7)
         assert trajectory.position_m.shape == (4, 3)
@@ -108,7 +111,7 @@ class TestSums:
             for drone, raw_m in ((0, 4.0), (1, 3.5), (1, 0.0), (2, 3.1)):
                 image = capture(0.0, depth_raw_m=flat(raw_m))
                 metrics.add_depth(replace(image, drone=drone), corrected(flat(3.2)))
-            return metrics.summary(CONTACTS, 6), metrics.by_drone(CONTACTS)
+            return metrics.summary(CONTACTS, 6), metrics.by_drone(CONTACTS, None)
 
     def test_the_drones_add_up_to_the_summary(self) -> None:
         summary, drones = self.summed()
@@ -170,7 +173,7 @@ class TestUnsafeCommitments:
         with metrics_of(swarm(3)) as (world, metrics):
             ahead = VelocityCommand(velocity_m_s=np.array([30.0, 0, 0]), yaw_rad=0.0)
             metrics.sample(world.states, [Decision(command=ahead, state="free")] * 3)
-            rows = metrics.by_drone(())
+            rows = metrics.by_drone((), None)
             assert [(row["leads"], row["unsafe_commitments"]) for row in rows] == [(1, 1), (0, 1), (0, 1)]
             assert metrics.summary((), 0)["unsafe_commitments"] == 3
 
@@ -187,12 +190,12 @@ class TestDroppingOut:
         other = swarm(1, first=1, start_m=(0.0, 20.0, 0.0), goal_m=(0.0, 26.0, 0.0))
         with metrics_of(swarm(1), other) as (_, metrics):
             for x, y in ((4, 22), (10, 24), (3, 25)):
-                metrics.follow_leaders(np.array([[x, 7.0, 0], [5, y, 0]]))
+                metrics.follow(np.array([[x, 7.0, 0], [5, y, 0]]))
             summary = metrics.summary((), 0)
             assert summary["leader_progress_m"] == pytest.approx(5.0)
             assert summary["leader_arrived"] == 0
             for x, y, arrived in ((30, 20, 0), (0, 26, 1)):
-                metrics.follow_leaders(np.array([[x, 0.0, 0], [0, y, 0]]))
+                metrics.follow(np.array([[x, 0.0, 0], [0, y, 0]]))
                 assert metrics.summary((), 0)["leader_arrived"] == arrived, "one leader alone is not all"
 
     def test_a_drone_that_dropped_out_has_no_way_and_no_say_afterwards(self) -> None:
@@ -240,10 +243,25 @@ def test_states_are_shares_of_the_frames_and_events_are_counted() -> None:
         one.add(Report(Weather.WET, slip=slip, stop=stop))
     other.add(Report(Weather.DRY, slip=False))
     assert CorrectorWork([one, other]).metrics() == {
+        "passed_through_share": 0,
         "corrector_weather_dry_share": 0.25,
         "corrector_weather_wet_share": 0.75,
         "corrector_weather_icy_share": 0,
         "corrector_slips": 2,
         "corrector_stops_fuel": 2,
     }
-    assert CorrectorWork().metrics() == {}
+    assert CorrectorWork().metrics() == {"passed_through_share": None}
+
+
+def test_a_frame_passed_through_whose_depth_is_unchanged_or_of_which_the_corrector_says_so() -> None:
+    work = CorrectorWork()
+    work.add(None, unchanged=True)
+    failed = Registration(status=RegistrationStatus.FEW_MATCHES)
+    for index, phase in enumerate((Phase.CORRECTING, Phase.PASSTHROUGH, Phase.FUSING, Phase.PASSTHROUGH)):
+        work.add(VoxDepthDiagnostics(phase=phase, registration=failed), unchanged=index == 3)
+    assert CorrectorWork([CorrectorWork(), work]).metrics()["passed_through_share"] == 3 / 5
+    with metrics_of(swarm(2)) as (world, metrics):
+        sampled(metrics, world.states)
+        for drone, depth_m in ((0, 4.0), (0, 3.2), (1, 4.0), (1, 4.0)):
+            metrics.add_depth(replace(capture(0.0), drone=drone), corrected(flat(depth_m)))
+        assert metrics.summary((), 0)["passed_through_share"] == 0.75

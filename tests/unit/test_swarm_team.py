@@ -48,7 +48,7 @@ def test_only_its_own_drones_count() -> None:
     team = team_to((30.0, 0.0, 5.0), members=range(2, 4))
     assert team.leader == 2
     positions = np.array([[99.0, 99, 99], [99, 99, 99], [6, 3, 5], [6, -1, 5]])
-    assert team.stray_m(positions) == pytest.approx(4)
+    assert team.strays_m(positions).max() == pytest.approx(4)
     assert team.distance_to_goal_m(positions) == pytest.approx(np.hypot(24, 3))
     assert team.cross_track_error_m(positions) == pytest.approx(3)
     assert team.slot_errors_m(positions).shape == (1,)
@@ -56,9 +56,9 @@ def test_only_its_own_drones_count() -> None:
 
 def test_a_follower_strays_from_both_its_leader_and_its_slot() -> None:
     team = team_to((9.0, 0.0, 0.0), members=range(3))
-    assert team.stray_m(team.starts_m) == 0
-    assert team.stray_m(team.starts_m[[0, 0, 2]]) == 0, "it is beside its leader"
-    assert team.stray_m(team.starts_m + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 5]])) == pytest.approx(5)
+    assert team.strays_m(team.starts_m).max() == 0
+    assert team.strays_m(team.starts_m[[0, 0, 2]]).max() == 0, "it is beside its leader"
+    assert team.strays_m(team.starts_m + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 5]])).max() == pytest.approx(5)
 
 
 @given(ANGLES, st.floats(-20, 20), st.floats(-20, 20))

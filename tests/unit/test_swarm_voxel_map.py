@@ -1,5 +1,7 @@
 """The map of a drone: what is free, unknown, unobservable, blacklisted and occupied, and paths through it."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,6 +15,7 @@ from swarm.voxel_map import (
     BLACKLISTED,
     FREE,
     HIT,
+    MAX_IMAGE_S,
     OCCUPIED,
     UNKNOWN,
     UNOBSERVABLE,
@@ -27,14 +30,17 @@ from voxdepth.types import FloatArray, FloatImage, Intrinsics
 NOBODY = np.empty((0, 3))
 WIDTH_M = 0.5
 HERE = np.zeros(3)
-PROOF = MapConfig().min_passed
-"""Images that prove free space."""
+PROOF = round(MapConfig().passed_s / MAX_IMAGE_S)
+"""Images of a camera of 10 Hz that prove free space."""
+VAIN = round(MapConfig().vain_s / MAX_IMAGE_S)
+"""Images of it that show nothing until space is unobservable."""
 
 
 class Drone:
     """A drone that stands at the origin of its map, at a height of 0, and looks along x by default."""
 
-    def __init__(self, **config: float) -> None:
+    def __init__(self, rate_hz: float = 10.0, **config: float) -> None:
+        self.rate_hz = rate_hz
         self.sensor = InverseSensorModel(CAMERA, disparity_error_px=0.01)
         self.map = VoxelMap(MapConfig(**config), self.sensor)
         self.map.start(HERE, 0.0, 0.0)
@@ -51,7 +57,7 @@ class Drone:
     ) -> "Drone":
         """Add equal images."""
         for _ in range(times):
-            self.time_s += 0.1
+            self.time_s += 1 / self.rate_hz
             T = pose(turn(yaw_rad) @ R_BODY_CAM, at_m)
             self.map.update(self.sensor.read(measured(depth_m)), T, drones_m, self.time_s)
         return self
@@ -171,7 +177,7 @@ def test_looking_at_nothing_makes_near_space_unobservable_and_far_space_stays_un
 
 @pytest.mark.parametrize("n_images", [PROOF, 12])
 def test_free_space_does_not_outlast_a_view_of_nothing_by_as_many_images_as_proved_it(n_images: int) -> None:
-    lasts = max(n_images, MapConfig().min_vain) - 1
+    lasts = max(n_images, VAIN) - 1
     drone = Drone().sees(flat(3.0), n_images).sees(flat(0.0), lasts)
     assert drone.state(2.0) == FREE
     assert drone.sees(flat(0.0), 1).state(2.0) == UNOBSERVABLE
@@ -205,6 +211,72 @@ def test_a_surface_that_is_gone_becomes_free_unless_it_was_seen_for_long() -> No
     assert drone.state(2.0) == OCCUPIED
     assert drone.sees(flat(5.0), HIT + PROOF).state(2.0) == FREE
     assert Drone().sees(flat(2.0), 20).sees(flat(5.0), 20).state(2.0) == OCCUPIED
+
+
+def images_until(
+    state: int, depth_m: float, rate_hz: float, before: Callable[[Drone], Drone] = lambda drone: drone
+) -> int:
+    """The number of images of a depth until a place before it has a state, at most 20 seconds of them."""
+    drone = before(Drone(rate_hz).sees(flat(5.0), 1, yaw_rad=np.pi))  # Nothing tells how long the first image counts.
+    return next(n for n in range(1, round(20 * rate_hz)) if drone.sees(flat(depth_m), 1).state(2.0) == state)
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 30.0, 60.0])
+def test_fast_cameras_decide_about_space_in_the_same_time_as_one_of_10_hz(rate_hz: float) -> None:
+    def sees(depth_m: float, for_s: float) -> Callable[[Drone], Drone]:
+        return lambda drone: drone.sees(flat(depth_m), round(for_s * drone.rate_hz))
+
+    for state, depth_m, before in (
+        (FREE, 5.0, sees(0.0, 0.0)),
+        (UNOBSERVABLE, 0.0, sees(0.0, 0.0)),
+        (UNOBSERVABLE, 0.0, sees(5.0, 1.0)),
+        (OCCUPIED, 2.0, sees(5.0, 1.0)),
+        (FREE, 5.0, sees(2.0, 0.2)),
+    ):
+        needed_s = images_until(state, depth_m, 10.0, before) / 10
+        assert images_until(state, depth_m, rate_hz, before) / rate_hz == pytest.approx(needed_s, abs=MAX_IMAGE_S)
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 2.0, 5.0, 7.0])
+def test_each_image_of_a_slow_camera_counts_once_so_that_a_surface_takes_two(rate_hz: float) -> None:
+    for state, depth_m, needed in ((FREE, 5.0, PROOF), (UNOBSERVABLE, 0.0, VAIN), (OCCUPIED, 2.0, 2)):
+        assert images_until(state, depth_m, rate_hz) == needed
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 10.0, 30.0, 90.0])
+def test_no_image_alone_is_a_surface_at_any_rate(rate_hz: float) -> None:
+    drone = Drone(rate_hz).sees(flat(5.0), round(rate_hz) + 3).sees(flat(2.0), 1)
+    assert drone.state(2.0) == FREE
+
+
+def test_a_surface_that_images_confirm_stays_where_another_drone_is_believed_and_not_where_this_one_is() -> None:
+    drone, there_m = Drone().sees(flat(3.0), 4), np.array([[3.0, 0.0, 0.0]])
+    drone.map.mark_free(there_m, 1.0, 0.4, drone.time_s)
+    assert [drone.state(x) for x in (2.5, 3.0, 3.5)] == [FREE, OCCUPIED, FREE]
+    drone.map.take(there_m[0], 1.0, 0.4, drone.time_s)
+    assert [drone.state(x) for x in (2.5, 3.0, 3.5)] == [FREE] * 3
+
+
+def test_a_surface_of_one_image_is_an_error_where_another_drone_is_believed() -> None:
+    drone = Drone().sees(flat(3.0), 1)
+    drone.map.mark_free(np.array([[3.0, 0.0, 0.0]]), 1.0, 0.4, drone.time_s)
+    assert drone.state(3.0) == FREE
+    assert drone.sees(flat(3.0), 1).state(3.0) == FREE, "the first image no longer counts"
+
+
+def test_nobody_believed_makes_nothing_free() -> None:
+    drone = Drone()
+    drone.map.mark_free(NOBODY, 1.0, 0.4, drone.time_s)
+    assert {drone.state(x) for x in np.linspace(1.0, 6.0, 6)} == {UNKNOWN}
+
+
+@pytest.mark.parametrize("shifts_m", [(0.0,), (0.0, 0.0), (0.0, 0.2), (-0.4, 0.0, 0.4), (0.0, 0.5, 1.0)])
+def test_what_overlaps_goes_one_step_at_a_time_to_the_blacklist(shifts_m: tuple[float, ...]) -> None:
+    drone, there_m = Drone(), np.array([[3.0 + shift_m, 0.0, 0.0] for shift_m in shifts_m])
+    places_m = [2.5, 3.0, 3.5]
+    for state in (UNOBSERVABLE, BLACKLISTED, BLACKLISTED):
+        drone.map.blacklist(there_m, 1.0, 0.4, drone.time_s)
+        assert [drone.state(x) for x in places_m] == [state] * len(places_m)
 
 
 def test_another_drone_is_no_surface_and_hides_what_is_behind_it() -> None:

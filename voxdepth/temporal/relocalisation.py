@@ -27,6 +27,9 @@ DEPTH_TOLERANCE, DISPARITY_TOLERANCE_PX = 0.05, 0.5
 """Memory and measurement agree if their disparities differ by at most this share or this many pixels."""
 MIN_DEPTH_AGREEMENT = 0.7
 """Share of the remembered surfaces whose depth the frame must confirm. Less accepts less exact motions."""
+MIN_COMPARED = 30
+"""Pixels that have both depths, at least, a tenth of those of an image of 320x240. By a wrong motion, up to half of the
+pixels agree: of 30, chance then lets enough agree in one of 50 cases, and of 10 in one of 6."""
 
 
 class Landmarks(NamedTuple):
@@ -73,7 +76,8 @@ class Relocaliser:
     def depth_agrees(self, memory: Memory, depth_m: FloatImage, T_frame_memory: FloatArray) -> bool:
         """Whether a frame measures the remembered surfaces at the depth that a motion gives them.
 
-        Matches on far surfaces alone leave the translation uncertain, and similar textures can match by mistake.
+        Matches on far surfaces alone leave the translation uncertain, and similar textures can match by mistake. A
+        frame that measures few of these surfaces confirms nothing.
         """
         camera = self._camera
         points_m = transform(T_frame_memory, camera.points(self._grid, memory.disparity_px)[0])
@@ -83,4 +87,4 @@ class Relocaliser:
         expected_px, measured_px = (camera.resolution.focal_baseline_px_m / each for each in (z_m, measured_m))
         tolerance_px = np.maximum(DEPTH_TOLERANCE * measured_px, DISPARITY_TOLERANCE_PX)
         agreeing = abs(expected_px - measured_px) <= tolerance_px
-        return bool(len(agreeing)) and float(agreeing.mean()) >= MIN_DEPTH_AGREEMENT
+        return len(agreeing) >= MIN_COMPARED and float(agreeing.mean()) >= MIN_DEPTH_AGREEMENT
