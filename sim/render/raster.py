@@ -304,7 +304,6 @@ class Rasteriser:
         self._map = mapper(threads)
         self._thread_local = threading.local()
         self._normals = [normals(mesh) for mesh in meshes.meshes]
-        self._is_closed = np.array([mesh.is_closed for mesh in meshes.meshes], np.bool_)
         self._own_spheres_m = [bounding_sphere(mesh) for mesh in meshes.meshes]
         self._spheres_m = np.array(self._own_spheres_m)
         """Centre and radius of a sphere around each body in the world frame, shape (B, 4)."""
@@ -344,7 +343,7 @@ class Rasteriser:
         may_see = (center_m[:, 2] > -radius_m) & is_inward
         order = np.argsort(center_m[:, 2] - radius_m, kind="stable").astype(np.int32)
         is_outside = (center_m**2).sum(axis=1) > radius_m**2
-        order, is_one_sided = order[may_see[order]], self._is_closed & is_outside
+        order, is_one_sided = order[may_see[order]], self._meshes.is_closed & is_outside
         depth_m = np.empty(camera.intrinsics.shape, np.float32)
         nearest = np.empty(camera.intrinsics.shape, np.int32)
         buffers = self._buffers(depth_m.size)
