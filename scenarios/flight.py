@@ -67,7 +67,7 @@ def ticked(mission: Mission, after_tick: Callable[[], None] = lambda: None) -> f
     start = time.perf_counter()
     try:
         while mission.outcome is None:
-            mission.tick()
+            mission.tick(wait=False)
             after_tick()
     except KeyboardInterrupt:
         if mission.outcome is None:

@@ -1,10 +1,13 @@
 """The airframe: a quadrotor of 1.2 kg under velocity control."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numba import float64, types, void
 from pydantic import Field
 
+from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
 from voxdepth.types import FloatArray
 
 from .bodies import WindConfig
@@ -12,6 +15,7 @@ from .seeds import Purpose, stream
 from .types import Model
 
 Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
 
 GRAVITY_M_S2 = 9.81
 MAX_SLOPE = math.tan(math.radians(30.0))
@@ -35,20 +39,121 @@ class AirframeConfig(Model):
     """Largest acceleration that the velocity controller demands."""
 
 
+class Dynamics(NamedTuple):
+    """What the velocity controller knows of an airframe."""
+
+    mass_kg: float
+    inertia_kg_m2: float
+    max_speed_m_s: float
+    max_accel_m_s2: float
+
+
+VECTOR, QUATERNION, ROWS = types.UniTuple(float64, 3), types.UniTuple(float64, 4), float64[:, ::1]
+DYNAMICS = named_tuple(Dynamics, *[float64] * 4)
+
+
+@compiled_part(float64(VECTOR, VECTOR))
+def dot(a: Vector, b: Vector) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled_part(VECTOR(VECTOR, VECTOR))
+def plus(a: Vector, b: Vector) -> Vector:
+    """Sum."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@compiled_part(VECTOR(VECTOR, float64))
+def scaled(a: Vector, factor: float) -> Vector:
+    """Product with a number."""
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+@compiled_part(VECTOR(VECTOR, VECTOR))
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled_part(VECTOR(VECTOR, float64))
+def limited(vector: Vector, longest: float) -> Vector:
+    """The vector, shortened if it is longer."""
+    return scaled(vector, min(1.0, longest / max(math.sqrt(dot(vector, vector)), 1e-9)))
+
+
+@compiled_part(VECTOR(DYNAMICS, VECTOR, VECTOR))
+def desired_thrust_n(airframe: Dynamics, velocity_m_s: Vector, desired_m_s: Vector) -> Vector:
+    """The thrust that accelerates towards a velocity, within the limits of speed, acceleration and tilt."""
+    missing_m_s = plus(limited(desired_m_s, airframe.max_speed_m_s), scaled(velocity_m_s, -1.0))
+    accel_m_s2 = limited(scaled(missing_m_s, VELOCITY_GAIN_PER_S), airframe.max_accel_m_s2)
+    x_n, y_n, z_n = scaled(accel_m_s2, airframe.mass_kg)
+    z_n += airframe.mass_kg * GRAVITY_M_S2
+    x_n, y_n, _ = limited((x_n, y_n, 0.0), MAX_SLOPE * z_n)
+    return x_n, y_n, z_n
+
+
+@compiled_part(types.Tuple((float64, VECTOR, VECTOR))(DYNAMICS, QUATERNION, VECTOR, VECTOR, float64))
+def wanted_actuation(
+    airframe: Dynamics, q_world_body_xyzw: Quaternion, rates_rad_s: Vector, wanted_n: Vector, wanted_yaw_rad: float
+) -> tuple[float, Vector, Vector]:
+    """The thrust [N] and the torque [N m] for a wanted thrust and heading, and the direction up of the body."""
+    x, y, z, w = q_world_body_xyzw
+    up = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+    yaw_rad = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    along_n = min(max(dot(wanted_n, up), 0.0), MAX_THRUST_TO_WEIGHT * (airframe.mass_kg * GRAVITY_M_S2))
+    length_n = math.sqrt(dot(wanted_n, wanted_n))
+    tilt = cross(up, (wanted_n[0] / length_n, wanted_n[1] / length_n, wanted_n[2] / length_n))
+    yaw_error_rad = (wanted_yaw_rad - yaw_rad + math.pi) % (2 * math.pi) - math.pi
+    turn = plus(tilt, scaled(up, min(max(yaw_error_rad, -0.5), 0.5)))
+    accel_rad_s2 = plus(scaled(turn, ATTITUDE_GAIN_PER_S2), scaled(rates_rad_s, -RATE_GAIN_PER_S))
+    return along_n, scaled(accel_rad_s2, airframe.inertia_kg_m2), up
+
+
+@compiled(void(DYNAMICS, ROWS, ROWS, ROWS, ROWS, float64[::1], float64, float64[::1], ROWS, ROWS))
+def actuate(
+    airframe: Dynamics,
+    velocity_m_s: FloatArray,
+    q_world_body_xyzw: FloatArray,
+    rates_rad_s: FloatArray,
+    desired_velocity_m_s: FloatArray,
+    desired_yaw_rad: FloatArray,
+    follow: float,
+    # in place
+    thrust_n: FloatArray,
+    torque_n_m: FloatArray,
+    # output
+    force_n: FloatArray,
+) -> None:
+    """Let thrust and torque of each drone follow what it wants by a share, and find its force; one row per drone."""
+    for i in range(len(thrust_n)):
+        velocity = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
+        desired = desired_velocity_m_s[i, 0], desired_velocity_m_s[i, 1], desired_velocity_m_s[i, 2]
+        rates = rates_rad_s[i, 0], rates_rad_s[i, 1], rates_rad_s[i, 2]
+        attitude = q_world_body_xyzw[i, 0], q_world_body_xyzw[i, 1], q_world_body_xyzw[i, 2], q_world_body_xyzw[i, 3]
+        wanted_n = desired_thrust_n(airframe, velocity, desired)
+        along_n, wanted_n_m, up = wanted_actuation(airframe, attitude, rates, wanted_n, desired_yaw_rad[i])
+        thrust_n[i] += follow * (along_n - thrust_n[i])
+        torque = torque_n_m[i, 0], torque_n_m[i, 1], torque_n_m[i, 2]
+        torque = plus(torque, scaled(plus(wanted_n_m, scaled(torque, -1.0)), follow))
+        torque_n_m[i, 0], torque_n_m[i, 1], torque_n_m[i, 2] = torque
+        force = plus(scaled(up, thrust_n[i]), scaled(velocity, -airframe.mass_kg * DRAG_PER_S))
+        force_n[i, 0], force_n[i, 1], force_n[i, 2] = force
+
+
 class VelocityController:
     """Computes the forces and torques of all drones from their motion and commands.
 
     The velocity error gives a desired acceleration, which gives a desired thrust direction. A PD law on the rotation
     vector turns the body towards it. Thrust and torque act on the body with a first-order motor lag.
-    The numbers are plain, because arrays of so few drones take longer.
     """
 
     def __init__(self, n_drones: int, config: AirframeConfig) -> None:
-        self._config = config
-        self._weight_n = config.mass_kg * GRAVITY_M_S2
-        self._inertia_kg_m2 = 0.4 * config.mass_kg * config.radius_m**2
-        self.thrust_n = [self._weight_n] * n_drones
-        self.torque_n_m: list[Vector] = [(0.0, 0.0, 0.0)] * n_drones
+        compile_all()
+        inertia_kg_m2 = 0.4 * config.mass_kg * config.radius_m**2
+        self._airframe = Dynamics(config.mass_kg, inertia_kg_m2, config.max_speed_m_s, config.max_accel_m_s2)
+        self.thrust_n: FloatArray = np.full(n_drones, config.mass_kg * GRAVITY_M_S2)
+        self.torque_n_m: FloatArray = np.zeros((n_drones, 3))
 
     def actuate(
         self,
@@ -58,59 +163,19 @@ class VelocityController:
         desired_velocity_m_s: FloatArray,
         desired_yaw_rad: FloatArray,
         dt_s: float,
-    ) -> list[tuple[Vector, Vector]]:
+    ) -> list[tuple[list[float], list[float]]]:
         """Force [N] and torque [N m] of each drone in the world frame for the next step.
 
         All inputs have one row per drone.
         """
-        rows = zip(
-            velocity_m_s.tolist(),
-            q_world_body_xyzw.tolist(),
-            rates_rad_s.tolist(),
-            desired_velocity_m_s.tolist(),
-            desired_yaw_rad.tolist(),
-            strict=True,
+        velocity_m_s, q_world_body_xyzw, rates_rad_s, desired_velocity_m_s = (
+            np.ascontiguousarray(rows, np.float64)
+            for rows in (velocity_m_s, q_world_body_xyzw, rates_rad_s, desired_velocity_m_s)
         )
-        return [self._actuate_one(drone, *row, dt_s) for drone, row in enumerate(rows)]
-
-    def _actuate_one(
-        self,
-        drone: int,
-        velocity_m_s: Vector,
-        q_world_body_xyzw: tuple[float, float, float, float],
-        rates_rad_s: Vector,
-        desired_velocity_m_s: Vector,
-        desired_yaw_rad: float,
-        dt_s: float,
-    ) -> tuple[Vector, Vector]:
-        c = self._config
-        x, y, z, w = q_world_body_xyzw
-        up = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
-        yaw_rad = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        wanted_n = self._desired_thrust_n(velocity_m_s, desired_velocity_m_s)
-        along_n = min(max(_dot(wanted_n, up), 0.0), MAX_THRUST_TO_WEIGHT * self._weight_n)
-        length_n = math.sqrt(_dot(wanted_n, wanted_n))
-        tilt = _cross(up, (wanted_n[0] / length_n, wanted_n[1] / length_n, wanted_n[2] / length_n))
-        yaw_error_rad = (desired_yaw_rad - yaw_rad + math.pi) % (2 * math.pi) - math.pi
-        turn = _plus(tilt, _scaled(up, min(max(yaw_error_rad, -0.5), 0.5)))
-        accel_rad_s2 = _plus(_scaled(turn, ATTITUDE_GAIN_PER_S2), _scaled(rates_rad_s, -RATE_GAIN_PER_S))
-        follow = min(1.0, dt_s / MOTOR_LAG_S)
-        thrust_n, torque_n_m = self.thrust_n[drone], self.torque_n_m[drone]
-        thrust_n += follow * (along_n - thrust_n)
-        lacking_n_m = _plus(_scaled(accel_rad_s2, self._inertia_kg_m2), _scaled(torque_n_m, -1.0))
-        torque_n_m = _plus(torque_n_m, _scaled(lacking_n_m, follow))
-        self.thrust_n[drone], self.torque_n_m[drone] = thrust_n, torque_n_m
-        return _plus(_scaled(up, thrust_n), _scaled(velocity_m_s, -c.mass_kg * DRAG_PER_S)), torque_n_m
-
-    def _desired_thrust_n(self, velocity_m_s: Vector, desired_m_s: Vector) -> Vector:
-        """The thrust that accelerates towards a velocity, within the limits of speed, acceleration and tilt."""
-        c = self._config
-        missing_m_s = _plus(_limited(desired_m_s, c.max_speed_m_s), _scaled(velocity_m_s, -1.0))
-        accel_m_s2 = _limited(_scaled(missing_m_s, VELOCITY_GAIN_PER_S), c.max_accel_m_s2)
-        x_n, y_n, z_n = _scaled(accel_m_s2, c.mass_kg)
-        z_n += self._weight_n
-        x_n, y_n, _ = _limited((x_n, y_n, 0.0), MAX_SLOPE * z_n)
-        return x_n, y_n, z_n
+        follow, force_n = min(1.0, dt_s / MOTOR_LAG_S), np.empty_like(self.torque_n_m)
+        motion = velocity_m_s, q_world_body_xyzw, rates_rad_s, desired_velocity_m_s, desired_yaw_rad
+        actuate(self._airframe, *motion, follow, self.thrust_n, self.torque_n_m, force_n)
+        return list(zip(force_n.tolist(), self.torque_n_m.tolist(), strict=True))
 
 
 class Wind:
@@ -132,24 +197,3 @@ class Wind:
         self._gust = self._kept * self._gust + np.sqrt(1 - self._kept**2) * self._rng.standard_normal(3)
         force_n: list[float] = (self._drag_kg_per_s * (self._mean_m_s + self._gust_m_s * self._gust)).tolist()
         return force_n
-
-
-def _dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _plus(a: Vector, b: Vector) -> Vector:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def _scaled(a: Vector, factor: float) -> Vector:
-    return a[0] * factor, a[1] * factor, a[2] * factor
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _limited(vector: Vector, longest: float) -> Vector:
-    """The vector, shortened if it is longer."""
-    return _scaled(vector, min(1.0, longest / max(math.sqrt(_dot(vector, vector)), 1e-9)))

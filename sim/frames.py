@@ -15,7 +15,7 @@ Q_BODY_CAM_XYZW = np.array([-0.5, 0.5, -0.5, 0.5])
 
 def rotation_from_quaternion(q_xyzw: FloatArray) -> FloatArray:
     """Rotation matrix, shape (3, 3), of a unit quaternion, shape (4,), in the order x, y, z, w."""
-    x, y, z, w = q_xyzw
+    x, y, z, w = q_xyzw.tolist()
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -49,7 +49,7 @@ def quaternion_from_angles(yaw_rad: float, pitch_rad: float, roll_rad: float) ->
 
 def yaw_from_quaternion(q_xyzw: FloatArray) -> float:
     """Heading of the body's x axis in the world [rad]."""
-    x, y, z, w = q_xyzw
+    x, y, z, w = q_xyzw.tolist()
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
@@ -63,7 +63,7 @@ def pose(rotation: FloatArray, position_m: FloatArray) -> FloatArray:
 
 def product(q_a_b_xyzw: FloatArray, q_b_c_xyzw: FloatArray) -> FloatArray:
     """The quaternion `q_a_c` (xyzw) of two rotations in sequence."""
-    (x, y, z, w), (p, q, r, s) = q_a_b_xyzw, q_b_c_xyzw
+    (x, y, z, w), (p, q, r, s) = q_a_b_xyzw.tolist(), q_b_c_xyzw.tolist()
     xy = w * p + x * s + y * r - z * q, w * q - x * r + y * s + z * p
     zw = w * r + x * q - y * p + z * s, w * s - x * p - y * q - z * r
     return np.array([*xy, *zw])

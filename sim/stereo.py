@@ -2,14 +2,15 @@
 
 import threading
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import boolean, float32, int16, void
 from pydantic import Field, model_validator
 
-from voxdepth.compiled import compile_all, compiled
+from voxdepth.compiled import BYTE_IMAGE, FLOAT_IMAGE, compile_all, compiled, named_tuple
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .errors import SensorError
@@ -25,6 +26,12 @@ OCCLUSION_STEP_PX = 0.75
 TEXTURE_WINDOW_PX = 15
 OUTSIDE = 32767
 """The rival of pixels that map to the left of the right image."""
+NO_DISPARITY, ZERO, SIXTEEN = np.int16(INVALID), np.float32(0), np.float32(16)
+NONE, OCCLUDED, OUT_OF_RANGE, TEXTURELESS, AMBIGUOUS, SPECKLE = (
+    np.uint8(InvalidReason[name])
+    for name in ("NONE", "OCCLUDED", "OUT_OF_RANGE", "TEXTURELESS", "AMBIGUOUS", "SPECKLE")
+)
+"""Reasons and numbers as the loops read them."""
 NOISE_TEXTURE = 1.13
 """Value of `texture` for uncorrelated noise, in standard deviations of the noise: `2 / sqrt(pi)`."""
 
@@ -117,12 +124,10 @@ class StereoMatcher:
             fail_one_to_one(raw, tolerance, ambiguous)
         else:
             ambiguous = self._fails_left_right(raw, left, right, tolerance)
-        reason = np.zeros(raw.shape, np.uint8)
-        reason[ambiguous] = InvalidReason.AMBIGUOUS
-        reason[texture(left) < self._config.min_texture] = InvalidReason.TEXTURELESS
-        disparity = np.where(reason, np.int16(INVALID), raw)
+        disparity, reason = np.empty_like(raw), np.empty(raw.shape, np.uint8)
+        reject(raw, ambiguous, texture(left), np.float32(self._config.min_texture), disparity, reason)
         cv2.filterSpeckles(disparity, INVALID, self._config.speckle_px, 16)
-        reason[(disparity < 0) & (reason == InvalidReason.NONE)] = InvalidReason.SPECKLE
+        name_speckles(disparity, reason)
         return disparity, reason
 
     def triangulate(
@@ -132,13 +137,13 @@ class StereoMatcher:
 
         Changes the reasons for holes that the truth explains, in place.
         """
-        hole, min_disparity_px = disparity < 0, np.float32(self._focal_baseline_px_m / self._max_depth_m)
-        reason[hole & (depth_true_m < np.float32(self.min_depth_m))] = InvalidReason.OUT_OF_RANGE
-        reason[hole & occluded] = InvalidReason.OCCLUDED
-        depth_m: FloatImage = np.divide(disparity, np.float32(16), dtype=np.float32)
-        np.maximum(depth_m, min_disparity_px, out=depth_m)
-        np.divide(np.float32(self._focal_baseline_px_m), depth_m, out=depth_m)
-        depth_m[hole] = 0
+        depth_m = np.empty(disparity.shape, np.float32)
+        limits = DepthLimits(
+            np.float32(self.min_depth_m),
+            np.float32(self._focal_baseline_px_m / self._max_depth_m),
+            np.float32(self._focal_baseline_px_m),
+        )
+        find_depth(disparity, depth_true_m, occluded, limits, reason, depth_m)
         return depth_m
 
     def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage, tolerance: float) -> MaskImage:
@@ -195,6 +200,75 @@ def fail_one_to_one(
             target = col - ((max(disparity[row, col], 0) + 8) >> 4)  # A pixel without one stays within the row.
             rival = OUTSIDE if target < 0 else nearest[target]
             fails[row, col] = disparity[row, col] < 0 or rival - disparity[row, col] > tolerance
+
+
+@compiled("void(i2[:, ::1], b1[:, ::1], f4[:, ::1], f4, i2[:, ::1], u1[:, ::1])")
+def reject(
+    raw: Disparity,
+    ambiguous: MaskImage,
+    texture: FloatImage,
+    min_texture: np.float32,
+    # output
+    disparity: Disparity,
+    reason: GrayImage,
+) -> None:
+    """Disparities without those that are ambiguous or of too little texture, and the reasons."""
+    height, width = raw.shape
+    for row in range(height):
+        for col in range(width):
+            why = AMBIGUOUS if ambiguous[row, col] else NONE
+            why = TEXTURELESS if texture[row, col] < min_texture else why
+            reason[row, col] = why
+            disparity[row, col] = raw[row, col] if why == NONE else NO_DISPARITY
+
+
+@compiled("void(i2[:, ::1], u1[:, ::1])")
+def name_speckles(
+    disparity: Disparity,
+    # in place
+    reason: GrayImage,
+) -> None:
+    """Give the pixels that lost their disparity without a reason the reason `SPECKLE`."""
+    height, width = disparity.shape
+    for row in range(height):
+        for col in range(width):
+            why = reason[row, col]
+            reason[row, col] = SPECKLE if (disparity[row, col] < 0) & (why == NONE) else why
+
+
+class DepthLimits(NamedTuple):
+    """What turns disparities into depth."""
+
+    min_depth_m: np.float32
+    """Smallest depth that is searched."""
+    min_disparity_px: np.float32
+    """Disparity of the largest depth."""
+    focal_baseline_px_m: np.float32
+
+
+@compiled(
+    void(int16[:, ::1], FLOAT_IMAGE, boolean[:, ::1], named_tuple(DepthLimits, *[float32] * 3), BYTE_IMAGE, FLOAT_IMAGE)
+)
+def find_depth(
+    disparity: Disparity,
+    depth_true_m: FloatImage,
+    occluded: MaskImage,
+    limits: DepthLimits,
+    # in place
+    reason: GrayImage,
+    # output
+    depth_m: FloatImage,
+) -> None:
+    """Depth of each disparity, and the reasons for holes that the truth explains; see `StereoMatcher.triangulate`."""
+    height, width = disparity.shape
+    for row in range(height):
+        for col in range(width):
+            is_hole, why = disparity[row, col] < 0, reason[row, col]
+            why = OUT_OF_RANGE if is_hole & (depth_true_m[row, col] < limits.min_depth_m) else why
+            reason[row, col] = OCCLUDED if is_hole & occluded[row, col] else why
+            disparity_px = np.float32(disparity[row, col]) / SIXTEEN
+            z = limits.focal_baseline_px_m / max(disparity_px, limits.min_disparity_px)
+            depth_m[row, col] = ZERO if is_hole else z
 
 
 def texture(gray: GrayImage) -> FloatImage:

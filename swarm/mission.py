@@ -1,6 +1,6 @@
 """One flight of leaders and their followers, from take-off to an outcome."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -75,6 +75,10 @@ class Mission:
         metrics = MissionMetrics if measured else Unmeasured
         self._metrics = metrics(config, world, self._teams)
         self._ticks = 0
+        self._arriving: tuple[int, Iterator[tuple[Capture, Percept]]] = (0, iter(()))
+        """The step of the newest images, and those that are left to receive: threads may still process them."""
+        self._awaited: set[int] = set()
+        """The drones of these images."""
         self._dropped_frames = 0
         self.outcome: Outcome | None = None
 
@@ -86,14 +90,20 @@ class Mission:
     def run(self) -> MissionResult:
         """Fly to the end."""
         while self.outcome is None:
-            self.tick()
+            self.tick(wait=False)
         return self.result()
 
-    def tick(self) -> None:
-        """Fly one control period."""
+    def tick(self, *, wait: bool = True) -> None:
+        """Fly one control period.
+
+        Without `wait`, threads may still process its images afterwards. The recorder receives those before the next
+        ones, before a contact and before the end, and a drone waits for its own when their latency has passed, so that
+        all goes as it would with `wait`.
+        """
         if self._ticks == 0:
             self._recorder.start(self.world, self._teams)
         if self._ticks % self._ticks_per_frame == 0:
+            self._receive()
             self._perceive()
         states = self.world.states
         decisions = self._decide(states)
@@ -109,6 +119,8 @@ class Mission:
         if outcome is not None:
             self._end(outcome)
         self._ticks += 1
+        if wait:
+            self._receive()
 
     def interrupt(self) -> None:
         """End the mission from outside."""
@@ -118,6 +130,8 @@ class Mission:
         """Return what a drone knows before the next tick, with its state if that is read already; nothing changes."""
         heard = self._link.heard_by(drone, self.time_s)
         perception = self._perceptions[drone]
+        if drone in self._awaited and not perception.is_busy(self.time_s):
+            self._receive(drone)
         members = self._team_of[drone].members
         return Situation(
             time_s=self.time_s,
@@ -147,12 +161,23 @@ class Mission:
         )
 
     def _perceive(self) -> None:
-        """Capture and process an image of every drone that is not busy with an earlier one."""
+        """Capture an image of every drone that is not busy with an earlier one, and begin to process them."""
         seeing = [i for i in np.flatnonzero(self.world.flying).tolist() if self._perceptions[i].has_camera]
         ready = [i for i in seeing if not self._perceptions[i].is_busy(self.time_s)]
         self._dropped_frames += len(seeing) - len(ready)
-        for capture, percept in self._rig.captures_and(self._see, ready, self._ticks // self._ticks_per_frame):
-            self._recorder.capture(self.world.steps, capture, percept.corrected)
+        for drone in ready:
+            self._perceptions[drone].begin(self.time_s)
+        images = self._rig.captures_and(self._see, ready, self._ticks // self._ticks_per_frame)
+        self._arriving, self._awaited = (self.world.steps, images), set(ready)
+
+    def _receive(self, drone: int | None = None) -> None:
+        """Receive the images that are processed, in the order of the drones: up to that of one of them, or all."""
+        step, images = self._arriving
+        for capture, percept in images:
+            self._awaited.discard(capture.drone)
+            self._recorder.capture(step, capture, percept.corrected)
+            if capture.drone == drone:
+                break
 
     def _see(self, capture: Capture) -> tuple[Capture, Percept]:
         """Process the image of one drone, which changes nothing that another drone's thread uses."""
@@ -171,6 +196,8 @@ class Mission:
         self.world.apply([decision.command for decision in decisions])
         for _ in range(self._steps_per_tick):
             contacts = self.world.step()
+            if contacts:
+                self._receive()
             for contact in contacts:
                 self._recorder.contact(self.world.steps, contact)
             if contacts and self._config.after_contact == "drop":
@@ -187,6 +214,7 @@ class Mission:
 
     def _end(self, outcome: Outcome) -> None:
         self.outcome = outcome
+        self._receive()
         self._recorder.outcome(self.world.steps, self.time_s, outcome)
 
     def _require_free_ends(self) -> None:

@@ -69,9 +69,14 @@ class Perception:
         """Return whether an earlier capture is still processed at a time, so that one that arrives now is left out."""
         return time_s + 1e-9 < self._busy_until_s
 
+    def begin(self, time_s: float) -> None:
+        """Be busy with the capture of a time, which another thread may see later."""
+        self._busy_until_s = time_s + self._latency_s
+
     def see(self, capture: Capture) -> Percept:
         """Process a capture; the controller knows the percept `latency_s` later."""
         assert self._corrector is not None, "a drone with a camera has a corrector"
+        self.begin(capture.stamp_s)
         T_odom_cam = self._odometry(capture)
         pose = {"none": None, "drift": T_odom_cam, "true": capture.T_world_cam.copy()}[self._prior]
         corrected = self._corrector.process(frame_of(capture, pose))
@@ -83,7 +88,6 @@ class Perception:
             gray=capture.gray_left,
             detections=self._detector.detect(capture, corrected),
         )
-        self._busy_until_s = capture.stamp_s + self._latency_s
         self._pending.append(percept)
         return percept
 

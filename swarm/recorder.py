@@ -21,7 +21,7 @@ class Recorder:
         """Receive all drones after a decision."""
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
-        """Receive one image and its corrected depth."""
+        """Receive one image and its corrected depth, at the latest before the next image, a contact and the end."""
 
     def metrics(self, step: int, time_s: float, values: dict[str, float]) -> None:
         """Receive the present metrics by name."""

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -45,6 +46,7 @@ from voxdepth.types import CorrectedDepth, FloatArray
 from ..config import Run
 from ..errors import ScenarioError
 from ..images import drone_color
+from .background import Background, in_background
 from .columns import ColumnWriter
 
 CHUNK_S = 2.0
@@ -94,6 +96,9 @@ class MissionRecorder(Recorder):
 
     The file is created when the mission starts. The same run gives the same data, without wall-clock times, and runs of
     the same scenario and seed have the same id, so that they can be compared.
+
+    What is received is written in a thread, while the flight goes on; an error of it is raised by a later call. `close`
+    waits until everything is written, also after a flight that raised an error.
     """
 
     def __init__(self, path: Path, run: Run) -> None:
@@ -130,7 +135,7 @@ class MissionRecorder(Recorder):
         recording_id = f"{scenario.name}-{self._run.seed}-{scenario.rig.depth}-{scenario.corrector}"
         with as_tool_error(f"cannot write {self._path}"):
             self._file = RecordingFile("voxdepth", self._path, recording_id, views, batcher_config=batching)
-        self._stream = self._file.stream
+        self._stream, self.background = self._file.stream, Background()
         self._stream.send_recording_name(self._run.title)
         self._columns = ColumnWriter(self._stream)
         self._log_static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
@@ -150,14 +155,29 @@ class MissionRecorder(Recorder):
 
     def tick(self, step: int, time_s: float, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
         """Record poses, velocities, clearances and changes of state."""
+        clearances_m = [
+            None if decision is DROPPED else self._world.clearance_m(drone) for drone, decision in enumerate(decisions)
+        ]
+        self._add_tick(step, time_s, states, decisions, clearances_m, self._world.movers_now())
+
+    @in_background
+    def _add_tick(
+        self,
+        step: int,
+        time_s: float,
+        states: Sequence[DroneState],
+        decisions: Sequence[Decision],
+        clearances_m: Sequence[float | None],
+        movers: Sequence[Body],
+    ) -> None:
         self._at(step, time_s)
         self._newest_m = [state.position_m for state in states]
         for drone, (state, decision) in enumerate(zip(states, decisions, strict=True)):
             self._add_pose(f"world/drone/{drone}", state.position_m, state.q_world_body_xyzw)
             self._add_arrow(f"world/velocity/{drone}", state.position_m, state.velocity_m_s)
             self._columns.add(f"world/trail/{drone}", rr.Points3D, positions=[state.position_m])
-            if decision is not DROPPED:
-                self._add_number(f"drone/{drone}/clearance_m", self._world.clearance_m(drone))
+            if (clearance_m := clearances_m[drone]) is not None:
+                self._add_number(f"drone/{drone}/clearance_m", clearance_m)
                 self._add_number(f"drone/{drone}/speed_m_s", np.linalg.norm(state.velocity_m_s))
             if decision.direction is not None:
                 self._add_arrow(f"world/choice/{drone}", state.position_m, CHOICE_M * decision.direction)
@@ -169,9 +189,10 @@ class MissionRecorder(Recorder):
         flying_m = [states[drone].position_m for drone in self._followed if decisions[drone] is not DROPPED]
         if flying_m:
             self._columns.add("world/swarm", rr.Transform3D, translation=[np.mean(flying_m, axis=0)])
-        for index, body in enumerate(self._world.movers_now()):
+        for index, body in enumerate(movers):
             self._add_pose(f"world/mover/{index}", body.position_m, quaternion_from_yaw(body.yaw_rad))
 
+    @in_background
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Record what the corrector reports, and the images of some captures."""
         self._at(step, capture.stamp_s)
@@ -179,6 +200,7 @@ class MissionRecorder(Recorder):
         if self._is_due(f"capture {capture.drone}"):
             self._log_images(capture, corrected)
 
+    @in_background
     def metrics(self, step: int, time_s: float, values: dict[str, float]) -> None:
         """Record one curve per metric, the last of a tick's data; from time to time write everything to the file."""
         self._at(step, time_s)
@@ -190,6 +212,7 @@ class MissionRecorder(Recorder):
             with as_tool_error(f"cannot write {self._path}"):
                 self._file.flush()
 
+    @in_background
     def contact(self, step: int, contact: Contact) -> None:
         """Record an event, the new state of the drone, and where it was: a red point that stays."""
         self._at(step, contact.time_s)
@@ -202,6 +225,7 @@ class MissionRecorder(Recorder):
         self._stream.log("events", rr.TextLog(contact_text(contact), level=rr.TextLogLevel.ERROR))
         self._add_state(f"drone/{contact.drone}/state", "collided")
 
+    @in_background
     def outcome(self, step: int, time_s: float, outcome: Outcome) -> None:
         """Record the last event."""
         self._at(step, time_s)
@@ -211,10 +235,16 @@ class MissionRecorder(Recorder):
     def close(self) -> None:
         """Write buffered data and close the file; a second call does nothing, nor one before the start."""
         if self._file is not None:
-            file, self._file = self._file, None
-            self._columns.flush()
-            with as_tool_error(f"cannot write {self._path}"):
-                file.close()
+            with ExitStack() as all_of_it:
+                all_of_it.callback(self._close_file)
+                self.background.close()
+
+    def _close_file(self) -> None:
+        file, self._file = self._file, None
+        assert file is not None, "a file that is closed was open"
+        self._columns.flush()
+        with as_tool_error(f"cannot write {self._path}"):
+            file.close()
 
     def _is_due(self, what: str) -> bool:
         """Count something, and return whether this is the first or another n-th time."""

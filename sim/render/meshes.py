@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from voxdepth.arithmetic import cos, matmul, sin
-from voxdepth.types import FloatArray
+from voxdepth.types import FloatArray, MaskImage
 
 from .. import frames
 from ..bodies import Box, Cylinder, Heightfield, Mesh, Shape, Sphere
@@ -28,6 +28,14 @@ class SceneMeshes:
         shapes = [world.described[body].shape for body in self.body_ids]
         self.meshes = [moved(mesh_of_shape(one), np.eye(3), np.array([0, 0, -origin_height_m(one)])) for one in shapes]
         """Each in PyBullet's frame of its body."""
+        self.is_closed: MaskImage = np.array(
+            [
+                isinstance(shape, Box | Cylinder | Sphere) or mesh.is_closed
+                for shape, mesh in zip(shapes, self.meshes, strict=True)
+            ],
+            np.bool_,
+        )
+        """Which of them are closed surfaces, as all solids are, shape (B,)."""
         self.body_of_triangle: IdImage = np.repeat(
             np.arange(len(self.meshes), dtype=np.int32), [len(mesh.triangles) for mesh in self.meshes]
         )

@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import float64, int32, int64, types, uint32, void
+from numba import float32, float64, int32, int64, types, uint32, void
 
 from voxdepth.arithmetic import matmul
 from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
-from voxdepth.types import FloatArray, Intrinsics, MaskImage
+from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
 
 from ..cpu import mapper
 from ..types import Camera, IdImage, Pinhole
@@ -77,6 +77,8 @@ class Buffers(NamedTuple):
     and by row, shape (n, 9)."""
     rows: IdImage
     """Index of a triangle, and its first and last row, shape (n, 3)."""
+    inverse_depth: FloatArray
+    """Of each pixel of an image, which may be smaller."""
 
 
 Vector = tuple[float, float, float]
@@ -89,7 +91,7 @@ VECTOR, BOUNDS, CORNER = (types.UniTuple(float64, n) for n in (3, 4, 5))
 RANGE, BOX = types.UniTuple(int64, 2), types.UniTuple(int64, 4)
 VIEW = named_tuple(View, TABLE, FLOATS, *[float64] * 4, VECTOR, int64, int64)
 BODIES = named_tuple(Bodies, TABLE, uint32[:, ::1], TABLE, INDICES, INDICES)
-BUFFERS = named_tuple(Buffers, TABLE, INDICES, TABLE, int32[:, ::1])
+BUFFERS = named_tuple(Buffers, TABLE, INDICES, TABLE, int32[:, ::1], FLOATS)
 
 
 @compiled_part(float64(VECTOR, VECTOR))
@@ -258,34 +260,40 @@ def draw(
             for k in range(right - left + 1):
                 here = inverse + step * (left + k)
                 pixel = first + np.uint64(k)
-                if here > inverse_depth[pixel]:
-                    inverse_depth[pixel] = here
-                    nearest[pixel] = t
+                before, triangle = inverse_depth[pixel], nearest[pixel]
+                is_nearer = here > before
+                inverse_depth[pixel] = here if is_nearer else before
+                nearest[pixel] = t if is_nearer else triangle
 
 
-@compiled(void(VIEW, BODIES, INDICES, types.boolean[::1], BUFFERS, FLOATS, INDICES))
+@compiled(void(VIEW, BODIES, INDICES, types.boolean[::1], BUFFERS, float32[::1], INDICES))
 def rasterise(
     view: View,
     bodies: Bodies,
     order: IdImage,
     is_one_sided: MaskImage,
     buffers: Buffers,
-    # in place
-    inverse_depth: FloatArray,
+    # output
+    depth_m: FloatImage,
     nearest: IdImage,
 ) -> None:
-    """Index of the nearest triangle of each pixel of a camera, and its inverse depth.
+    """Depth [m] and index of the nearest triangle of each pixel of a camera; +inf and their number where there is none.
 
-    Both keep their values where there is no nearer triangle. One-sided bodies are drawn without the faces that are
-    turned away from the camera. It is fastest with bodies in the order of their distances.
+    One-sided bodies are drawn without the faces that are turned away from the camera. It is fastest with bodies in the
+    order of their distances.
     """
     first_vertex, first_triangle = bodies.first_vertex, bodies.first_triangle
+    inverse_depth = buffers.inverse_depth[: len(depth_m)]
+    inverse_depth[:] = 0
+    nearest[:] = len(bodies.triangles)
     for body in order:
         project(view, bodies.vertices_m, first_vertex[body], first_vertex[body + 1], buffers.corners)
         start, end = first_triangle[body], first_triangle[body + 1]
         n = choose(bodies.faces, start, end, view.origin_m, is_one_sided[body], buffers.chosen)
         n = set_up(view, bodies.triangles, n, inverse_depth, buffers)
         draw(buffers.planes, buffers.rows, n, view.width, view.near_clip, inverse_depth, nearest)
+    for pixel in range(len(depth_m)):
+        depth_m[pixel] = 1 / inverse_depth[pixel]
 
 
 class Rasteriser:
@@ -296,7 +304,6 @@ class Rasteriser:
         self._map = mapper(threads)
         self._thread_local = threading.local()
         self._normals = [normals(mesh) for mesh in meshes.meshes]
-        self._is_closed = np.array([mesh.is_closed for mesh in meshes.meshes], np.bool_)
         self._own_spheres_m = [bounding_sphere(mesh) for mesh in meshes.meshes]
         self._spheres_m = np.array(self._own_spheres_m)
         """Centre and radius of a sphere around each body in the world frame, shape (B, 4)."""
@@ -336,24 +343,23 @@ class Rasteriser:
         may_see = (center_m[:, 2] > -radius_m) & is_inward
         order = np.argsort(center_m[:, 2] - radius_m, kind="stable").astype(np.int32)
         is_outside = (center_m**2).sum(axis=1) > radius_m**2
-        order, is_one_sided = order[may_see[order]], self._is_closed & is_outside
-        inverse_depth, depth_m = np.zeros(view.height * view.width), np.empty(camera.intrinsics.shape, np.float32)
-        nearest = np.full(camera.intrinsics.shape, len(self._bodies.triangles), np.int32)
-        rasterise(view, self._bodies, order, is_one_sided, self._buffers, inverse_depth, nearest.reshape(-1))
-        with np.errstate(divide="ignore"):
-            np.divide(1, inverse_depth.reshape(depth_m.shape), out=depth_m, casting="same_kind")
+        order, is_one_sided = order[may_see[order]], self._meshes.is_closed & is_outside
+        depth_m = np.empty(camera.intrinsics.shape, np.float32)
+        nearest = np.empty(camera.intrinsics.shape, np.int32)
+        buffers = self._buffers(depth_m.size)
+        rasterise(view, self._bodies, order, is_one_sided, buffers, depth_m.reshape(-1), nearest.reshape(-1))
         return Hits(depth_m, nearest)
 
-    @property
-    def _buffers(self) -> Buffers:
-        """The buffers of a thread, for all vertices and the triangles of the largest body."""
-        if not hasattr(self._thread_local, "buffers"):
+    def _buffers(self, size: int) -> Buffers:
+        """The buffers of a thread, for all vertices, the triangles of the largest body and the pixels of an image."""
+        if not hasattr(self._thread_local, "buffers") or len(self._thread_local.buffers.inverse_depth) < size:
             most = int(np.diff(self._bodies.first_triangle).max())
             self._thread_local.buffers = Buffers(
                 corners=np.empty((len(self._bodies.vertices_m), 5)),
                 chosen=np.empty(most, np.int32),
                 planes=np.empty((most, 9)),
                 rows=np.empty((most, 3), np.int32),
+                inverse_depth=np.empty(size),
             )
         buffers: Buffers = self._thread_local.buffers
         return buffers

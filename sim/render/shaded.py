@@ -44,8 +44,6 @@ class ShadedRenderer:
         self._atmosphere = Atmosphere(np.float32(weather.haze_m), np.float32(weather.sky), np.float32(weather.clouds))
         self._materials = materials_of(world, self._meshes)
         self._id_of_triangle = np.array([*self._meshes.body_ids, -1], np.int32)[self._materials.body_of_triangle]
-        smallest = np.min_scalar_type(len(self._meshes.body_ids))
-        self._body_of_triangle = self._materials.body_of_triangle.astype(smallest)
         self._illuminate(0)
         compile_all()
 
@@ -117,7 +115,7 @@ class ShadedRenderer:
         depth_m, lit, size = hits.depth_m.reshape(-1), sunlit.reshape(-1), hits.depth_m.size
         points, detail = self._buffers(size)
         gray = np.empty(size, np.uint8)
-        spans, place_of_body = spans_of(hits.triangle, self._body_of_triangle)
+        spans, place_of_body = spans_of(hits.triangle, materials.body_of_triangle)
         locate(spans, depth_m, projection, materials, self._seen_from(camera), points)
         draw_windows(spans, points, materials, detail)
         add_textures(points, place_of_body, materials, detail)

@@ -7,8 +7,7 @@ where compilers could not exclude that a negative one counts from the end, which
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from numba import float32, int64, uint8, void
+from numba import float32, int32, int64, uint8, void
 
 from voxdepth.compiled import compiled, compiled_part, named_tuple
 from voxdepth.types import FloatImage, GrayImage
@@ -17,7 +16,7 @@ from ..seeds import Purpose, stream
 from ..types import Camera, IdImage
 from ..world import World
 from .meshes import SceneMeshes, normals
-from .textures import FLOATS, MATERIALS, ONE, PATTERNS, SPANS, TABLE, THREE, TWO, ZERO, Materials, Spans, clamp
+from .textures import FLOATS, INDICES, MATERIALS, ONE, PATTERNS, SPANS, TABLE, THREE, TWO, ZERO, Materials, Spans, clamp
 
 
 class Projection(NamedTuple):
@@ -150,24 +149,55 @@ def shade(
             gray[pixel + np.uint64(k)] = np.uint8(np.int32(clamp(seen, ZERO, ONE) * WHITE))
 
 
-def spans_of(triangle: IdImage, body_of_triangle: npt.NDArray[np.integer]) -> tuple[Spans, IdImage]:
-    """Divide an image of triangle indices, shape (H, W), into spans. Small numbers of bodies are sorted fastest.
+def spans_of(triangle: IdImage, body_of_triangle: IdImage) -> tuple[Spans, IdImage]:
+    """Divide an image of triangle indices, shape (H, W), into spans.
 
     The second result has the first place of each body in the buffers, and the number of all pixels: body b has the
     places from the entry b to the entry b + 1.
     """
-    pixels, begins = triangle.reshape(-1), np.empty(triangle.size, np.bool_)
-    np.not_equal(pixels[1:], pixels[:-1], out=begins[1:])
-    begins[:: triangle.shape[1]] = True
-    first = np.flatnonzero(begins)
-    spans = np.empty((len(first), 4), np.int32)
-    spans[:, 0], spans[:, 1], spans[:, 2] = first, np.diff(first, append=triangle.size), pixels[first]
-    body = body_of_triangle[spans[:, 2]]
-    order = np.argsort(body, kind="stable")
-    ends = np.cumsum(spans[order, 1])
-    spans[order, 3] = ends - spans[order, 1]
-    n_before = np.searchsorted(body[order], np.arange(int(body_of_triangle[-1]) + 2))
-    return spans, np.append(0, ends)[n_before].astype(np.int32)
+    spans = np.empty((count_spans(triangle), 4), np.int32)
+    place_of_body = np.zeros(int(body_of_triangle[-1]) + 2, np.int32)
+    find_spans(triangle, body_of_triangle, spans, place_of_body)
+    return spans, place_of_body
+
+
+@compiled(int64(int32[:, ::1]))
+def count_spans(triangle: IdImage) -> int:
+    """Return the number of the parts of rows that show one triangle."""
+    height, width = triangle.shape
+    n: int = height
+    for row in range(height):
+        for col in range(width - 1):
+            n += triangle[row, col] != triangle[row, col + 1]
+    return n
+
+
+@compiled(void(int32[:, ::1], INDICES, SPANS, INDICES))
+def find_spans(
+    triangle: IdImage,
+    body_of_triangle: IdImage,
+    # output
+    spans: Spans,
+    place_of_body: IdImage,
+) -> None:
+    """Find the spans in the order of the image, and their places in the buffers, where each body's are successive."""
+    height, width = triangle.shape
+    n = 0
+    for row in range(height):
+        first = 0
+        for col in range(width):
+            if col + 1 == width or triangle[row, col] != triangle[row, col + 1]:
+                spans[n, 0], spans[n, 1], spans[n, 2] = row * width + first, col + 1 - first, triangle[row, col]
+                place_of_body[body_of_triangle[triangle[row, col]] + 1] += col + 1 - first
+                first = col + 1
+                n += 1
+    for body in range(1, len(place_of_body)):
+        place_of_body[body] += place_of_body[body - 1]
+    next_place = place_of_body.copy()
+    for i in range(n):
+        body = body_of_triangle[spans[i, 2]]
+        spans[i, 3] = next_place[body]
+        next_place[body] += spans[i, 1]
 
 
 def projection_of(camera: Camera) -> Projection:

@@ -1,6 +1,7 @@
 """Whole flights."""
 
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,12 @@ import pytest
 from scenarios.acceptance import check_acceptance
 from scenarios.config import Run, load_run
 from scenarios.files import DATA, shipped_names
-from scenarios.flight import fly
+from scenarios.flight import fly, flying
+from sim.types import Capture, Contact
+from swarm.perception import Perception
+from swarm.recorder import Recorder
+from swarm.types import Outcome, Percept
+from voxdepth.types import CorrectedDepth
 
 
 def to(x_m: float, *, y_m: float = 0.0) -> list[dict[str, list[float]]]:
@@ -52,6 +58,61 @@ def test_the_same_seed_gives_the_same_flight_with_any_number_of_threads(depth: s
         assert fly(run.model_copy(update={"seed": 1})).result.metrics != first.metrics
     for a, b in zip(first.trajectories, second.trajectories, strict=True):
         np.testing.assert_array_equal(a.position_m, b.position_m)
+
+
+class Told(Recorder):
+    """Keeps the names of the calls, and says when drones have decided."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+        self.decided = Event()
+
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
+        self.calls.append(f"capture {capture.drone} at {step}")
+
+    def tick(self, step: int, time_s: float, states: object, decisions: object) -> None:
+        self.decided.set()
+
+    def contact(self, step: int, contact: Contact) -> None:
+        self.calls.append("contact")
+
+    def outcome(self, step: int, time_s: float, outcome: Outcome) -> None:
+        self.calls.append("outcome")
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+    """A recorder of a flight in which no image is processed before the drones have decided."""
+    recorder, see = Told(), Perception.see
+
+    def see_late(self: Perception, capture: Capture) -> Percept:
+        assert recorder.decided.wait(20), "the drones wait for images that they do not know yet"
+        return see(self, capture)
+
+    monkeypatch.setattr(Perception, "see", see_late)
+    return recorder
+
+
+OF_THE_FIRST_IMAGES = [f"capture {drone} at 0" for drone in range(3)]
+
+
+def test_drones_decide_and_fly_while_their_images_are_processed(told: Told) -> None:
+    with flying(short(), told, recorded=False, threads=2) as mission:
+        mission.tick(wait=False)
+        assert told.calls == []
+        mission.tick(wait=False)
+        assert told.calls == OF_THE_FIRST_IMAGES
+        mission.tick(wait=False)
+        mission.interrupt()
+    assert told.calls == [*OF_THE_FIRST_IMAGES, *(f"capture {drone} at 24" for drone in range(3)), "outcome"]
+
+
+def test_a_recorder_receives_images_before_a_contact(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    hit = Contact(time_s=0.0, drone=1, other="tower", kind="building", speed_m_s=1.0)
+    with flying(short(), told, recorded=False, threads=2) as mission:
+        monkeypatch.setattr(mission.world, "step", lambda: [hit])
+        mission.tick(wait=False)
+    assert told.calls[:4] == [*OF_THE_FIRST_IMAGES, "contact"]
 
 
 def test_a_drone_that_sees_late_knows_how_far_it_has_come_since() -> None:

@@ -3,6 +3,7 @@
 from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import cv2
@@ -96,6 +97,21 @@ def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
     assert bodies == {f"/world/scene/{body.name}" for body in scene.bodies}
     timelines = {name for chunk in chunks(recording, "/metrics/clearance_m") for name in chunk.timeline_names}
     assert timelines == {"step", "sim_time"}
+
+
+def test_a_flight_that_raises_an_error_loses_nothing_of_its_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was received is written, however slow that is."""
+    run, recorder = planned(tmp_path / "run.rrd")
+    add_tick = MissionRecorder._at
+    monkeypatch.setattr(MissionRecorder, "_at", lambda self, *at: (sleep(0.02), add_tick(self, *at)))
+    with pytest.raises(RuntimeError), closing(recorder), flying(run, recorder, recorded=True) as mission:
+        for _ in range(7):
+            mission.tick(wait=False)
+        raise RuntimeError("the corrector broke")
+    assert rows_of(tmp_path / "run.rrd", "/metrics/clearance_m") == 7
+    assert rows_of(tmp_path / "run.rrd", "/world/drone/1") == 7
 
 
 @pytest.mark.parametrize("drone", [0, 1, None])
