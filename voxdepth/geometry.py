@@ -153,14 +153,17 @@ def _find_cells(
     cell: npt.NDArray[np.int32],
     share: FloatImage,
 ) -> None:
-    """The positions along one side of an image moved into it, and their whole and fractional parts, shape (N,)."""
-    last_px = float32(side - 1)
+    """The positions along one side of an image moved into it, the pixel before each, and the share of the next one.
+
+    All have the shape (N,). The pixel before the end of the image is the last but one.
+    """
+    last_px, last_cell_px = float32(side - 1), float32(side - 2)
     for k in range(len(position_px)):
         at_px = position_px[k]
         # The comparison is false for NaN.
         inside_px[k] = min(at_px if at_px > 0 else float32(0), last_px)
     for k in range(len(position_px)):
-        cell[k] = int32(inside_px[k])
+        cell[k] = int32(min(inside_px[k], last_cell_px))
     for k in range(len(position_px)):
         share[k] = inside_px[k] - float32(cell[k])
 
@@ -174,7 +177,7 @@ def interpolate(
     # output
     values: FloatImage,
 ) -> None:
-    """Sample an image of shape (H, W) bilinearly at columns x and rows y of shape (h, w).
+    """Sample an image of shape (H, W) bilinearly at columns x and rows y of shape (h, w); H and W are at least 2.
 
     Beyond the centres of the outermost pixels the value is `outside`. OpenCV's `remap` rounds differently on each
     processor.
@@ -190,10 +193,8 @@ def interpolate(
         _find_cells(y, height, inside_y, cell_y, low_share)
         for k in range(n):
             at = np.uintp(cell_y[k]) * below + np.uintp(cell_x[k])
-            # On the last column and row there is no pixel beyond, and its share is 0.
-            to_right = np.uintp(1) if right_share[k] > 0 else np.uintp(0)
-            to_low = below if low_share[k] > 0 else np.uintp(0)
-            a, b, c, d = pixels[at], pixels[at + to_right], pixels[at + to_low], pixels[at + to_low + to_right]
+            a, b = pixels[at], pixels[at + np.uintp(1)]
+            c, d = pixels[at + below], pixels[at + below + np.uintp(1)]
             upper, lower = a + right_share[k] * (b - a), c + right_share[k] * (d - c)
             value[k] = upper + low_share[k] * (lower - upper)
         for k in range(n):
