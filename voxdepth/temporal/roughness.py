@@ -2,11 +2,12 @@
 
 import cv2
 import numpy as np
-from numba import float32, int64, void
+from numba import float32, float64, int64
+from numba.types import UniTuple
 
 from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled
 from ..types import FloatImage
-from .working_resolution import WorkingResolution, disparity_of
+from .working_resolution import WorkingResolution, disparities_of
 
 STRIDE = 2
 """Working pixels from one sample to the next along each side: roughness varies little from pixel to pixel."""
@@ -30,15 +31,15 @@ def roughness(depth_m: FloatImage, resolution: WorkingResolution) -> FloatImage:
     stride = STRIDE * resolution.decimation
     shape = (depth_m.shape[0] - 1) // stride, (depth_m.shape[1] - 1) // stride
     sample_px, known = np.empty((2, *shape), np.float32)
-    _sample(np.ascontiguousarray(depth_m), resolution.focal_baseline_px_m, stride, sample_px, known)
+    total_px, n_known = _sample(np.ascontiguousarray(depth_m), resolution.focal_baseline_px_m, stride, sample_px, known)
     window = (2 * round(WINDOW_SHARE * shape[1] / 2) + 1,) * 2
-    total_px, count = (cv2.blur(image, window, borderType=cv2.BORDER_CONSTANT) for image in (sample_px, known))
-    overall_px = float(sample_px.sum(dtype=np.float64)) / max(1.0, float(known.sum(dtype=np.float64)))
-    mean_px = (total_px + np.float32(PRIOR_SHARE * overall_px)) / (count + np.float32(PRIOR_SHARE))
+    mean_px, share = (cv2.blur(image, window, borderType=cv2.BORDER_CONSTANT) for image in (sample_px, known))
+    overall_px = total_px / max(1.0, n_known)
+    mean_px = (mean_px + np.float32(PRIOR_SHARE * overall_px)) / (share + np.float32(PRIOR_SHARE))
     return np.asarray(cv2.resize(mean_px, resolution.shape[::-1], interpolation=cv2.INTER_NEAREST), np.float32)
 
 
-@compiled(void(READABLE_IMAGE, float32, int64, FLOAT_IMAGE, FLOAT_IMAGE))
+@compiled(UniTuple(float64, 2)(READABLE_IMAGE, float32, int64, FLOAT_IMAGE, FLOAT_IMAGE))
 def _sample(
     depth_m: FloatImage,
     focal_baseline_px_m: float,
@@ -46,15 +47,27 @@ def _sample(
     # output
     sample_px: FloatImage,
     known: FloatImage,
-) -> None:
-    """Second differences of disparity, and 1 where all three depths are known; both are 0 elsewhere."""
+) -> tuple[float, float]:
+    """Second differences of disparity, and 1 where all three depths are known; both are 0 elsewhere.
+
+    Returns:
+        The sums of both.
+    """
+    total_px, n_known, disparity_px = 0.0, 0.0, np.empty(depth_m.shape[1], np.float32)
     for row in range(sample_px.shape[0]):
-        for col in range(sample_px.shape[1]):
-            v, u = stride * row, stride * col
-            before_px = disparity_of(depth_m[v, u], focal_baseline_px_m)
-            at_px = disparity_of(depth_m[v, u + 1], focal_baseline_px_m)
-            after_px = disparity_of(depth_m[v, u + 2], focal_baseline_px_m)
-            is_known = (before_px > 0) & (at_px > 0) & (after_px > 0)
-            difference_px = abs(before_px - float32(2) * at_px + after_px)
-            sample_px[row, col] = min(difference_px, MAX_ROUGHNESS_PX) if is_known else float32(0)
-            known[row, col] = float32(1) if is_known else float32(0)
+        disparities_of(depth_m[stride * row], focal_baseline_px_m, disparity_px)
+        samples_px, is_known, row_px, n_of_row = sample_px[row], known[row], float32(0), float32(0)
+        for col in range(len(samples_px)):
+            at = np.uintp(stride * col)
+            before_px, at_px = disparity_px[at], disparity_px[at + np.uintp(1)]
+            after_px = disparity_px[at + np.uintp(2)]
+            difference_px = min(abs(before_px - float32(2) * at_px + after_px), MAX_ROUGHNESS_PX)
+            counts = (before_px > 0) & (at_px > 0) & (after_px > 0)
+            samples_px[col] = difference_px if counts else float32(0)
+            is_known[col] = float32(1) if counts else float32(0)
+        for col in range(len(samples_px)):
+            row_px += samples_px[col]
+            n_of_row += is_known[col]
+        total_px += float64(row_px)
+        n_known += float64(n_of_row)
+    return total_px, n_known

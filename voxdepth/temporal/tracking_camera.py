@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import boolean, float64, types
+from numba import boolean, float64, int64, types
 from numba.types import Tuple
 
 from ..compiled import FLOAT_IMAGE, FLOAT_ROW, READABLE_IMAGE, compiled
 from ..types import FloatArray, FloatImage, Intrinsics, MaskImage
-from .pose_fit import LENS_TYPE, Lens, lens_of, project
+from .pose_fit import LENS_TYPE, MIN_DEPTH_M, Lens, lens_of
 from .working_resolution import WorkingResolution
 
 Pixels = npt.NDArray[np.float32]
@@ -51,10 +51,19 @@ class TrackingCamera:
 
     def sees(self, points_m: FloatArray) -> MaskImage:
         """Whether points in the camera frame, shape (N, 3), are in front of the camera and inside the image."""
-        col, row = project(points_m, self.intrinsics).T
         width_px, height_px = self.size
-        in_image = (col >= 0) & (col <= width_px - 1) & (row >= 0) & (row <= height_px - 1)
-        return np.asarray((points_m[:, 2] > 0) & in_image, np.bool_)
+        return _sees(np.ascontiguousarray(points_m), lens_of(self.intrinsics), width_px, height_px)
+
+
+@compiled(boolean[::1](types.Array(float64, 2, "C", readonly=True), LENS_TYPE, int64, int64))
+def _sees(points_m: FloatArray, lens: Lens, width_px: int, height_px: int) -> MaskImage:
+    fx, fy, cx, cy = lens
+    is_seen = np.empty(len(points_m), np.bool_)
+    for k in range(len(points_m)):
+        x, y, z = points_m[k, 0], points_m[k, 1], points_m[k, 2]
+        col, row = fx * x / max(z, MIN_DEPTH_M) + cx, fy * y / max(z, MIN_DEPTH_M) + cy
+        is_seen[k] = (z > 0) & (col >= 0) & (col <= width_px - 1) & (row >= 0) & (row <= height_px - 1)
+    return is_seen
 
 
 @compiled(FLOAT_ROW(READABLE_IMAGE, types.Array(float64, 2, "C", readonly=True), float64, float64))
