@@ -303,11 +303,12 @@ def cast_votes(known: Known, place: Places, rays: Rays, first: int, rules: Rules
 def count_votes(vote_px: FloatImage, weight: FloatImage) -> tuple[Numbers, Numbers, Numbers]:
     """The mean of the supporters of the winning vote of each place, its support, and the weight of all votes."""
     winner_px, most, total = np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32)
-    support = np.empty(CHUNK, np.float32)
-    for one in range(N_VOTES):
+    support, n_votes = np.empty(CHUNK, np.float32), len(vote_px)
+    for one in range(n_votes):
         one_px, own = vote_px[one], weight[one]
-        support[:] = own  # A vote supports itself.
-        for k in range(N_VOTES - 1):
+        for i in range(CHUNK):
+            support[i] = own[i]  # A vote supports itself.
+        for k in range(n_votes - 1):
             other = k if k < one else k + 1
             other_px, others = vote_px[other], weight[other]
             for i in range(CHUNK):
@@ -317,8 +318,9 @@ def count_votes(vote_px: FloatImage, weight: FloatImage) -> tuple[Numbers, Numbe
             winner_px[i] = one_px[i] if is_best else winner_px[i]
             most[i] = support[i] if is_best else most[i]
             total[i] += own[i]
-    support.fill(0)  # From here on, the weighted sum of what the supporters differ from the winner by.
-    for one in range(N_VOTES):
+    for i in range(CHUNK):
+        support[i] = 0  # From here on, the weighted sum of what the supporters differ from the winner by.
+    for one in range(n_votes):
         one_px, own = vote_px[one], weight[one]
         for i in range(CHUNK):
             is_supporter = is_one_surface(one_px[i], winner_px[i])
