@@ -299,34 +299,45 @@ def cast_votes(known: Known, place: Places, rays: Rays, first: int, rules: Rules
     return vote_px, weight
 
 
+@compiled_part(void(FLOAT_IMAGE, FLOAT_IMAGE, int64, NUMBERS))
+def find_support(
+    vote_px: FloatImage,
+    weight: FloatImage,
+    one: int,
+    # output
+    support: Numbers,
+) -> None:
+    """The weight of a vote of each place, and of those for the same surface."""
+    one_px, own = vote_px[one], weight[one]
+    for i in range(CHUNK):
+        support[i] = own[i]
+    for k in range(len(vote_px) - 1):
+        other = k if k < one else k + 1
+        other_px, others = vote_px[other], weight[other]
+        for i in range(CHUNK):
+            support[i] += others[i] if is_one_surface(one_px[i], other_px[i]) else float32(0)
+
+
 @compiled_part(UniTuple(NUMBERS, 3)(FLOAT_IMAGE, FLOAT_IMAGE))
 def count_votes(vote_px: FloatImage, weight: FloatImage) -> tuple[Numbers, Numbers, Numbers]:
     """The mean of the supporters of the winning vote of each place, its support, and the weight of all votes."""
     winner_px, most, total = np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32)
-    support, n_votes = np.empty(CHUNK, np.float32), len(vote_px)
-    for one in range(n_votes):
+    support, difference_px = np.empty(CHUNK, np.float32), np.zeros(CHUNK, np.float32)
+    for one in range(len(vote_px)):
         one_px, own = vote_px[one], weight[one]
-        for i in range(CHUNK):
-            support[i] = own[i]  # A vote supports itself.
-        for k in range(n_votes - 1):
-            other = k if k < one else k + 1
-            other_px, others = vote_px[other], weight[other]
-            for i in range(CHUNK):
-                support[i] += others[i] if is_one_surface(one_px[i], other_px[i]) else float32(0)
+        find_support(vote_px, weight, one, support)
         for i in range(CHUNK):
             is_best = (support[i] > most[i]) & (own[i] > 0)
             winner_px[i] = one_px[i] if is_best else winner_px[i]
             most[i] = support[i] if is_best else most[i]
             total[i] += own[i]
-    for i in range(CHUNK):
-        support[i] = 0  # From here on, the weighted sum of what the supporters differ from the winner by.
-    for one in range(n_votes):
+    for one in range(len(vote_px)):
         one_px, own = vote_px[one], weight[one]
         for i in range(CHUNK):
             is_supporter = is_one_surface(one_px[i], winner_px[i])
-            support[i] += own[i] * (one_px[i] - winner_px[i]) if is_supporter else float32(0)
+            difference_px[i] += own[i] * (one_px[i] - winner_px[i]) if is_supporter else float32(0)
     for i in range(CHUNK):
-        winner_px[i] += support[i] / most[i] if most[i] > 0 else float32(0)
+        winner_px[i] += difference_px[i] / most[i] if most[i] > 0 else float32(0)
     return winner_px, most, total
 
 
