@@ -162,8 +162,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if found["worse"] and not given.because:
         print("gate: figures are worse: say why with --because, or mend it", file=sys.stderr)
         return 1
-    worse = {one.name for one in found["worse"]}
-    write([replace(one, because=given.because) if one.name in worse else one for one in measured])
+    now = {one.name: one for one in measured}
+    # What is the same keeps its value, so that many small changes add up, and its reason.
+    now |= {one.name: before[one.name] for one in found["same"]}
+    now |= {one.name: replace(one, because=given.because) for one in found["worse"]}
+    write(list(now.values()))
     return 0
 
 

@@ -25,6 +25,7 @@ from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Outcome
 from swarm.voxel_map import STATES, VOXEL_M
+from voxdepth.arithmetic import length
 from voxdepth.colors import FAR_M
 from voxdepth.geometry import back_project, transform
 from voxdepth.registry import PAPER
@@ -178,7 +179,7 @@ class MissionRecorder(Recorder):
             self._columns.add(f"world/trail/{drone}", rr.Points3D, positions=[state.position_m])
             if (clearance_m := clearances_m[drone]) is not None:
                 self._add_number(f"drone/{drone}/clearance_m", clearance_m)
-                self._add_number(f"drone/{drone}/speed_m_s", np.linalg.norm(state.velocity_m_s))
+                self._add_number(f"drone/{drone}/speed_m_s", length(state.velocity_m_s))
             if decision.direction is not None:
                 self._add_arrow(f"world/choice/{drone}", state.position_m, CHOICE_M * decision.direction)
             if decision.view is not None and decision.view is not self._views.get(drone):

@@ -67,6 +67,12 @@ def test_a_worse_figure_is_written_with_a_reason_only(
     assert gate.main(["--update", "--because", "a longer way is safer"]) == 0
     assert read(gate.GATE)["length"] == replace(LENGTH, value=3.0, because="a longer way is safer")
     assert gate.main([]) == 0
+    measured[0] = replace(LENGTH, value=3.05)
+    assert gate.main(["--update"]) == 0
+    assert read(gate.GATE)["length"] == replace(LENGTH, value=3.0, because="a longer way is safer"), "it is the same"
+    measured[0] = replace(LENGTH, value=1.0)
+    assert gate.main(["--update"]) == 0
+    assert read(gate.GATE)["length"] == replace(LENGTH, value=1.0)
 
 
 def test_a_figure_that_is_gone_or_new_is_told(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def test_a_thread_keeps_nothing_back() -> None:
 
 
 def test_an_interrupted_flight_is_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Mission, "tick", lambda mission: send(signal.SIGINT))
+    monkeypatch.setattr(Mission, "tick", lambda mission, wait=True: send(signal.SIGINT))
     with pytest.raises(KeyboardInterrupt):
         fly(load_run("city", 0, QUICK))
 
