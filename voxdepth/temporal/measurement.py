@@ -141,17 +141,27 @@ def _farthest_around(disparity_px: FloatImage, is_speckle: GrayImage, row: int, 
     return farthest_px
 
 
+@compiled_part(float32(FLOAT_IMAGE, BYTE_IMAGE))
+def _farthest(disparity_px: FloatImage, is_speckle: GrayImage) -> float:
+    """Disparity of the farthest surface of an image that is no speckle; infinite if there is none."""
+    of_col_px = np.empty(disparity_px.shape[1], np.float32)
+    for col in range(len(of_col_px)):
+        of_col_px[col] = np.inf
+    for row in range(disparity_px.shape[0]):
+        for col in range(len(of_col_px)):
+            here_px, speckle = disparity_px[row, col], is_speckle[row, col]
+            surface_px = here_px if (here_px > 0) & (speckle == 0) else float32(np.inf)
+            of_col_px[col] = min(of_col_px[col], surface_px)
+    farthest_px: float = float32(np.inf)
+    for col in range(len(of_col_px)):
+        farthest_px = min(farthest_px, of_col_px[col])
+    return farthest_px
+
+
 @compiled(FLOAT_IMAGE(FLOAT_IMAGE, BYTE_IMAGE))
 def _without_wrong(disparity_px: FloatImage, is_speckle: GrayImage) -> FloatImage:
     """The disparity without the speckles that are too near or too far; see `without_speckles`."""
-    farthest_of_col_px = np.full(disparity_px.shape[1], float32(np.inf))
-    for row in range(disparity_px.shape[0]):
-        row_px, speckle = disparity_px[row], is_speckle[row]
-        for col in range(len(row_px)):
-            here_px, is_surface = row_px[col], (row_px[col] > 0) & (speckle[col] == 0)
-            surface_px = here_px if is_surface else float32(np.inf)
-            farthest_of_col_px[col] = min(farthest_of_col_px[col], surface_px)
-    farthest_px, kept_px = farthest_of_col_px.min(), disparity_px.copy()
+    farthest_px, kept_px = _farthest(disparity_px, is_speckle), disparity_px.copy()
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):
             if is_speckle[row, col] == 0:

@@ -71,7 +71,8 @@ def fit_pose(
     if known is not None:
         T_source_target = inverse_rigid(known.T_target_source)
         information[:3], information[3:] = known.sigma_m**-2, known.sigma_rad**-2
-    T, median_px, n_inliers = _fit(points_m, observed_px, T, lens, inlier_px, T_source_target, information)
+    distance_m = float(np.median(points_m[:, 2]))
+    T, median_px, n_inliers = _fit(points_m, observed_px, distance_m, T, lens, inlier_px, T_source_target, information)
     return PoseFit(T, median_px, len(points_m), n_inliers)
 
 
@@ -172,10 +173,11 @@ def _add_known(
         gradient[i] += weight * information[i] * difference[i]
 
 
-@compiled(Tuple((MATRIX, float64, int64))(MATRIX, MATRIX, MATRIX, LENS_TYPE, float64, MATRIX, float64[::1]))
+@compiled(Tuple((MATRIX, float64, int64))(MATRIX, MATRIX, float64, MATRIX, LENS_TYPE, float64, MATRIX, float64[::1]))
 def _fit(
     points_m: FloatArray,
     observed_px: FloatArray,
+    distance_m: float,
     T: FloatArray,
     lens: Lens,
     inlier_px: float,
@@ -184,11 +186,10 @@ def _fit(
 ) -> tuple[FloatArray, float, int]:
     """The motion, shape (4, 4), the median reprojection error [px], and the number of inliers.
 
-    The last two arguments are the inverse of a known motion and the inverse of its variances, which are 0 if none is
-    known.
+    `distance_m` is the median distance of the points. The last two arguments are the inverse of a known motion and the
+    inverse of its variances, which are 0 if none is known.
     """
     length_px, scale_px = _residual_lengths(points_m, observed_px, T, lens), np.inf
-    distance_m = np.median(points_m[:, 2])
     for _ in range(MAX_ITERATIONS):
         scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * np.median(length_px)))
         H, gradient = _normal_equations(points_m, observed_px, T, lens, scale_px)
