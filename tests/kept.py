@@ -2,7 +2,7 @@
 
     python -m tests.kept --against REV [WORKLOAD ...]
 
-Nothing is stored: both are computed anew, in processes of their own. What differs is printed with the largest first. A
+Nothing is stored: both are computed again, in processes of their own. What differs is printed with the largest first. A
 refactoring is one after which nothing does.
 """
 

@@ -1,4 +1,4 @@
-"""Compiled loops stay within their arrays: Numba checks each index, in a process of its own that compiles them anew."""
+"""Compiled loops stay within their arrays: Numba checks each index, in a process of its own that compiles them again."""
 
 import os
 import subprocess
