@@ -1,4 +1,4 @@
-"""Compiled loops stay within their arrays: Numba checks each index, in a process of its own that compiles them again."""
+"""Compiled loops stay within their arrays: Numba checks each index, in a process that compiles them again."""
 
 import os
 import subprocess
