@@ -95,7 +95,8 @@ def find_medians(
                 own[col] = line[first + factor * col]
         sort_along_first(pixels_m)  # The invalid pixels, which are 0, come first.
         middle = median_m[row]
-        middle[:] = pixels_m[n - 1]
+        for col in range(width):
+            middle[col] = pixels_m[n - 1, col]
         for k in range(1, n // 2 + 1):  # The k-th from the end is in the middle of at least 2 k valid pixels.
             is_valid, nearer = pixels_m[n - 2 * k], pixels_m[n - 1 - k]
             for col in range(width):

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import float32, float64, types, void
 
-from .compiled import compiled
+from .compiled import READABLE_IMAGE, READABLE_MATRIX, compiled
 from .types import FloatArray
 
 _LINE = types.Array(float64, 1, "C", readonly=True)
@@ -79,9 +79,7 @@ def _of_each(function: Callable[[FloatArray, FloatArray], None], argument: npt.A
     return values.reshape(np.shape(argument))
 
 
-@compiled(
-    void(types.Array(float64, 2, "C", readonly=True), types.Array(float64, 2, "C", readonly=True), float64[:, ::1])
-)
+@compiled(void(READABLE_MATRIX, READABLE_MATRIX, float64[:, ::1]))
 def _multiply_64(a: FloatArray, b: FloatArray, product: FloatArray) -> None:
     for i in range(a.shape[0]):
         for k in range(a.shape[1]):
@@ -89,9 +87,7 @@ def _multiply_64(a: FloatArray, b: FloatArray, product: FloatArray) -> None:
                 product[i, j] += a[i, k] * b[k, j]
 
 
-@compiled(
-    void(types.Array(float32, 2, "C", readonly=True), types.Array(float32, 2, "C", readonly=True), float32[:, ::1])
-)
+@compiled(void(READABLE_IMAGE, READABLE_IMAGE, float32[:, ::1]))
 def _multiply_32(a: FloatArray, b: FloatArray, product: FloatArray) -> None:
     for i in range(a.shape[0]):
         for k in range(a.shape[1]):

@@ -26,6 +26,8 @@ READABLE_IMAGE = numba.types.Array(numba.float32, 2, "C", readonly=True)
 """Type of an image of floats that is only read; the caller may have locked it."""
 READABLE_ROW = numba.types.Array(numba.float32, 1, "C", readonly=True)
 """Type of a row of such an image."""
+READABLE_MATRIX = numba.types.Array(numba.float64, 2, "C", readonly=True)
+"""Type of a matrix that is only read."""
 FLOAT_IMAGE = numba.float32[:, ::1]
 BYTE_IMAGE = numba.uint8[:, ::1]
 FLOAT_ROW, BYTE_ROW = numba.float32[::1], numba.uint8[::1]

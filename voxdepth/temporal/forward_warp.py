@@ -5,8 +5,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, float64, int32, int64, types, uint8, uint32, void
+from numba import float32, float64, int32, int64, uint8, uint32, void
 
+from ..arithmetic import matmul
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, FLOAT_ROW, compiled, compiled_part, named_tuple
 from ..geometry import interpolate, inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
@@ -59,14 +60,14 @@ class Reprojection(NamedTuple):
     @classmethod
     def of(cls, resolution: WorkingResolution, T_target_source: FloatArray) -> "Reprojection":
         """The map for a motion of the camera, shape (4, 4)."""
-        (height, width), fb_px_m = resolution.shape, resolution.focal_baseline_px_m
-        found = cls(np.empty((3, width), np.float32), np.empty((3, height), np.float32), np.empty(3, np.float32))
-        _find_reprojection(resolution.K, resolution.K_inverse, np.ascontiguousarray(T_target_source), fb_px_m, found)
-        return found
+        K_R = matmul(resolution.K, T_target_source[:3])
+        H = matmul(K_R[:, :3], resolution.K_inverse).astype(np.float32)
+        epipole = (K_R[:, 3] / resolution.focal_baseline_px_m).astype(np.float32)
+        v, u = (np.arange(side, dtype=np.float32) for side in resolution.shape)
+        return cls(H[:, :1] * u + H[:, 2:], H[:, 1:2] * v, epipole)
 
 
 WARPED_TYPE = named_tuple(Warped, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
-MATRIX = types.Array(float64, 2, "C", readonly=True)
 REPROJECTION_TYPE = named_tuple(Reprojection, FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_ROW)
 
 
@@ -108,32 +109,6 @@ class ForwardWarp:
     def motion_px2(self, warped: Warped) -> float:
         """The mean squared distance by which the surfaces of the image have moved, in its pixels; 0 without any."""
         return _mean_motion_px2(warped)
-
-
-@compiled(void(MATRIX, MATRIX, MATRIX, float64, REPROJECTION_TYPE))
-def _find_reprojection(
-    K: FloatArray,
-    K_inverse: FloatArray,
-    T_target_source: FloatArray,
-    focal_baseline_px_m: float,
-    # output
-    found: Reprojection,
-) -> None:
-    """The map for a motion, from camera matrices of shape (3, 3)."""
-    for axis in range(3):
-        K_R, H = np.zeros(4), np.zeros(3)
-        for i in range(4):
-            for k in range(3):
-                K_R[i] += K[axis, k] * T_target_source[k, i]
-        for i in range(3):
-            for k in range(3):
-                H[i] += K_R[k] * K_inverse[k, i]
-        of_u, of_v, of_all = float32(H[0]), float32(H[1]), float32(H[2])
-        for u in range(found.of_col.shape[1]):
-            found.of_col[axis, u] = of_u * float32(u) + of_all
-        for v in range(found.of_row.shape[1]):
-            found.of_row[axis, v] = of_v * float32(v)
-        found.epipole[axis] = float32(K_R[3] / focal_baseline_px_m)
 
 
 @compiled_part(void(FLOAT_ROW, REPROJECTION_TYPE, int64, FLOAT_ROW))

@@ -3,10 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import float64, int64, types, void
+from numba import float64, int64, void
 from numba.types import Tuple, UniTuple
 
-from ..compiled import compiled, compiled_part
+from ..compiled import READABLE_MATRIX, compiled, compiled_part
 from ..geometry import compose, exp_se3, inverse_rigid, log_se3, solve_symmetric
 from ..types import FloatArray, Intrinsics
 
@@ -78,11 +78,12 @@ def fit_pose(
 
 def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
     """Pixels, shape (N, 2), of points in the camera frame, shape (N, 3), in double precision."""
-    return _project(np.ascontiguousarray(points_m), lens_of(camera))
+    return pixels_of(np.ascontiguousarray(points_m), lens_of(camera))
 
 
-@compiled(MATRIX(types.Array(float64, 2, "C", readonly=True), LENS_TYPE))
-def _project(points_m: FloatArray, lens: Lens) -> FloatArray:
+@compiled(MATRIX(READABLE_MATRIX, LENS_TYPE))
+def pixels_of(points_m: FloatArray, lens: Lens) -> FloatArray:
+    """The same for a camera that is given by its lens."""
     fx, fy, cx, cy = lens
     pixels = np.empty((len(points_m), 2))
     for k in range(len(points_m)):

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import boolean, float64, int64, types
+from numba import boolean, float64, int64
 from numba.types import Tuple
 
-from ..compiled import FLOAT_IMAGE, FLOAT_ROW, READABLE_IMAGE, compiled
+from ..compiled import FLOAT_IMAGE, FLOAT_ROW, READABLE_IMAGE, READABLE_MATRIX, compiled
 from ..types import FloatArray, FloatImage, Intrinsics, MaskImage
-from .pose_fit import LENS_TYPE, MIN_DEPTH_M, Lens, lens_of
+from .pose_fit import LENS_TYPE, Lens, lens_of, pixels_of
 from .working_resolution import WorkingResolution
 
 Pixels = npt.NDArray[np.float32]
@@ -55,18 +55,17 @@ class TrackingCamera:
         return _sees(np.ascontiguousarray(points_m), lens_of(self.intrinsics), width_px, height_px)
 
 
-@compiled(boolean[::1](types.Array(float64, 2, "C", readonly=True), LENS_TYPE, int64, int64))
+@compiled(boolean[::1](READABLE_MATRIX, LENS_TYPE, int64, int64))
 def _sees(points_m: FloatArray, lens: Lens, width_px: int, height_px: int) -> MaskImage:
-    fx, fy, cx, cy = lens
-    is_seen = np.empty(len(points_m), np.bool_)
+    pixels, is_seen = pixels_of(points_m, lens), np.empty(len(points_m), np.bool_)
     for k in range(len(points_m)):
-        x, y, z = points_m[k, 0], points_m[k, 1], points_m[k, 2]
-        col, row = fx * x / max(z, MIN_DEPTH_M) + cx, fy * y / max(z, MIN_DEPTH_M) + cy
-        is_seen[k] = (z > 0) & (col >= 0) & (col <= width_px - 1) & (row >= 0) & (row <= height_px - 1)
+        col, row = pixels[k, 0], pixels[k, 1]
+        in_image = (col >= 0) & (col <= width_px - 1) & (row >= 0) & (row <= height_px - 1)
+        is_seen[k] = (points_m[k, 2] > 0) & in_image
     return is_seen
 
 
-@compiled(FLOAT_ROW(READABLE_IMAGE, types.Array(float64, 2, "C", readonly=True), float64, float64))
+@compiled(FLOAT_ROW(READABLE_IMAGE, READABLE_MATRIX, float64, float64))
 def _sample(image: FloatImage, pixels: FloatArray, scale_x: float, scale_y: float) -> FloatImage:
     """Nearest values, shape (N,), of an image at pixels of another one that is as many times its size."""
     values = np.empty(len(pixels), np.float32)
