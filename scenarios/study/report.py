@@ -68,7 +68,9 @@ class Findings:
             "means": mean_table(self.arms),
             "mean_differences": mean_difference_table(self._matched.pairs),
             "swarms": swarm_table(self.arms),
-            "swarm_differences": mean_difference_table(self._matched.pairs, SWARM_MEASURES),
+            "swarm_differences": mean_difference_table(
+                self._matched.pairs, SWARM_MEASURES, "Differences of what became of the drones"
+            ),
             "drone_ends": drone_end_table(drone_table(self.data)),
         }
 

@@ -159,7 +159,11 @@ def _measured(title: str, arms: Iterable[Arm], measures: Sequence[Measure], note
     return _table(title, rows, note)
 
 
-def mean_difference_table(matched: Mapping[Sides, RunPairs], measures: Sequence[Measure] = MEASURES) -> Table:
+def mean_difference_table(
+    matched: Mapping[Sides, RunPairs],
+    measures: Sequence[Measure] = MEASURES,
+    title: str = "Differences of measures",
+) -> Table:
     """Return the paired differences of means.
 
     Pairs whose measures are all unknown are left out, and so are measures that differ in no run of any pair.
@@ -172,7 +176,6 @@ def mean_difference_table(matched: Mapping[Sides, RunPairs], measures: Sequence[
         for sides, estimates in found.items()
         if differ and any(estimates.values())
     ]
-    title = "Differences of measures" if measures is MEASURES else "Differences of what became of the drones"
     return _table(title, rows, MEAN_DIFFERENCE_NOTE)
 
 
