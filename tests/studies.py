@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scenarios.study.design import RunSpec, Study, expand
+from scenarios.study.design import RunSpec, Study, expand, versions_of
 from scenarios.study.executors import Processes
 from scenarios.study.run import run_study
 from scenarios.study.store import RunRecord, StudyData, read_study
@@ -68,7 +68,14 @@ def record(spec: RunSpec, outcome: Outcome | None = None, **metrics: float | int
     contacts = (HIT,) if outcome is Outcome.COLLISION else ()
     figures: dict[str, float | int | None] = {"sim_time_s": (1 + digit) / 3, "first_contact_s": None}
     figures |= {"collisions_drone": 0, "leader_progress_m": 40.0, "path_deviation_max_m": 2.0} | metrics
-    return RunRecord(key=spec.key, outcome=outcome, metrics=figures, contacts=contacts, wall_s=1.0)
+    return RunRecord(
+        key=spec.key,
+        outcome=outcome,
+        metrics=figures,
+        contacts=contacts,
+        wall_s=1.0,
+        versions=versions_of([spec]),
+    )
 
 
 def slow_fake(spec: RunSpec) -> RunRecord:
@@ -85,9 +92,7 @@ def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outc
     specs = expand(study)
     found = {(s.arm, s.level, s.seed): s for s in specs}
     records = {found[cell].key: record(found[cell], outcome) for cell, outcome in outcomes.items()}
-    return StudyData(
-        study=study, specs=specs, records=records, failures={}, versions={"numpy": "2"}, machine="a machine"
-    )
+    return StudyData(study=study, specs=specs, records=records, failures={}, machine="a machine")
 
 
 LETTERS = {"o": Outcome.SUCCESS, "x": Outcome.COLLISION, "s": Outcome.DEADLOCK, "l": Outcome.LOST, "t": Outcome.TIMEOUT}

@@ -56,6 +56,10 @@ def run(
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on: fly what has no result.")] = False,
+    mixed: Annotated[
+        bool,
+        typer.Option("--mixed", help="Go on though runs were flown with other code or packages; each tells its own."),
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help=f"Folder of the study. Default: {DEFAULT_OUT}/NAME.")
     ] = None,
@@ -73,7 +77,7 @@ def run(
     else:
         executor = Processes(workers, study.time_limit_s) if workers else Serial()
     try:
-        data = run_study(study, folder, executor, typer.echo, resume=resume)
+        data = run_study(study, folder, executor, typer.echo, resume=resume, mixed=mixed)
     except KeyboardInterrupt:
         typer.echo(f"stopped; the finished runs in {folder} are safe, go on with --resume")
         raise typer.Exit(INTERRUPTED) from None

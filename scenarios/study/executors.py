@@ -48,7 +48,7 @@ def run_one(spec: RunSpec) -> RunRecord:
     """
     if key_of(spec.run) != spec.key:
         raise ScenarioError("the code of a controller or corrector has changed since the study began: see --resume")
-    record = RunRecord.of(spec.key, fly(spec.run, threads=1))
+    record = RunRecord.of(spec, fly(spec.run, threads=1))
     for figures in (record.metrics, *record.drones, *map(asdict, record.contacts)):
         for name, value in figures.items():
             if isinstance(value, float) and not math.isfinite(value):

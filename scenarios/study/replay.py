@@ -11,7 +11,7 @@ from ..config import Run
 from ..errors import ScenarioError
 from ..flight import Finished, fly
 from ..runner import fly_and_write
-from .design import RunSpec, settings_that_left, versions_of
+from .design import RunSpec, settings_that_left
 from .diagnose import CollisionProbe, Diagnosis
 from .store import RunRecord, StudyData
 
@@ -87,14 +87,14 @@ def fly_again(run: Run, out: Path | None) -> tuple[Finished, Diagnosis | None]:
 
 def compared(data: StudyData, spec: RunSpec, finished: Finished) -> tuple[bool, str]:
     """Return whether a result is that of the study, or the study has none of the run, and the comparison in words."""
-    before, now = data.records.get(spec.key), RunRecord.of(spec.key, finished)
+    before, now = data.records.get(spec.key), RunRecord.of(spec, finished)
     if before is None:
         return True, f"{now.outcome}; the study has no result of this run"
     other = differences(before, now)
     if not other:
         same = f"the same as in the study, errors of depth within {DEPTH_TOLERANCE:g}, others within {TOLERANCE:g}"
         return True, f"{now.outcome}: {same}"
-    versions = [name for name, version in versions_of([spec]).items() if data.versions.get(name) != version]
+    versions = [name for name, version in now.versions.items() if before.versions.get(name) != version]
     lost = ", ".join(f"{key} = {value}" for key, value in settings_that_left(data.study, spec).items())
     return False, (
         f"{now.outcome}, in the study {before.outcome}: NOT the same; other: {', '.join(other)}; "

@@ -120,6 +120,7 @@ def run_table(data: StudyData) -> pd.DataFrame:
     for spec in data.flown:
         record = data.records[spec.key]
         row = _place(data, spec) | {"outcome": record.outcome.value, "contacts": len(record.contacts)}
+        row |= {"commit": record.commit, "code": record.versions.get("code")}
         rows.append(row | {"wall_s": record.wall_s} | {name: record.metrics.get(name) for name in names})
     return _typed(rows)
 

@@ -67,11 +67,18 @@ def _try_first_frame(scenario: Scenario) -> None:
 
 
 def run_study(
-    study: Study, out: Path, executor: Executor, tell: Callable[[str], None], *, resume: bool = False
+    study: Study,
+    out: Path,
+    executor: Executor,
+    tell: Callable[[str], None],
+    *,
+    resume: bool = False,
+    mixed: bool = False,
 ) -> StudyData:
     """Fly the missing runs of a study, store each as it ends, and return the whole content of the store.
 
-    A store that contains runs is refused without `resume`. A run that failed counts as missing.
+    A store that contains runs is refused without `resume`, and one whose runs were flown with other versions without
+    `mixed`. A run that failed counts as missing.
     `tell` gets `progress_line` at the beginning, at the end, and every half minute between.
 
     Raises:
@@ -80,7 +87,7 @@ def run_study(
     """
     specs = expand(study)
     require_flyable(specs)
-    with begun(out, study, specs, resume=resume) as data:
+    with begun(out, study, specs, resume=resume, mixed=mixed) as data:
         waiting = by_importance(study, data.missing)
         if not waiting:
             return data

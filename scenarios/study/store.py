@@ -7,11 +7,12 @@ Every file appears whole: it is written under another name and renamed, and hold
 import json
 import lzma
 import tarfile
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal, Self, TypeVar
+from typing import Literal, Self, TypeVar
 
 import pydantic
 
@@ -19,7 +20,7 @@ from sim.types import Contact
 from swarm.types import Outcome
 from voxdepth.model import Model, problems
 from voxdepth.tools.files import locked, sealed_json, unsealed_json, write
-from voxdepth.tools.provenance import machine
+from voxdepth.tools.provenance import machine, source_commit
 
 from ..config import Run
 from ..errors import ScenarioError
@@ -45,16 +46,27 @@ class RunRecord:
     """All collisions, ordered by time."""
     wall_s: float = field(compare=False)
     """Wall-clock time."""
+    versions: Mapping[str, str] = field(compare=False)
+    """`versions_of` the run when it was flown."""
     drones: tuple[Mapping[str, float | int | str | None], ...] = ()
     """Metrics of each drone by name, and how it ended."""
+    commit: str | None = field(default=None, compare=False)
+    """That of the checkout it was flown in, with a plus sign after changes; None outside of one."""
 
     @classmethod
-    def of(cls, key: str, finished: Finished) -> Self:
-        """Return the record of a run that has just been flown."""
+    def of(cls, spec: RunSpec, finished: Finished) -> Self:
+        """Return the record of a run that has just been flown here."""
         result = finished.result
-        metrics, drones = dict(result.metrics), tuple(map(dict, result.drones))
-        record: dict[str, Any] = {"metrics": metrics, "drones": drones, "contacts": result.contacts}
-        return cls(key=key, outcome=result.outcome, wall_s=finished.wall_s, **record)
+        return cls(
+            key=spec.key,
+            outcome=result.outcome,
+            metrics=dict(result.metrics),
+            contacts=result.contacts,
+            wall_s=finished.wall_s,
+            versions=versions_of([spec]),
+            drones=tuple(map(dict, result.drones)),
+            commit=source_commit(),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +98,6 @@ class StudyData:
     """Results by key."""
     failures: Mapping[str, Failure]
     """The last failure of each run that has no result, by key."""
-    versions: Mapping[str, str]
-    """`versions_of` its runs when the study began."""
     machine: str
     """The machine on which the study began."""
 
@@ -98,6 +108,12 @@ class StudyData:
         for spec in self.specs:
             runs.setdefault(spec.key, spec)
         return runs
+
+    @property
+    def versions(self) -> list[tuple[Mapping[str, str], int]]:
+        """What the results were flown with, and how many of them with each, the most first."""
+        counts = Counter(json.dumps(record.versions, sort_keys=True) for record in self.records.values())
+        return [(json.loads(text), counts[text]) for text in sorted(counts, key=lambda text: (-counts[text], text))]
 
     @property
     def flown(self) -> list[RunSpec]:
@@ -134,7 +150,6 @@ class Manifest(Model):
     format: Literal[1] = 1
     """Version of the files."""
     study: Study
-    versions: dict[str, str]
     machine: str
     cells: tuple[Cell, ...] = pydantic.Field(min_length=1)
 
@@ -148,7 +163,7 @@ class Manifest(Model):
             Cell(scenario=scenario, arm=arm, level=level, run=own[0].run, keys={spec.seed: spec.key for spec in own})
             for (scenario, arm, level), own in found.items()
         )
-        return cls(study=study, versions=versions_of(specs), machine=machine(), cells=cells)
+        return cls(study=study, machine=machine(), cells=cells)
 
     @property
     def specs(self) -> list[RunSpec]:
@@ -158,11 +173,14 @@ class Manifest(Model):
 
 
 @contextmanager
-def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> Iterator[StudyData]:
+def begun(
+    folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool, mixed: bool = False
+) -> Iterator[StudyData]:
     """Begin a study in a folder, or go on with the one that is there, as the only writer; yields what is there.
 
     Raises:
-        ScenarioError: It belongs to another version or study, or it contains runs and `resume` is not set.
+        ScenarioError: It belongs to another study, it contains runs and `resume` is not set, or runs that were flown
+            with other versions and `mixed` is not set.
         ToolError: Another process flies the study, or the folder cannot be written.
     """
     look = f"voxdepth study report {folder}"
@@ -171,7 +189,7 @@ def begun(folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool)
         if not (folder / MANIFEST).exists():
             write(folder / MANIFEST, sealed_json(Manifest.of(study, specs).model_dump_json()))
         data = read_study(folder)
-        _require_same(folder, data, study, specs)
+        _require_same(folder, data, study, specs, mixed=mixed)
         if (data.records or data.failures) and not resume:
             raise ScenarioError(
                 f"{folder} holds runs of the study {study.name!r}: go on with --resume, or use another --out"
@@ -204,7 +222,6 @@ def read_study(place: Path) -> StudyData:
         specs=specs,
         records=records,
         failures={key: failure for key, failure in failures.items() if key not in records},
-        versions=manifest.versions,
         machine=manifest.machine,
     )
 
@@ -250,19 +267,23 @@ def _ended(place: Path, files: Mapping[str, bytes], kind: str, record: type[Ende
     return found
 
 
-def _require_same(folder: Path, data: StudyData, study: Study, specs: Sequence[RunSpec]) -> None:
-    """Refuse to go on with what is not the study that was begun, or was begun with other versions."""
-    before, now = data.versions, versions_of(specs)
-    changed = [one for one in {**before, **now} if before.get(one) != now.get(one)]
-    is_same = identity(data.study, data.specs) == identity(study, specs)
-    if not is_same and not any(one in before and one in now for one in changed):
+def _require_same(folder: Path, data: StudyData, study: Study, specs: Sequence[RunSpec], *, mixed: bool) -> None:
+    """Refuse to go on with what is not the study that was begun, or, unless `mixed`, was flown with other versions."""
+    now = versions_of(specs)
+    changed = {
+        name: f"{name} {before[name]} -> {now.get(name, 'unknown')}"
+        for before, _ in data.versions
+        for name in before
+        if before[name] != now.get(name)
+    }
+    if changed and not mixed:
+        raise ScenarioError(
+            f"runs in {folder} were flown with other versions ({', '.join(changed.values())}), so results may differ: "
+            "install those versions (code: check out that revision, or take the change back), use another --out, or "
+            "go on with --mixed, and each run tells its own"
+        )
+    if identity(data.study, data.specs) != identity(study, specs):
         raise ScenarioError(
             f"{folder} holds another version of the study {data.study.name!r}: the study or one of its scenarios has "
             "changed; use another --out"
-        )
-    if changed:
-        told = ", ".join(f"{one} {before.get(one, 'unknown')} -> {now.get(one, 'unknown')}" for one in changed)
-        raise ScenarioError(
-            f"{folder} was begun with other versions ({told}), so results may differ: install those versions (code: "
-            "check out that revision, or take the change back), or use another --out"
         )

@@ -58,8 +58,8 @@ def test_outcome_counts_but_not_what_another_version_does_not_have() -> None:
 def test_of_a_run_that_ended_otherwise_the_versions_that_changed_are_told() -> None:
     tiny = study(arm("a"), seeds=1)
     (spec,) = expand(tiny)
-    versions = {**versions_of([spec]), "numpy": "1"}
-    data = replace(contents_of(tiny, {}), records={spec.key: flown()}, versions=versions)
+    before = replace(flown(), versions={**versions_of([spec]), "numpy": "1"})
+    data = replace(contents_of(tiny, {}), records={spec.key: before})
     lost = MissionResult(outcome=Outcome.LOST, contacts=(), trajectories=())
     is_same, told = compared(data, spec, Finished(result=lost, wall_s=1.0, folder=None))
     assert not is_same

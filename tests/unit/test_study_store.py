@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.study.design import expand
+from scenarios.study.design import RunSpec, expand, versions_of
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
-from scenarios.study.store import Failure, add, begun, read_study
+from scenarios.study.store import Failure, RunRecord, add, begun, read_study
 from swarm.types import Outcome
 from tests.studies import HIT, arm, fake, noisy, record, study, unseen
 from voxdepth.tools.errors import ToolError
@@ -160,12 +160,29 @@ def test_a_setting_that_has_left_is_ignored_and_files_of_another_form_are_refuse
         ({"code": "abc"}, r"\(code abc -> [0-9a-f]{12}\)"),
     ],
 )
-def test_a_study_of_other_packages_or_code_is_refused(tmp_path: Path, change: dict[str, str], message: str) -> None:
+def test_runs_of_other_packages_or_code_are_mixed_only_if_asked_and_each_tells_its_own(
+    tmp_path: Path, change: dict[str, str], message: str
+) -> None:
     tiny = study(arm("a"))
-    versions = dict(run_study(tiny, tmp_path, Serial(fake), unseen).versions)
-    edited("study.json", versions=versions | change)(tmp_path)
-    with pytest.raises(ScenarioError, match=f"begun with other versions {message}"):
+
+    def older(spec: RunSpec) -> RunRecord:
+        if spec.seed:
+            raise ZeroDivisionError
+        return replace(record(spec), versions={**versions_of([spec]), **change})
+
+    before = run_study(tiny, tmp_path, Serial(older), unseen)
+    with pytest.raises(ScenarioError, match=rf"flown with other versions {message}.*go on with --mixed"):
         run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN)
+    with pytest.raises(ScenarioError, match="another version of the study"):
+        run_study(study(arm("b")), tmp_path, Serial(fake), unseen, **AGAIN, mixed=True)
+    after = run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN, mixed=True)
+    now = versions_of(after.specs)
+    assert {n for _, n in after.versions} == {1}
+    assert all(versions in (now, {**now, **change}) for versions, _ in after.versions)
+    assert len(after.versions) == 2
+    (kept,) = before.records
+    assert after.records[kept].versions == before.records[kept].versions
+    assert run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN, mixed=True) == after
 
 
 def test_a_folder_without_a_study_and_one_that_cannot_be_written_are_told(tmp_path: Path) -> None:
