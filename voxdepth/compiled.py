@@ -1,17 +1,22 @@
 """Loops over pixels that Numba compiles, and the folder that keeps what has been compiled.
 
-Compiled functions take arguments of fixed types, and run without Python's lock.
+Compiled functions take arguments of fixed types, and run without Python's lock. What has not been compiled on a machine
+is compiled by several processes, which find one another's work in the folder.
 """
 
 import hashlib
 import logging
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, update_wrapper
+from importlib import import_module
 from importlib.util import find_spec
 from io import BytesIO
+from os import cpu_count
 from pathlib import Path
+from subprocess import DEVNULL, Popen
 from threading import Lock
 from typing import Any, TypeVar, cast
 
@@ -31,6 +36,8 @@ READABLE_MATRIX = numba.types.Array(numba.float64, 2, "C", readonly=True)
 FLOAT_IMAGE = numba.float32[:, ::1]
 BYTE_IMAGE = numba.uint8[:, ::1]
 FLOAT_ROW, BYTE_ROW = numba.float32[::1], numba.uint8[::1]
+FUNCTIONS_PER_PROCESS, MAX_PROCESSES = 10, 8
+"""Least number of functions for each process that compiles, since it starts for a second, and the most processes."""
 CODE_SETTINGS = ("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")
 """Settings of Numba that change compiled code; beside them, Numba tells kept code of processors apart by itself."""
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -108,6 +115,8 @@ class Compiled:
 
     def compile(self) -> bool:
         """Compile the function, or read it from the disk; whether it had to be compiled."""
+        if self._is_compiled:
+            return False
         try:
             self.dispatcher.compile(self.signature)
         except OSError:  # It is compiled and then kept, for which the disk may be too full.
@@ -120,7 +129,8 @@ class Compiled:
 
 @numba.extending.typeof_impl.register(Compiled)  # type: ignore[untyped-decorator]
 def _type_of(function: Compiled, _: Any) -> Any:
-    """Inside of compiled functions, a compiled function is what Numba made of it."""
+    """Inside of compiled functions, a compiled function is what Numba made of it, for the types that it declares."""
+    function.compile()
     return numba.types.Dispatcher(function.dispatcher)
 
 
@@ -155,7 +165,7 @@ def named_tuple(kind: type[Any], *types: Any) -> Any:
 
 def compile_all() -> None:
     """Compile the functions of all imported modules, or read them from the disk, where an earlier call left them."""
-    with _LOCK:
+    with _LOCK, ExitStack() as helpers:
         has_said_so = False
         while _waiting:
             with kept_back() as hand_on:  # LLVM calls Python, and an exception there is lost, or crashes the process.
@@ -163,8 +173,40 @@ def compile_all() -> None:
             if had_to_compile and not has_said_so:
                 _LOGGER.warning("compiling %d functions for this machine; this takes some seconds, once", len(_waiting))
                 has_said_so = True
+                helpers.enter_context(_helpers(_waiting))
             _waiting.pop(0)
             hand_on()
+
+
+def help_compile(share: float, modules: Sequence[str]) -> None:
+    """Compile the functions of modules for another process, from a share of their list on, and then those before."""
+    for name in modules:
+        import_module(name)
+    first = int(share * len(_waiting))
+    for function in _waiting[first:] + _waiting[:first]:
+        function.compile()
+
+
+@contextmanager
+def _helpers(waiting: "Sequence[Compiled]") -> Iterator[None]:
+    """Let other processes compile, too, for as long as this one does.
+
+    It takes from the folder what they left there, and does without them where they cannot start or import a module.
+    """
+    n = min(cpu_count() or 1, len(waiting) // FUNCTIONS_PER_PROCESS, MAX_PROCESSES)
+    modules = list(dict.fromkeys(function.__module__ for function in waiting))
+    processes = []
+    for k in range(1, n if all(_folder(name.partition(".")[0]) for name in modules) else 0):
+        same_modules, call = f"import sys; sys.path[:] = {sys.path}", f"help_compile({k / n}, {modules})"
+        command = [sys.executable, "-c", f"{same_modules}; from {__name__} import help_compile; {call}"]
+        with suppress(OSError):  # The system may allow no more processes.
+            processes.append(Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL))
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
 
 
 @contextmanager

@@ -75,6 +75,29 @@ try:
 except KeyboardInterrupt:
     print(sum_of_next(np.array([1.0, 2.0, 3.0])))
 """
+HELPED = """
+import time
+from pathlib import Path
+import numpy as np
+from loops import sum_of_next
+from voxdepth import compiled
+
+compiled.FUNCTIONS_PER_PROCESS, compiled.cpu_count = 1, lambda: 2
+kept = Path.home() / ".cache" / "voxdepth"
+with compiled._helpers(compiled._waiting):
+    while len(list(kept.rglob("*.nb[ic]"))) < 4:
+        time.sleep(0.05)
+print(sum_of_next(np.array([1.0, 2.0, 3.0])))
+"""
+HELPLESS = """
+import sys
+from voxdepth import compiled
+
+def no_process(*_, **__):
+    raise BlockingIOError
+
+compiled.FUNCTIONS_PER_PROCESS, compiled.cpu_count, compiled.Popen = 1, lambda: 2, no_process
+"""
 
 
 class Package:
@@ -122,6 +145,16 @@ def test_the_first_call_compiles_and_a_second_process_reads_from_the_disk_withou
     before = [path.stat().st_mtime_ns for path in files]
     assert package.run() == (12, "")
     assert [path.stat().st_mtime_ns for path in sorted(folder.rglob("*.nb*"))] == before
+
+
+def test_what_a_helper_has_compiled_is_read_from_the_disk(package: Package) -> None:
+    assert package.run(HELPED) == (12, "")
+
+
+def test_without_a_second_process_one_compiles_all(package: Package) -> None:
+    result, said = package.run(HELPLESS + CALL)
+    assert result == 12
+    require_one_line(said)
 
 
 @pytest.mark.slow

@@ -53,7 +53,8 @@ def smooth_columns(image: FloatImage) -> None:
     height, width = image.shape
     before = np.empty(width, np.float32)
     for start, step in ((0, 1), (height - 1, -1)):
-        before[:] = image[start]
+        for col in range(width):
+            before[col] = image[start, col]
         for k in range(1, height):
             row, last = image[start + k * step], image[start + (k - 1) * step]
             for col in range(width):
