@@ -9,7 +9,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from voxdepth.temporal import fusion
 from voxdepth.temporal.config import TemporalConfig
+from voxdepth.temporal.measurement import Measurement
+from voxdepth.temporal.memory import Memory
 from voxdepth.temporal.method import TemporalCorrector
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics
@@ -33,6 +36,11 @@ class Sphere:
     centre_m: tuple[float, float, float]
     radius_m: float
     seed: int = 0
+
+
+def fuse(memory: Memory, measurement: Measurement) -> tuple[fusion.Fused, Memory]:
+    """Compare and fuse."""
+    return fusion.fuse(memory, measurement, fusion.compare(memory, measurement))
 
 
 Body = Plane | Sphere

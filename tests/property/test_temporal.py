@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.temporal_scenes import CAMERA, depth_of, pose
-from voxdepth.temporal.fusion import FILLING_WEIGHT_PER_FRAME, MAX_WEIGHT, RELIABLE_WEIGHT, PixelClass, fuse
+from tests.temporal_scenes import CAMERA, depth_of, fuse, pose
+from voxdepth.temporal.fusion import FILLING_WEIGHT_PER_FRAME, MAX_WEIGHT, RELIABLE_WEIGHT, PixelClass
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.temporal.pose_fit import fit_pose, project

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from tests.frames import textured
 from tests.temporal_scenes import depth_of
 from voxdepth import TemporalConfig, TemporalCorrector
-from voxdepth.temporal import filling
-from voxdepth.temporal.filling import HoleFiller, Known
+from voxdepth.temporal.filling import MAX_SLOPE, HoleFiller, Known
 from voxdepth.temporal.rays import AXES, COLS, ROWS, Rays, march, trace_rays
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatImage, Frame, Intrinsics, MaskImage
@@ -31,14 +30,21 @@ seeds = st.integers(0, 2**32 - 1)
 class Result:
     """What a hole filler makes of an image of disparities, beside what is remembered and what it said before."""
 
-    def __init__(self, measured_px: Any, decimation: int = 1, shadow_factor: float = 10, **votes: Any) -> None:
+    def __init__(
+        self,
+        measured_px: Any,
+        decimation: int = 1,
+        shadow_factor: float = 10,
+        max_slope: float = MAX_SLOPE,
+        **votes: Any,
+    ) -> None:
         resolution = WorkingResolution.of(CAMERA, decimation)
         full_px = np.where(measured_px > 0, measured_px, 0).astype(np.float32)
         known_px = np.ascontiguousarray(full_px[::decimation, ::decimation])
         others = [
             np.asarray(votes.get(name, 0) * (known_px == 0), np.float32) for name in ("memory", "seen", "previous")
         ]
-        self.inpainted, self.single = HoleFiller(resolution, shadow_factor).fill(
+        self.inpainted, self.single = HoleFiller(resolution, shadow_factor, max_slope=max_slope).fill(
             Known(known_px, *others), depth_of(FULL, full_px)
         )
         self.disparity_px = np.kron(known_px + self.inpainted.disparity_px, np.ones((decimation,) * 2))
@@ -107,12 +113,11 @@ class TestSurfaces:
         result = Result(with_holes(true_px, hole), decimation)
         assert np.abs(result.disparity_px - true_px)[hole].max() < 0.35
 
-    def test_a_lone_end_of_a_row_is_continued_by_its_slope(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_lone_end_of_a_row_is_continued_by_its_slope(self) -> None:
         true_px = 10 + 0.05 * COL
         hole = box(slice(0, 120), slice(0, 20))
         result = Result(with_holes(true_px, hole))
-        monkeypatch.setattr(filling, "MAX_SLOPE", 0)
-        flat = Result(with_holes(true_px, hole))
+        flat = Result(with_holes(true_px, hole), max_slope=0)
         error, flat_error = (np.abs(each.disparity_px - true_px)[hole].mean() for each in (result, flat))
         assert error < 0.6 * flat_error
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from tests.temporal_scenes import fuse
 from voxdepth.temporal import fusion
-from voxdepth.temporal.fusion import PixelClass, fuse
+from voxdepth.temporal.fusion import PixelClass
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.types import FloatImage, GrayImage

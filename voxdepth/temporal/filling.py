@@ -119,12 +119,14 @@ class Rules(NamedTuple):
     shadow_factor: float
     """Factor of the weight of the far end of a row whose near end is on the right, as in the occlusion shadow of a
     stereo camera, if the hole is at most twice as wide as the jump of disparity."""
+    row_factor: float
+    """Factor of the weight of a row whose ends agree."""
     doubt: float
     """Weight of the doubt that any vote is for the right surface."""
 
 
 KNOWN = named_tuple(Known, *[FLOAT_IMAGE] * 4)
-RULES = named_tuple(Rules, int64, *[float32] * 5)
+RULES = named_tuple(Rules, int64, *[float32] * 6)
 FILLED = named_tuple(Filled, PLACES, *[NUMBERS] * 3, uint8[::1])
 INPAINTED = named_tuple(Inpainted, FLOAT_IMAGE, FLOAT_IMAGE, BYTE_IMAGE)
 UNANIMOUS = float32(0.999)
@@ -137,15 +139,30 @@ class HoleFiller:
     Holes are filled at the working resolution. If that is half of the frame's, the pixels of the frame that have no
     depth and lie in or beside a measured working pixel are filled one by one, unless all votes agree: a measured pixel
     does not speak for a hole among the other three of its working pixel.
+
+    Args:
+        resolution: That of the disparity images.
+        shadow_factor: Factor of the weight of the background in an occlusion shadow; see `Rules`.
+        row_factor: Factor of the weight of a row whose ends agree.
+        max_slope: Change of disparity per step in pixels of the matched images up to which a surface may be slanted.
+        median_px: Window of the median of what is filled.
     """
 
-    def __init__(self, resolution: WorkingResolution, shadow_factor: float) -> None:
-        self._resolution, decimation = resolution, resolution.decimation
-        width_px = decimation * resolution.width_px
+    def __init__(
+        self,
+        resolution: WorkingResolution,
+        shadow_factor: float,
+        *,
+        row_factor: float = ROW_FACTOR,
+        max_slope: float = MAX_SLOPE,
+        median_px: int = MEDIAN_PX,
+    ) -> None:
+        self._resolution, self._median_px, decimation = resolution, median_px, resolution.decimation
+        doubt = 1 / (DOUBT_SHARE * decimation * resolution.width_px)
 
         def rules_of(scale: int) -> Rules:
             matched_px, pixel_px = resolution.matched_px / scale, decimation / scale
-            values = MAX_SLOPE * matched_px, matched_px, pixel_px, shadow_factor, 1 / (DOUBT_SHARE * width_px)
+            values = max_slope * matched_px, matched_px, pixel_px, shadow_factor, row_factor, doubt
             return Rules(scale, *(float32(value) for value in values))
 
         self._rules, self._pixel_rules = rules_of(1), rules_of(decimation)
@@ -160,10 +177,10 @@ class HoleFiller:
         block = find_blocks(hole & ~above(known.remembered_px, 0))
         place = find_places(hole, block, np.ascontiguousarray(depth_m))
         rays = trace_rays(known.disparity_px, place)
-        filled = vote(known, place, rays, self._rules)
+        filled = self._vote(known, place, rays, self._rules)
         inpainted = Inpainted(np.empty_like(known.disparity_px), np.empty_like(known.disparity_px), np.empty_like(hole))
         paste(hole, block, filled, inpainted)
-        smooth_px = np.asarray(cv2.medianBlur(known.disparity_px + inpainted.disparity_px, MEDIAN_PX), np.float32)
+        smooth_px = np.asarray(cv2.medianBlur(known.disparity_px + inpainted.disparity_px, self._median_px), np.float32)
         np.copyto(inpainted.disparity_px, smooth_px, where=inpainted.disparity_px > 0)
         if self._resolution.decimation == 1:
             return inpainted, Filled.empty(place[:0])
@@ -171,7 +188,14 @@ class HoleFiller:
         pixel_rays = Rays.empty(len(pixels))
         focal_baseline_px_m = self._resolution.focal_baseline_px_m
         march(known.disparity_px, depth_m, focal_baseline_px_m, pixels, number, rays.steps, pixel_rays)
-        return inpainted, vote(known, pixels, pixel_rays, self._pixel_rules)
+        return inpainted, self._vote(known, pixels, pixel_rays, self._pixel_rules)
+
+    def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules) -> Filled:
+        """What places are filled with; lone ends of their rays are continued to them."""
+        filled = Filled.empty(place)
+        continue_lone_ends(known.disparity_px, place, rules, rays)
+        fill_places(known, rays, rules, filled)
+        return filled
 
 
 @compiled(PLACES(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE))
@@ -265,7 +289,7 @@ def vote_of(
     if min(before_px, after_px) == 0:
         return max(before_px, after_px), both
     if is_one_surface(before_px, after_px):
-        return linear_px, float32(2) * both * (ROW_FACTOR if axis == 0 else float32(1))
+        return linear_px, float32(2) * both * (rules.row_factor if axis == 0 else float32(1))
     if jump_px <= rules.max_slope * length:
         return linear_px, both
     if after_px < before_px:
@@ -361,14 +385,6 @@ def fill_places(
             filled.share[first + k] = support[k] / total[k] if total[k] > 0 else float32(0)
             filled.probability[first + k] = fill_probability(support[k] / (total[k] + rules.doubt), is_remembered)
             filled.remembered[first + k] = 255 if is_remembered else 0
-
-
-def vote(known: Known, place: Places, rays: Rays, rules: Rules) -> Filled:
-    """What places are filled with; lone ends of their rays are continued to them."""
-    filled = Filled.empty(place)
-    continue_lone_ends(known.disparity_px, place, rules, rays)
-    fill_places(known, rays, rules, filled)
-    return filled
 
 
 @compiled(void(BYTE_IMAGE, BYTE_IMAGE, FILLED, INPAINTED))

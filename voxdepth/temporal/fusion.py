@@ -129,6 +129,10 @@ class Comparison(NamedTuple):
     """Share of the neighbours, 0..255, that contradict it with a farther one."""
     memory_factor: FloatImage
     """Factor 0..1 of the memory's weight in the average; it falls where the surface comes nearer."""
+    gray_change: GrayImage
+    """Mean change of the gray values around each pixel since the memory saw it."""
+    drift_px: FloatImage
+    """The drift after this frame; see `Memory`."""
 
 
 class Rules(NamedTuple):
@@ -144,20 +148,18 @@ class Rules(NamedTuple):
 
 RULES_TYPE = named_tuple(Rules, *[BYTE_IMAGE] * 3)
 FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
-COMPARISON_TYPE = named_tuple(Comparison, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+COMPARISON_TYPE = named_tuple(Comparison, *[BYTE_IMAGE] * 3, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
-def fuse(memory: Memory, measurement: Measurement) -> tuple[Fused, Memory]:
+def fuse(memory: Memory, measurement: Measurement, comparison: Comparison) -> tuple[Fused, Memory]:
     """The fused disparity, and the memory for the next frame, from the memory warped to this frame."""
-    gray_change = box_mean(np.asarray(cv2.absdiff(memory.gray, measurement.gray), np.uint8), WINDOW_PX)
-    max_gray_change = max(MAX_GRAY_CHANGE, MAX_RELATIVE_GRAY_CHANGE * _sparse_median(gray_change))
-    comparison, drift_px = _compare(memory, measurement)
-    shape = gray_change.shape
+    max_gray_change = max(MAX_GRAY_CHANGE, MAX_RELATIVE_GRAY_CHANGE * _sparse_median(comparison.gray_change))
+    shape = comparison.gray_change.shape
     fused_px, remembered_px, magnification, updated_px, seen_px = (np.empty(shape, np.float32) for _ in range(5))
     pixel_class, fused_weight, updated_weight, gray, age = (np.empty(shape, np.uint8) for _ in range(5))
     fused = Fused(fused_px, pixel_class, fused_weight, remembered_px, magnification)
-    updated = Memory(updated_px, updated_weight, gray, seen_px, age, drift_px, memory.filled_px)
-    rules = _find_rules(memory, measurement, comparison, gray_change, max_gray_change)
+    updated = Memory(updated_px, updated_weight, gray, seen_px, age, comparison.drift_px, memory.filled_px)
+    rules = _find_rules(memory, measurement, comparison, max_gray_change)
     _fuse_pixels(memory, measurement, comparison.memory_factor, rules, fused)
     _update_pixels(memory, measurement, fused.disparity_px, rules, updated)
     return fused, updated
@@ -170,8 +172,9 @@ def _sparse_median(image: GrayImage) -> int:
     return int(np.partition(values, middle)[middle])
 
 
-def _compare(memory: Memory, measurement: Measurement) -> tuple[Comparison, FloatImage]:
-    """How memory and measurement compare, and the drift after this frame."""
+def compare(memory: Memory, measurement: Measurement) -> Comparison:
+    """How the memory, warped to a frame, and its measurement compare."""
+    gray_change = box_mean(np.asarray(cv2.absdiff(memory.gray, measurement.gray), np.uint8), WINDOW_PX)
     overlap, difference_px = _subtract(memory, measurement)
     bias_px, share = box_mean(difference_px, WINDOW_PX), box_mean(overlap, WINDOW_PX)
     agreeing, nearer, farther = _find_contradictions(memory, measurement, overlap, bias_px, share)
@@ -180,7 +183,7 @@ def _compare(memory: Memory, measurement: Measurement) -> tuple[Comparison, Floa
     approach = np.maximum(drift_px, 0) / MAX_DRIFT_PX
     with without_ipp():
         factor = cv2.resize(np.maximum(1 - approach * approach, 0), overlap.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    return Comparison(agreeing, nearer, farther, np.asarray(factor, np.float32)), drift_px
+    return Comparison(agreeing, nearer, farther, np.asarray(factor, np.float32), gray_change, drift_px)
 
 
 def _drift(before_px: FloatImage, difference_px: FloatImage, overlap: GrayImage) -> FloatImage:
@@ -247,11 +250,10 @@ def _find_contradictions(
     return agreeing, nearer, farther
 
 
-@compiled(RULES_TYPE(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, BYTE_IMAGE, float32))
-def _find_rules(
-    memory: Memory, measurement: Measurement, comparison: Comparison, gray_change: GrayImage, max_gray_change: float
-) -> Rules:
+@compiled(RULES_TYPE(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, float32))
+def _find_rules(memory: Memory, measurement: Measurement, comparison: Comparison, max_gray_change: float) -> Rules:
     """The rules of all pixels. The memory of a hole has no weight where the gray value has changed."""
+    gray_change = comparison.gray_change
     rules = Rules(np.empty_like(gray_change), np.empty_like(gray_change), np.empty_like(gray_change))
     contradiction = np.empty(gray_change.shape[1], np.uint8)
     for row in range(gray_change.shape[0]):

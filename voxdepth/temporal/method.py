@@ -13,8 +13,8 @@ from .confidence import estimate_confidence
 from .config import TemporalConfig
 from .filling import Filled, HoleFiller, Inpainted, Known
 from .forward_warp import ForwardWarp
-from .fusion import Fused, PixelClass, fuse, is_steady
-from .measurement import measure
+from .fusion import Comparison, Fused, PixelClass, compare, fuse, is_steady
+from .measurement import Measurement, measure
 from .memory import WEIGHT_UNIT, Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .roughness import roughness
@@ -84,13 +84,13 @@ class TemporalCorrector(StreamCorrector):
         with timer("warp"):
             memory, motion_px2 = self._recall(measurement.gray, tracking)
         with timer("fuse"):
-            fused, updated = fuse(memory, measurement)
+            fused, updated = fuse(memory, measurement, self._compare(memory, measurement))
             is_exact = measurement.is_exact and is_steady(memory, measurement)
             fused = fused.as_measured(measurement) if is_exact else fused
         with timer("fill"):
             evidence = fused.weight * np.float32(1 / (WEIGHT_UNIT * (1 + motion_px2 / HALVING_MOTION_PX2)))
             known = Known(fused.disparity_px, fused.remembered_px, evidence, memory.filled_px)
-            inpainted, single = self._filler.fill(known, frame.depth_m)
+            inpainted, single = self._fill(known, frame.depth_m)
         with timer("remember"):
             self._remember(frame, tracking, updated._replace(filled_px=inpainted.disparity_px))
         return FusedFrame(
@@ -127,6 +127,12 @@ class TemporalCorrector(StreamCorrector):
             return Memory.empty(gray), 0.0
         warped = self._forward_warp.warp(memory.disparity_px, memory.weight, T)
         return memory.seen_by(warped), self._resolution.decimation**2 * self._forward_warp.motion_px2(warped)
+
+    def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
+        return compare(memory, measurement)
+
+    def _fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
+        return self._filler.fill(known, depth_m)
 
     def _of_single_pixels(self, fused: Fused, single: Filled, roughness_px: FloatImage) -> Estimate:
         """The estimate of the pixels that are filled one by one, shape (1, N)."""

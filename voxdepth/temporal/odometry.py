@@ -18,7 +18,7 @@ from ..arithmetic import matmul
 from ..compiled import FLOAT_IMAGE, FLOAT_ROW, compiled, compiled_part
 from ..geometry import inverse_rigid, transform
 from ..paper.registration import Features
-from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
+from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, MaskImage
 from .config import TemporalConfig
 from .memory import Memory
 from .pose_check import PoseCheck
@@ -306,7 +306,7 @@ class VisualOdometry:
 
         What is kept of the frame is copied.
         """
-        points_m, known = self._camera.points(tracking.image.corners, memory.disparity_px)
+        points_m, known = self._points(tracking.image.corners, frame, memory)
         gray = frame.gray.copy()
         self._views.add(
             View(
@@ -319,6 +319,10 @@ class VisualOdometry:
                 T_view_previous=tracking.T_frame_keyframe,
             )
         )
+
+    def _points(self, corners: Pixels, frame: Frame, memory: Memory) -> tuple[FloatArray, MaskImage]:
+        """Points of the corners of a frame, and which of them have one; see `TrackingCamera.points`."""
+        return self._camera.points(corners, memory.disparity_px)
 
     def _tracking_image(self, gray: GrayImage) -> TrackingImage:
         """The tracking image of a gray image of shape (H, W), and its corners."""

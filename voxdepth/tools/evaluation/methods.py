@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -66,18 +67,30 @@ def find_methods(names: Sequence[str]) -> list[Method]:
 def find_method(name: str) -> Method:
     """Find a method; a name or a setting that does not exist is a `ConfigError` or a `ToolError`.
 
-    It is the name of a corrector, perhaps with one setting of its configuration as in
-    `temporal[fill=all]`, or your own corrector as `package.module:factory`.
+    It is the name of a corrector, perhaps with settings of its configuration as in `temporal[fill=all]`, or your own
+    corrector as `package.module:factory`. `temporal[without=memory]` is the default method without that part, see
+    `voxdepth.temporal.ablations`.
     """
     corrector, setting = parse_corrector(name)
+    without = setting.pop("without", None) if corrector == DEFAULT else None
     config = resolve_config(corrector, setting) if setting else config_of(corrector)
+    told = None if config is None else config.model_dump(mode="json")
+    make: CorrectorFactory = partial(create_corrector, corrector, config=config)
+    if without is not None:
+        make, told = _made_without(str(without), config), {**(told or {}), "without": without}
     return Method(
         name=name,
-        make=lambda intrinsics: create_corrector(corrector, intrinsics, config),
-        config=None if config is None else config.model_dump(mode="json"),
+        make=make,
+        config=told,
         is_foreign=corrector not in CORRECTOR_NAMES,
         warm_up_frames=WARM_UP_FRAMES if config is None else config.warm_up_frames,
     )
+
+
+def _made_without(part: str, config: Any) -> CorrectorFactory:
+    from ...temporal.ablations import find_ablation
+
+    return partial(find_ablation(part), config=config)
 
 
 def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrinsics, pictured: int) -> Scores:

@@ -1,0 +1,165 @@
+"""The default method without one of its parts, to show what the part is worth.
+
+What a setting of `TemporalConfig` switches off is not repeated here: `shadow_factor = 1`, `smoothing_window_px = 1`,
+and `decimation = 1` for working at half size.
+"""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..errors import ConfigError, no_such
+from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, MaskImage
+from .config import TemporalConfig
+from .filling import Filled, HoleFiller, Inpainted, Known, Rules, fill_places
+from .fusion import Comparison
+from .measurement import Measurement
+from .memory import Memory
+from .method import TemporalCorrector
+from .odometry import TrackingResult, VisualOdometry
+from .rays import AXES, INFINITE, Places, Rays
+from .tracking_camera import Pixels
+
+
+class WithoutMemory(TemporalCorrector):
+    """Each frame is corrected alone."""
+
+    def _recall(self, gray: GrayImage, tracking: TrackingResult) -> tuple[Memory, float]:
+        return Memory.empty(gray), 0.0
+
+
+class WithoutMemoryInFills(TemporalCorrector):
+    """The memory has no vote in holes."""
+
+    def _fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
+        return super()._fill(known._replace(remembered_px=np.zeros_like(known.remembered_px)), depth_m)
+
+
+class WithoutPreviousFill(TemporalCorrector):
+    """The previous fill has no vote in holes."""
+
+    def _fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
+        return super()._fill(known._replace(previous_px=np.zeros_like(known.previous_px)), depth_m)
+
+
+class WithoutCoherence(TemporalCorrector):
+    """Each pixel contradicts the memory by itself, whatever its neighbours do."""
+
+    def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
+        comparison, all_px = super()._compare(memory, measurement), np.full_like(memory.gray, 255)
+        return comparison._replace(nearer=all_px, farther=all_px)
+
+
+class WithoutGrayChange(TemporalCorrector):
+    """The memory of a hole stays where the gray value has changed."""
+
+    def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
+        comparison = super()._compare(memory, measurement)
+        return comparison._replace(gray_change=np.zeros_like(comparison.gray_change))
+
+
+class WithoutDrift(TemporalCorrector):
+    """The memory weighs the same where surfaces come nearer."""
+
+    def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
+        comparison = super()._compare(memory, measurement)
+        return comparison._replace(memory_factor=np.ones_like(comparison.memory_factor))
+
+
+class OtherFills(TemporalCorrector):
+    """The method with other rules of its fills."""
+
+    rules: ClassVar[Mapping[str, Any]]
+    """What differs; see `HoleFiller`."""
+
+    def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
+        super().__init__(intrinsics, config)
+        self._filler = HoleFiller(self._resolution, self._config.shadow_factor, **self.rules)
+
+
+class WithoutRowBonus(OtherFills):
+    """A row whose ends agree weighs no more than another axis."""
+
+    rules: ClassVar[Mapping[str, Any]] = {"row_factor": 1.0}
+
+
+class WithoutSlants(OtherFills):
+    """Ends whose disparities differ are of different surfaces."""
+
+    rules: ClassVar[Mapping[str, Any]] = {"max_slope": 0.0}
+
+
+class WithoutMedian(OtherFills):
+    """What is filled is not smoothed by a median."""
+
+    rules: ClassVar[Mapping[str, Any]] = {"median_px": 1}
+
+
+class _TwoEnds(HoleFiller):
+    def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules) -> Filled:
+        filled, opposite = Filled.empty(place), np.roll(rays.end_px, AXES, axis=0)
+        rays.steps[opposite == 0] = INFINITE
+        rays.end_px[opposite == 0] = 0
+        fill_places(known, rays, rules, filled)
+        return filled
+
+
+class WithoutLoneEnds(TemporalCorrector):
+    """An axis with one end has no vote."""
+
+    def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
+        super().__init__(intrinsics, config)
+        self._filler = _TwoEnds(self._resolution, self._config.shadow_factor)
+
+
+class _MeasuredPoints(VisualOdometry):
+    def _points(self, corners: Pixels, frame: Frame, memory: Memory) -> tuple[FloatArray, MaskImage]:
+        focal_baseline_px_m, depth_m = self._camera.resolution.focal_baseline_px_m, frame.depth_m
+        zeros = np.zeros_like(depth_m)
+        return self._camera.points(corners, np.divide(focal_baseline_px_m, depth_m, out=zeros, where=depth_m > 0))
+
+
+class WithoutRememberedPoints(TemporalCorrector):
+    """The motion of the camera is fitted to the measured points of the frame before, not to remembered ones."""
+
+    def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
+        super().__init__(intrinsics, config)
+        self._odometry = _MeasuredPoints(intrinsics, self._resolution, self._config)
+
+
+class _NeverRelocalised(VisualOdometry):
+    def _relocalise(self, *_: Any) -> None:
+        return None
+
+
+class WithoutRelocalisation(TemporalCorrector):
+    """After a cut or a gap the memory starts empty."""
+
+    def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
+        super().__init__(intrinsics, config)
+        self._odometry = _NeverRelocalised(intrinsics, self._resolution, self._config)
+
+
+ABLATIONS: dict[str, type[TemporalCorrector]] = {
+    "memory": WithoutMemory,
+    "memory_in_fills": WithoutMemoryInFills,
+    "previous_fill": WithoutPreviousFill,
+    "row_bonus": WithoutRowBonus,
+    "slants": WithoutSlants,
+    "lone_ends": WithoutLoneEnds,
+    "median": WithoutMedian,
+    "coherence": WithoutCoherence,
+    "gray_change": WithoutGrayChange,
+    "drift": WithoutDrift,
+    "remembered_points": WithoutRememberedPoints,
+    "relocalisation": WithoutRelocalisation,
+}
+"""The method without a part, by the name of the part."""
+
+
+def find_ablation(part: str) -> type[TemporalCorrector]:
+    """The default method without a part; a name that is none of `ABLATIONS` is a `ConfigError`."""
+    if part not in ABLATIONS:
+        raise ConfigError(no_such("part of the default method", part, ABLATIONS))
+    return ABLATIONS[part]
