@@ -105,6 +105,10 @@ class CostMap:
         """Return places of the world, shape (..., 3), in the frame of the odometry."""
         return np.asarray(self.to_odom(world_m) + self.T_odom_world[:3, 3])
 
+    def in_world(self, odom_m: FloatArray) -> FloatArray:
+        """Return places in the frame of the odometry, shape (..., 3), in that of the world."""
+        return self.to_world(odom_m - self.T_odom_world[:3, 3])
+
     def to_odom(self, world: FloatArray) -> FloatArray:
         """Return vectors of the world, shape (..., 3), in the frame of the odometry."""
         return matmul(world, self.T_odom_world[:3, :3].T)

@@ -70,6 +70,8 @@ class Decision:
     It is 0 where the drone wants to stay, and None without a map."""
     view: CostMap | None = None
     """What the pilot made of its images; None without a map."""
+    path_m: FloatArray | None = None
+    """The way that it plans around what is in its way, shape (n, 3), in the world frame; None where it needs none."""
 
 
 class Pilot:

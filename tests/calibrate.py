@@ -147,6 +147,18 @@ def table_of(title: str, samples: dict[str, Sample]) -> Table:
     return Table.of(title, columns, rows)
 
 
+def tables_of(folders: Sequence[Path], frames: int) -> Iterator[Table]:
+    """The tables of fills and of measured pixels of the default method."""
+
+    def made(camera: Intrinsics) -> DepthCorrector:
+        return TemporalCorrector(camera, TemporalConfig(fill="all"))
+
+    samples = {name_of(folder): sample_of(folder, made, frames) for folder in folders}
+    for title, hidden in (("Fills", 1), ("Measured pixels", 0)):
+        part = {name: sample.where(sample.is_hidden == hidden) for name, sample in samples.items()}
+        yield table_of(title, part)
+
+
 def write_fills(folders: Sequence[Path], frames: int) -> None:
     """Fit all correctors but the default one, which computes its confidence, and write their file."""
     fitted = {}
@@ -172,13 +184,8 @@ def main() -> None:
         write_fills(asked.folders, asked.frames)
         return
 
-    def made(camera: Intrinsics) -> DepthCorrector:
-        return TemporalCorrector(camera, TemporalConfig(fill="all"))
-
-    samples = {name_of(folder): sample_of(folder, made, asked.frames) for folder in asked.folders}
-    for title, hidden in (("Fills", 1), ("Measured pixels", 0)):
-        part = {name: sample.where(sample.is_hidden == hidden) for name, sample in samples.items()}
-        table_of(title, part).print(Console())
+    for table in tables_of(asked.folders, asked.frames):
+        table.print(Console())
 
 
 if __name__ == "__main__":

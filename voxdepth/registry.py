@@ -26,6 +26,7 @@ ENTRY_POINTS = "voxdepth.correctors"
 """Group of the entry points by which other distributions add correctors."""
 DEFAULT, PAPER, AUTHORS = "temporal", "voxdepth", "voxdepth-authors"
 """The corrector that is used unless another is named, the method of the paper, and that as its authors' code has it."""
+METHODS_OF_THE_PAPER = (PAPER, AUTHORS)
 TITLES = {PAPER: ("VoxDepth", " (the paper)"), DEFAULT: ("temporal", " (ours)")}
 """The name and the origin of the two methods of this library that are no baselines, as people read them."""
 

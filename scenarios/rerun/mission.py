@@ -19,6 +19,7 @@ from sim.render.meshes import mesh_of_shape, moved, normals
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
 from swarm.cost_map import CostMap
+from swarm.metrics import EVALUATED_RANGE_M
 from swarm.mission import DROPPED, contact_text
 from swarm.pilot import Decision
 from swarm.recorder import Recorder
@@ -28,14 +29,17 @@ from swarm.voxel_map import STATES, VOXEL_M
 from voxdepth.arithmetic import length
 from voxdepth.colors import FAR_M
 from voxdepth.geometry import back_project, transform
-from voxdepth.registry import PAPER
-from voxdepth.tools.files import as_tool_error
+from voxdepth.metrics import depth_errors
+from voxdepth.registry import METHODS_OF_THE_PAPER
+from voxdepth.tools.files import as_tool_error, to_toml
 from voxdepth.tools.stream import (
     RecordingFile,
     finite,
+    jpeg,
     labels_of,
     layout,
     log_depth,
+    log_error,
     log_frame,
     log_warped,
     new_template,
@@ -72,8 +76,13 @@ STATE_COLORS = {
 """Colours of the states of a drone."""
 CURVES = {"clearance_m": "clearance [m]", "speed_m_s": "speed [m/s]"}
 """Curves of every drone, and their names."""
+ERROR_CURVES = {"error_m": "mean error of depth within 20 m [m]", "holes": "share of it without depth"}
+"""Curves of the depth of every drone, as measured and as corrected, and their names."""
+ERROR_COLORS = {"raw": (200, 90, 60), "corrected": (60, 150, 220)}
 CHOICE_M, CHOICE_COLOR = 1.5, (240, 230, 80)
-"""Length and colour of the arrow of a chosen direction."""
+"""Length and colour of the arrow of a chosen direction; a planned way has the same colour."""
+COMMAND_COLOR, BELIEVED_COLOR = (250, 250, 250), (160, 160, 160)
+"""Colours of a commanded velocity, and of the place where a drone believes that it is."""
 NO_LEGEND = rrb.PlotLegend(visible=False)
 EVENT_COLUMNS = rrb.archetypes.TextLogColumns(text_log_columns=[rrb.components.TextLogColumn("Body")])
 """Columns of the list of events beside the time: the rest would hide what happened."""
@@ -105,7 +114,7 @@ class MissionRecorder(Recorder):
     def __init__(self, path: Path, run: Run) -> None:
         self._path = path
         self._run = run
-        self._has_stages = run.scenario.corrector.name == PAPER
+        self._has_stages = run.scenario.corrector.name in METHODS_OF_THE_PAPER
         """Whether the correctors are the paper's method, whose stages the layout shows."""
         self._seen: Counter[str] = Counter()
         """How often something was there that is recorded every n-th time."""
@@ -127,7 +136,7 @@ class MissionRecorder(Recorder):
         if self._is_used:
             raise ScenarioError(f"{self._path} is of an earlier flight: give every flight a recorder and a path")
         self._is_used = True
-        self._world, self._leaders = world, {team.leader for team in teams}
+        self._world, self._leaders, self._teams = world, {team.leader for team in teams}, teams
         self._followed = teams[0].members
         # Chunks end by size and by simulated time: ending them by the clock would make two runs differ.
         batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
@@ -140,6 +149,7 @@ class MissionRecorder(Recorder):
         self._stream.send_recording_name(self._run.title)
         self._columns = ColumnWriter(self._stream)
         self._log_static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self._log_static("configuration", rr.TextDocument(to_toml(self._run)))
         cells = [(index, *cell) for index, cell in enumerate(zip(STATES, CELL_COLORS, strict=True))]
         self._log_static("world/map", rr.AnnotationContext(cells))
         self._log_static("world/cloud", source_labels())
@@ -174,24 +184,34 @@ class MissionRecorder(Recorder):
         self._at(step, time_s)
         self._newest_m = [state.position_m for state in states]
         for drone, (state, decision) in enumerate(zip(states, decisions, strict=True)):
-            self._add_pose(f"world/drone/{drone}", state.position_m, state.q_world_body_xyzw)
-            self._add_arrow(f"world/velocity/{drone}", state.position_m, state.velocity_m_s)
-            self._columns.add(f"world/trail/{drone}", rr.Points3D, positions=[state.position_m])
-            if (clearance_m := clearances_m[drone]) is not None:
-                self._add_number(f"drone/{drone}/clearance_m", clearance_m)
-                self._add_number(f"drone/{drone}/speed_m_s", length(state.velocity_m_s))
-            if decision.direction is not None:
-                self._add_arrow(f"world/choice/{drone}", state.position_m, CHOICE_M * decision.direction)
-            if decision.view is not None and decision.view is not self._views.get(drone):
-                self._views[drone] = decision.view
-                if self._is_due(f"map {drone}"):
-                    self._log_map(drone, state, decision.view)
-            self._add_state(f"drone/{drone}/state", decision.state)
+            self._add_drone(drone, state, decision, clearances_m[drone])
+        for team in self._teams:
+            slots_m = self._newest_m[team.leader] + team.offsets_m[1:]
+            for drone, slot_m in zip(team.members[1:], slots_m, strict=True):
+                self._columns.add(f"world/slot/{drone}", rr.Points3D, positions=[slot_m])
         flying_m = [states[drone].position_m for drone in self._followed if decisions[drone] is not DROPPED]
         if flying_m:
             self._columns.add("world/swarm", rr.Transform3D, translation=[np.mean(flying_m, axis=0)])
         for index, body in enumerate(movers):
             self._add_pose(f"world/mover/{index}", body.position_m, quaternion_from_yaw(body.yaw_rad))
+
+    def _add_drone(self, drone: int, state: DroneState, decision: Decision, clearance_m: float | None) -> None:
+        """Record where a drone is, how it flies, and what it has decided; without a clearance it has dropped out."""
+        self._add_pose(f"world/drone/{drone}", state.position_m, state.q_world_body_xyzw)
+        self._add_arrow(f"world/velocity/{drone}", state.position_m, state.velocity_m_s)
+        self._columns.add(f"world/trail/{drone}", rr.Points3D, positions=[state.position_m])
+        if clearance_m is not None:
+            self._add_number(f"drone/{drone}/clearance_m", clearance_m)
+            self._add_number(f"drone/{drone}/speed_m_s", length(state.velocity_m_s))
+        self._add_arrow(f"world/command/{drone}", state.position_m, decision.command.velocity_m_s)
+        if decision.direction is not None:
+            self._add_arrow(f"world/choice/{drone}", state.position_m, CHOICE_M * decision.direction)
+        if decision.view is not None and decision.view is not self._views.get(drone):
+            self._views[drone] = decision.view
+            self._add_odometry(drone, state, decision)
+            if self._is_due(f"map {drone}"):
+                self._log_map(drone, state, decision.view)
+        self._add_state(f"drone/{drone}/state", decision.state)
 
     @in_background
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
@@ -314,6 +334,13 @@ class MissionRecorder(Recorder):
         self._log_static(f"world/drone/{drone}/body", body)
         self._log_static(f"world/velocity/{drone}", rr.Arrows3D.from_fields(colors=[color]))
         self._log_static(f"world/choice/{drone}", rr.Arrows3D.from_fields(colors=[CHOICE_COLOR]))
+        self._log_static(f"world/command/{drone}", rr.Arrows3D.from_fields(colors=[COMMAND_COLOR]))
+        self._log_static(f"world/slot/{drone}", rr.Points3D.from_fields(radii=[0.12], colors=[color]))
+        self._log_static(f"world/believed/{drone}", rr.Points3D.from_fields(radii=[0.15], colors=[BELIEVED_COLOR]))
+        for depth, error_color in ERROR_COLORS.items():
+            for curve in ERROR_CURVES:
+                line = rr.SeriesLines(colors=[error_color], names=[depth])
+                self._log_static(f"drone/{drone}/{curve}/{depth}", line)
         self._log_static(f"world/trail/{drone}", rr.Points3D.from_fields(radii=[0.07], colors=[color]))
         self._log_static(f"world/map/{drone}/drone", rr.Arrows2D.from_fields(radii=[0.6], colors=[color]))
         colors = rr.StateConfiguration(values=list(STATE_COLORS), colors=list(STATE_COLORS.values()))
@@ -325,6 +352,9 @@ class MissionRecorder(Recorder):
         log = partial(self._log_image, capture.drone)
         log_frame(log, capture.gray_left, capture.depth_raw_m, corrected)
         log_depth(log, "true", finite(capture.depth_true_m))
+        log_error(log, corrected.depth_m, finite(capture.depth_true_m))
+        if capture.gray_right is not None:
+            log("gray_right", jpeg(capture.gray_right))
         log_warped(log, corrected)
         positions, labels = cloud(capture, corrected)
         self._columns.add(f"world/cloud/{capture.drone}", rr.Points3D, positions=positions, class_ids=labels)
@@ -332,6 +362,11 @@ class MissionRecorder(Recorder):
     def _log_work(self, capture: Capture, corrected: CorrectedDepth) -> None:
         """Record the diagnostics of a corrector, and the template and its voxels when an epoch begins."""
         drone = capture.drone
+        for depth, depth_m in (("raw", capture.depth_raw_m), ("corrected", corrected.depth_m)):
+            errors = depth_errors(depth_m, capture.depth_true_m, max_range_m=EVALUATED_RANGE_M)
+            for curve, value in zip(ERROR_CURVES, (errors.mae_m, errors.hole_share), strict=True):
+                if value is not None:
+                    self._add_number(f"drone/{drone}/{curve}/{depth}", value)
         for name, fact in ({} if corrected.diagnostics is None else corrected.diagnostics.facts()).items():
             entity = f"drone/{drone}/corrector/{name}"
             if isinstance(fact, str):
@@ -343,6 +378,13 @@ class MissionRecorder(Recorder):
             log_depth(partial(self._log_image, drone), "template", template.depth_m)
             T_world_cam = self._camera_poses[drone, template.stamp_s]
             self._stream.log(f"world/voxels/{drone}", voxel_cloud(template, T_world_cam))
+
+    def _add_odometry(self, drone: int, state: DroneState, decision: Decision) -> None:
+        """Record where a drone believes that it is, and the way that it plans."""
+        assert decision.view is not None, "a drone with a map has an odometry"
+        self._columns.add(f"world/believed/{drone}", rr.Points3D, positions=[decision.view.place(state.position_m)])
+        way_m = np.zeros((0, 3)) if decision.path_m is None else decision.path_m
+        self._stream.log(f"world/path/{drone}", rr.LineStrips3D([way_m], colors=[CHOICE_COLOR]))
 
     def _log_map(self, drone: int, state: DroneState, costs: CostMap) -> None:
         """Record a map as the image of a camera that looks down on the world, with an arrow for the drone.
@@ -430,6 +472,8 @@ def _rows(drone: int, has_stages: bool) -> list[rrb.Horizontal]:
         rrb.Horizontal(true, raw),
         rrb.Horizontal(corrected, _image(drone, "source", "source")),
     ]
+    errors = [rrb.TimeSeriesView(name=words, contents=[f"drone/{drone}/{c}/**"]) for c, words in ERROR_CURVES.items()]
+    rows.append(rrb.Horizontal(_image(drone, "relative error", "colors/error"), rrb.Vertical(*errors)))
     if not has_stages:
         curves = rrb.TimeSeriesView(name=", ".join(CURVES.values()), contents=[f"drone/{drone}/{c}" for c in CURVES])
         return [*rows, rrb.Horizontal(_image(drone, "confidence", "confidence"), curves)]

@@ -5,6 +5,7 @@ import sys
 from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,6 +20,7 @@ from tests.integration.test_cli import voxdepth
 from tests.swarm_scenes import capture, flat, measured
 from voxdepth import VoxDepth, VoxDepthConfig
 from voxdepth.baselines.single_frame import Raw
+from voxdepth.colors import UNKNOWN_GRAY
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.tools.errors import ToolError
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
@@ -124,14 +126,18 @@ def test_a_case_is_recorded_where_it_can_be(tmp_path: Path) -> None:
         record_case(tmp_path / "file" / "x.rrd", "scale/low", corrected(CorrectorSpec.of("raw").create, "scale/low", 1))
 
 
-def test_a_recorded_error_is_0_where_there_is_no_truth_or_no_depth(tmp_path: Path) -> None:
+def test_a_recorded_error_tells_holes_from_what_has_no_truth(tmp_path: Path) -> None:
     seen = capture(0.0, depth_true_m=flat(3.0))
     depth_m = flat(3.5)
     depth_m[:10], seen.depth_true_m[-10:] = 0, np.inf
     record_case(tmp_path / "x.rrd", "scale/low", [(seen, measured(depth_m))])
-    (chunk,) = rr.chunk.RrdReader(tmp_path / "x.rrd").stream().filter(content="/error").to_chunks()
-    (pixels,) = chunk.to_record_batch().column("Image:buffer").to_pylist()
-    np.testing.assert_array_equal(np.reshape(pixels, (12, -1)).mean(axis=1), [0, *[127] * 10, 0])
+    (chunk,) = rr.chunk.RrdReader(tmp_path / "x.rrd").stream().filter(content="/colors/error").to_chunks()
+    ((jpeg,),) = chunk.to_record_batch().column("EncodedImage:blob").to_pylist()
+    shown = cv2.imdecode(np.array(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    hole, too_far, unknown = (shown[rows].mean(axis=(0, 1)) for rows in (np.s_[:8], np.s_[18:-18], np.s_[-8:]))
+    np.testing.assert_allclose(hole, 0, atol=5)
+    np.testing.assert_allclose(too_far, [255, 0, 0], atol=5)
+    np.testing.assert_allclose(unknown, UNKNOWN_GRAY, atol=5)
 
 
 class Overwriting(Raw):

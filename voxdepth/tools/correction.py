@@ -17,7 +17,7 @@ import tomli_w
 from ..datasets import Dataset
 from ..errors import PipelineError, printable
 from ..pipeline import CorrectionPipeline
-from ..registry import PAPER
+from ..registry import METHODS_OF_THE_PAPER
 from ..types import CorrectedDepth, DepthCorrector, Frame, Source
 from ..units import median_m
 from .errors import ToolError
@@ -93,7 +93,7 @@ class Correction:
         from .recording import recording, scale_of
 
         recording_id = f"{self.made_from['folder']}-{self.made_from['corrector']}"
-        has_stages = self.made_from["corrector"] == PAPER
+        has_stages = self.made_from["corrector"] in METHODS_OF_THE_PAPER
         return recording(path, recording_id, scale_of(self.dataset, self.frames), has_stages=has_stages)
 
 

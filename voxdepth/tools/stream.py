@@ -14,7 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from .. import arithmetic
-from ..colors import FAR_M, SOURCE_COLORS, colored
+from ..colors import FAR_M, SOURCE_COLORS, colored, error_colored
 from ..geometry import transform
 from ..paper.epochs import Template, VoxDepthDiagnostics
 from ..ros import confidence_levels
@@ -141,7 +141,7 @@ def layout(content: Any, timeline: str, **time: Any) -> rrb.Blueprint:
 
 def log_frame(log: Log, gray: GrayImage, raw_m: FloatImage, corrected: CorrectedDepth, far_m: float = FAR_M) -> None:
     """Record a frame, its gray image and measured depth [m] of the shape (H, W), and what a corrector made of it."""
-    log("gray", _jpeg(gray))
+    log("gray", jpeg(gray))
     log_depth(log, "raw", raw_m, far_m)
     log_depth(log, "corrected", corrected.depth_m, far_m)
     log("source", rr.SegmentationImage(labels_of(raw_m, corrected.source)))
@@ -152,6 +152,11 @@ def log_depth(log: Log, name: str, depth_m: FloatImage, far_m: float = FAR_M) ->
     """Record a depth image [m], shape (H, W), as values and in colours, which are blue from `far_m` on."""
     log(f"depth/{name}", rr.EncodedDepthImage(blob=depth_png(depth_m), media_type="image/png", meter=CENTIMETRE))
     log(f"colors/{name}", depth_colors(depth_m, far_m))
+
+
+def log_error(log: Log, depth_m: FloatImage, true_m: FloatImage) -> None:
+    """Record the relative error of a depth image [m] in colours, both of the shape (H, W); see `error_colored`."""
+    log("colors/error", jpeg(error_colored(depth_m, true_m), cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111))
 
 
 def source_labels() -> rr.AnnotationContext:
@@ -165,8 +170,8 @@ def labels_of(raw_m: FloatImage, source: GrayImage) -> GrayImage:
     return np.where((source == Source.MEMORY) & (raw_m > 0), np.uint8(REPLACED), source)
 
 
-def _jpeg(image: GrayImage, *options: int) -> rr.EncodedImage:
-    """A gray or colour image as JPEG."""
+def jpeg(image: GrayImage, *options: int) -> rr.EncodedImage:
+    """Encode a gray or colour image as JPEG."""
     _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, *options])
     return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
 
@@ -176,7 +181,7 @@ def depth_colors(depth_m: FloatImage, far_m: float = FAR_M) -> rr.EncodedImage:
 
     Rerun's own colours begin with far ones and color holes.
     """
-    return _jpeg(colored(depth_m, far_m), cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111)
+    return jpeg(colored(depth_m, far_m), cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111)
 
 
 def depth_png(depth_m: FloatImage) -> bytes:

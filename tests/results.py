@@ -1,0 +1,295 @@
+"""The tables that documents show, each remade by one command.
+
+    python -m tests.results [--recordings FOLDER] [NAME ...]
+
+Without a name all are made. A result is `docs/results/NAME.json`: its tables, and by which commit, on which machine and
+on which day they were made. A document shows a table between two comments, `<!-- result NAME TABLE -->` and
+`<!-- end -->`, and what is between them is written here. Tables of real cameras need their recordings, one folder each
+below FOLDER; a result that lacks its data stays as it was, which is said at the end.
+"""
+
+import argparse
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from scenarios.evaluation import shipped
+from scenarios.sequences import GROUPS, load_sequence
+from scenarios.study.report import Findings
+from scenarios.study.store import read_study
+from tests import calibrate
+from voxdepth.errors import no_such
+from voxdepth.temporal.ablations import ABLATIONS
+from voxdepth.tools.benchmark import FRAME, N_FRAMES, camera_of, measure
+from voxdepth.tools.evaluate import requested_of
+from voxdepth.tools.evaluation.methods import find_methods
+from voxdepth.tools.evaluation.shares import Kind
+from voxdepth.tools.evaluation.suite import Evaluation, Plan, Requested, evaluate
+from voxdepth.tools.files import write
+from voxdepth.tools.provenance import Provenance, source_commit
+from voxdepth.tools.recorded import Opener, restrict_opencv
+from voxdepth.tools.table import Table, Value
+
+ROOT = Path(__file__).parents[1]
+RESULTS, STUDIES = ROOT / "docs/results", ROOT / "docs/study"
+DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+SHOWN = re.compile(r"<!-- result (\S+) (\S+) -->\n(.*?)<!-- end -->", re.DOTALL)
+"""A table in a document."""
+SIZES = ((160, 96), (480, 270), (640, 360), (848, 480))
+REAL = ("aloe", "cones", "d435-arm", "d435-hand", "kinect", "kitti", "motorcycle")
+"""Recordings by the names of their folders; docs/corrector.md says what they are."""
+REAL_FRAMES, ABLATION_FRAMES, CALIBRATION_FRAMES, RENDERED_FRAMES = 40, 30, 30, 30
+BASELINES = ("raw", "realsense-left", "realsense", "ip-basic", "global-smoother", "telea", "navier-stokes")
+WHOLE = "temporal"
+PARTS = (
+    *(f"{WHOLE}[without={part}]" for part in ABLATIONS),
+    *(f"{WHOLE}[{setting}]" for setting in ("shadow_factor=1", "smoothing_window_px=1", "decimation=1")),
+)
+"""The default method without one of its parts."""
+
+
+class MissingDataError(Exception):
+    """What a result is made from is not here; the message says what."""
+
+
+@dataclass(frozen=True)
+class Data:
+    """Where the data of results lie."""
+
+    recordings: Path | None
+    """Folder of the recordings of real cameras."""
+    out: Path = ROOT / "build/results"
+    """Folder for what is kept between two calls."""
+
+    def of_camera(self, name: str) -> Path:
+        """Return the folder of a recording."""
+        if self.recordings is None or not (self.recordings / name).is_dir():
+            raise MissingDataError(f"the recording {name} (--recordings FOLDER)")
+        return self.recordings / name
+
+
+Tables = Mapping[str, Table]
+Make = Callable[[Data], Tables]
+
+
+def performance(_: Data) -> Tables:
+    """How long a frame takes."""
+    methods: dict[str, list[Value]] = {}
+    steps: dict[str, list[Value]] = {}
+    for width_px, height_px in SIZES:
+        times_s = measure(camera_of(width_px, height_px), N_FRAMES)
+        medians_ms = {name: 1e3 * _median(of[FRAME]) for name, of in times_s.items()}
+        first_ms = next(iter(medians_ms.values()))
+        for name, median_ms in medians_ms.items():
+            methods.setdefault(name, []).extend([f"{median_ms:.1f}", f"{median_ms / first_ms:.2f}"])
+        for step, of_step in times_s[WHOLE].items():
+            steps.setdefault(step, []).append(f"{1e3 * _median(of_step):.2f}")
+    sizes = [f"{width_px}x{height_px}" for width_px, height_px in SIZES]
+    headings = [f"{size} {what}" for size in sizes for what in ("[ms]", "ratio")]
+    return {
+        "methods": Table.of(
+            f"Median time of a frame, {N_FRAMES} frames, and its ratio to the first method",
+            ["method", *headings],
+            [[name, *row] for name, row in methods.items()],
+        ),
+        "steps": Table.of(
+            f"Median time of each step of {WHOLE}",
+            ["step", *(f"{size} [ms]" for size in sizes)],
+            [[step, *row] for step, row in steps.items()],
+        ),
+    }
+
+
+def _median(values: Sequence[float]) -> float:
+    return sorted(values)[len(values) // 2]
+
+
+def real(data: Data) -> Tables:
+    """How many pixels of real cameras are filled right, beside the best baseline."""
+    evaluation = _evaluated(_recorded(data, REAL), [*BASELINES, WHOLE], REAL_FRAMES, data)
+    rows: list[list[Value]] = []
+    of_kinds: dict[str, list[Kind]] = {}
+    for shares in evaluation.shares:
+        for kind in shares.kinds.values():
+            other = _best_other(kind)
+            lead = _points(kind, WHOLE, other)
+            rows.append([f"{shares.recording}, {kind.title}", *_two_shares(kind, other), lead])
+            of_kinds.setdefault(kind.title, []).append(kind)
+    summary: list[list[Value]] = []
+    for title, kinds in of_kinds.items():
+        means = {name: sum(kind.share(name).value for kind in kinds) / len(kinds) for name in (WHOLE, *BASELINES)}
+        best = max(BASELINES, key=lambda name: means[name])
+        summary.append([title, f"{100 * means[WHOLE]:.1f}", f"{100 * means[best]:.1f} `{best}`"])
+    headings = ["pixels", "default [%]", "best baseline [%]"]
+    title = f"Share of pixels within 5 % of the reference, {REAL_FRAMES} frames of each recording"
+    return {
+        "summary": Table.of(f"{title}, mean over {len(REAL)} recordings", headings, summary),
+        "leads": Table.of(title, [*headings, "lead in points, 95 % interval"], rows),
+    }
+
+
+def ablations(data: Data) -> Tables:
+    """What each part of the default method is worth on real cameras."""
+    evaluation = _evaluated(_recorded(data, REAL), [WHOLE, *PARTS], ABLATION_FRAMES, data)
+    rows = [[_part(name), *(_points(shares.overall, name, WHOLE) for shares in evaluation.shares)] for name in PARTS]
+    return {
+        "parts": Table.of(
+            f"Change in points of the pixels within 5 % of the reference, {ABLATION_FRAMES} frames, 95 % interval",
+            ["without", *(shares.recording for shares in evaluation.shares)],
+            rows,
+        )
+    }
+
+
+def calibration(data: Data) -> Tables:
+    """Whether the confidence is the share that is right, by recordings that it was not fitted to."""
+    folders = [data.of_camera(name) for name in REAL]
+    fills, measured = calibrate.tables_of(folders, CALIBRATION_FRAMES)
+    return {"fills": fills, "measured": measured}
+
+
+def rendered(data: Data) -> Tables:
+    """How many pixels of rendered sequences in holes are right, beside the best baseline."""
+    tables = {}
+    for word in ("reference", "artefacts"):
+        requested = [shipped(load_sequence(name, 0, {})) for name in GROUPS[word]]
+        evaluation = _evaluated(requested, [*BASELINES, WHOLE], RENDERED_FRAMES, data)
+        rows = [
+            [shares.recording, *_two_shares(shares.overall, _best_other(shares.overall))]
+            for shares in evaluation.shares
+        ]
+        title = f"Share of the pixels in holes within 5 % of the truth, {RENDERED_FRAMES} frames of each sequence"
+        tables[word] = Table.of(title, ["sequence", "default [%]", "best baseline [%]"], rows)
+    return tables
+
+
+def studies(_: Data) -> Tables:
+    """The tables of the studies whose stores are in docs/study."""
+    return {
+        f"{place.name.partition('.')[0]}-{name}": table
+        for place in sorted(STUDIES.glob("*.tar.xz"))
+        for name, table in Findings(read_study(place)).tables.items()
+        if len(table)
+    }
+
+
+MAKERS: dict[str, Make] = {
+    each.__name__: each for each in (performance, real, ablations, calibration, rendered, studies)
+}
+
+
+def _recorded(data: Data, names: Sequence[str]) -> list[Requested]:
+    opened = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
+    folders = [data.of_camera(name) for name in names]
+    return [requested for folder in folders for requested in requested_of(folder, opened)]
+
+
+def _evaluated(requested: Sequence[Requested], methods: Sequence[str], frames: int, data: Data) -> Evaluation:
+    restrict_opencv()
+    plan = Plan(sequences=requested, methods=find_methods(methods), frames=frames, out=data.out / "evaluation")
+    evaluation = evaluate(plan, lambda what, done: print(f"\r{what}; {done} of {len(plan)} done", end="", flush=True))
+    print()
+    for failed in evaluation.failures:
+        raise MissingDataError(f"{failed.method} on {failed.sequence}, which failed: {failed.error}")
+    return evaluation
+
+
+def _best_other(kind: Kind) -> str:
+    return next(method for method in kind.ranked if method != WHOLE)
+
+
+def _two_shares(kind: Kind, other: str) -> list[str]:
+    return [f"{100 * kind.share(WHOLE).value:.1f}", f"{100 * kind.share(other).value:.1f} `{other}`"]
+
+
+def _points(kind: Kind, method: str, other: str) -> str:
+    """The lead of a method over another one in points, with its interval."""
+    value, low, high = (f"{100 * end:+.1f}" for end in kind.lead(method, other))
+    return f"{value} ({low} to {high})"
+
+
+def _part(name: str) -> str:
+    """What a method lacks: a part by its name, or what a setting switches off."""
+    return f"`{name.removeprefix(f'{WHOLE}[').removeprefix('without=').removesuffix(']')}`"
+
+
+def to_json(name: str, tables: Tables) -> dict[str, Any]:
+    """Return the content of a result's file."""
+    here = Provenance.here()
+    return {
+        "command": f"make results NAME={name}",
+        "commit": source_commit(),
+        "date": datetime.now(UTC).date().isoformat(),
+        "machine": here.machine,
+        "versions": here.versions,
+        "tables": {
+            key: {
+                "title": table.title,
+                "columns": table.headings,
+                "right": [table.is_numeric(place) for place in range(len(table.columns))],
+                "rows": table.texts,
+            }
+            for key, table in tables.items()
+        },
+    }
+
+
+def markdown(result: Mapping[str, Any], key: str) -> str:
+    """Return a table of a result as documents show it."""
+    table = result["tables"][key]
+    sides = ["---:" if right else "---" for right in table["right"]]
+    cells = [[text.replace("|", "\\|") for text in row] for row in (table["columns"], sides, *table["rows"])]
+    lines = "".join(f"| {' | '.join(row)} |\n" for row in cells)
+    made = f"`{result['command']}`, commit {result['commit']}, {result['date']}, {result['machine']}"
+    return f"{lines}\n*{table['title']} ({made}).*\n"
+
+
+def shown_in(document: str) -> Iterator[tuple[str, str, str]]:
+    """Yield name, table and present text of each table that a document shows."""
+    for found in SHOWN.finditer(document):
+        yield found[1], found[2], found[3]
+
+
+def with_tables(document: str, results: Mapping[str, Any]) -> str:
+    """Return a document with the present tables of results; those of others stay."""
+
+    def shown(found: re.Match[str]) -> str:
+        name, key = found[1], found[2]
+        if name not in results:
+            return found[0]
+        return f"<!-- result {name} {key} -->\n\n{markdown(results[name], key)}\n<!-- end -->"
+
+    return SHOWN.sub(shown, document)
+
+
+def main() -> None:
+    """Make results, and write them into the documents."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", metavar="NAME", nargs="*", help=", ".join(MAKERS))
+    parser.add_argument("--recordings", type=Path, metavar="FOLDER", help="folder of the recordings of real cameras")
+    asked = parser.parse_args()
+    if unknown := [name for name in asked.names if name not in MAKERS]:
+        parser.error(no_such("result", unknown[0], MAKERS))
+    made, kept = {}, []
+    for name in asked.names or MAKERS:
+        print(f"{name}: {MAKERS[name].__doc__}")
+        try:
+            made[name] = to_json(name, MAKERS[name](Data(asked.recordings)))
+        except MissingDataError as missing:
+            kept.append(f"{name} stays as it was, without {missing}")
+            continue
+        write(RESULTS / f"{name}.json", f"{json.dumps(made[name], indent=1)}\n".encode())
+    for path in DOCUMENTS:
+        text = path.read_text(encoding="utf-8")
+        if (now := with_tables(text, made)) != text:
+            write(path, now.encode())
+            print(f"{path.relative_to(ROOT)} shows them")
+    print("\n".join(kept))
+
+
+if __name__ == "__main__":
+    main()
