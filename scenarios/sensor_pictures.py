@@ -12,11 +12,13 @@ from sim.recording import Recording
 from sim.render import create_renderer
 from sim.scenes import GROWN
 from sim.sensor import RigConfig, StereoSensor
+from sim.traversability import traversability
 from sim.types import Capture, InvalidReason
 from sim.world import World
 from voxdepth.colors import FAR_M, colored
 from voxdepth.tools.output import CONFIDENCE, DEPTH, REPORT
-from voxdepth.types import GrayImage
+from voxdepth.tools.table import Column, Table, Value
+from voxdepth.types import FloatArray, GrayImage
 
 from .errors import ScenarioError
 from .figure import Draw, image_shown, panel_figure
@@ -29,6 +31,9 @@ SCALE_M = np.linspace(0.01, FAR_M, 500, dtype=np.float32)[None]
 PATH_FRACTIONS = (0.15, 0.6)
 """Places along the path from which the pictures are taken."""
 CAMERA_HEIGHT_M = 1.7
+FLIGHT_HEIGHT_M, UP = 3.0, np.array([0.0, 0.0, 1.0])
+HALF_SIDE_M = 12.0
+"""The free path is measured up to this distance on both sides of a path."""
 
 
 def make_sheet(folder: Path, out: Path) -> None:
@@ -75,16 +80,35 @@ def _draw_scale(axes: Axes) -> None:
     axes.set_yticks([])
 
 
-def make_gallery(seed: int, out: Path) -> None:
-    """Write one picture with every kind of scene, in sunshine. A failure is a `ScenarioError`."""
+def make_gallery(seed: int, out: Path) -> Table:
+    """Write one picture with every kind of scene, in sunshine, and return the table of how hard they are.
+
+    A failure is a `ScenarioError`.
+    """
     require_picture(out)
-    draws = []
+    rows: list[list[Value]] = []
+    draws: list[Draw] = []
     for spec_type in GROWN:
         kind = str(spec_type.model_fields["kind"].default)
         scene = spec_type(weather=Weather(shadows=True)).build(seed)
         with World(scene, np.empty((0, 3))) as world:
+            bodies = sum(body.kind != "ground" for body in scene.bodies)
+            rows.append([kind, bodies, traversability_along(world, scene.path_m + FLIGHT_HEIGHT_M * UP)])
             draws += [image_shown(kind, image, cmap="gray", vmin=0, vmax=255) for image in _views(world, seed)]
     save_picture(out, panel_figure("", draws, columns=len(PATH_FRACTIONS), panel_in=(3.8, 2.4)))
+    title = f"Mean free path at {FLIGHT_HEIGHT_M:g} m height, in diameters of a drone, seed {seed}"
+    return Table.of(title, ["scene", "bodies", Column("traversability", number=".1f")], rows)
+
+
+def traversability_along(world: World, path_m: FloatArray) -> float:
+    """Return the mean free path around a path, shape (n, 3), at its mean height, in diameters of a drone.
+
+    The path leads along x or along y, and the world is without drones.
+    """
+    low_m, high_m = path_m[:, :2].min(axis=0), path_m[:, :2].max(axis=0)
+    across = np.eye(2)[(high_m - low_m).argmin()]
+    (low_x, low_y), (high_x, high_y) = low_m - HALF_SIDE_M * across, high_m + HALF_SIDE_M * across
+    return traversability(world, low_m=(low_x, low_y), high_m=(high_x, high_y), height_m=float(path_m[:, 2].mean()))
 
 
 def _views(world: World, seed: int) -> list[GrayImage]:

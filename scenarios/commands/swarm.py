@@ -103,16 +103,18 @@ def picture(
     """Make a picture of a scenario, of a recording, or of every kind of scene.
 
     Of a scenario: gray, true, raw and corrected depth of one drone side by side. Of the folder of a recording: a
-    contact sheet of gray image, true and raw depth, occlusion and reasons for holes. Of scenes: every kind of scene.
-    --drone, --at and --size are those of a scenario.
+    contact sheet of gray image, true and raw depth, occlusion and reasons for holes. Of scenes: every kind of scene,
+    with a table of how hard each is to fly through. --drone, --at and --size are those of a scenario.
     """
+    from rich.console import Console
+
     from ..config import load_run
     from ..files import shipped_names
     from ..mission_pictures import take_picture
     from ..sensor_pictures import make_gallery, make_sheet
 
     if what == "scenes":
-        make_gallery(1 if seed is None else seed, out)
+        make_gallery(1 if seed is None else seed, out).print(Console())
     elif Path(what).is_dir() and what not in shipped_names("scenarios"):
         make_sheet(Path(what), out)
     else:
