@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast fuzz bounds matrix lint portable bench profile acceptance picture sequences regress docs wheel clean
+.PHONY: help setup demo test fast fuzz bounds matrix lint portable bench results profile acceptance picture sequences regress docs wheel clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -70,6 +70,9 @@ portable: setup  ## compare all outputs under the features that processors have;
 bench: setup     ## measure and print the speed of correctors and simulator
 	$(BIN)/voxdepth bench
 	$(BIN)/pytest tests/bench -m bench -s -q -p no:xdist
+
+results: setup   ## remake the tables in the documents, all or NAME, with the recordings of real cameras in RECORDINGS
+	$(BIN)/python -m tests.results $(if $(RECORDINGS),--recordings $(RECORDINGS)) $(NAME)
 
 profile: setup   ## measure where the time of a mission goes and print a table
 	$(BIN)/pytest tests/bench -m bench -s -q -p no:xdist -k profile

@@ -11,20 +11,22 @@ below FOLDER; a result that lacks its data stays as it was, which is said at the
 import argparse
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from scenarios.evaluation import shipped
+from scenarios.sensor_pictures import make_gallery
 from scenarios.sequences import GROUPS, load_sequence
 from scenarios.study.report import Findings
 from scenarios.study.store import read_study
-from tests import calibrate
+from tests import calibrate, camera_errors, odometries
 from voxdepth.errors import no_such
 from voxdepth.temporal.ablations import ABLATIONS
 from voxdepth.tools.benchmark import FRAME, N_FRAMES, camera_of, measure
+from voxdepth.tools.errors import ToolError
 from voxdepth.tools.evaluate import requested_of
 from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.shares import Kind
@@ -42,7 +44,7 @@ SHOWN = re.compile(r"<!-- result (\S+) (\S+) -->\n(.*?)<!-- end -->", re.DOTALL)
 SIZES = ((160, 96), (480, 270), (640, 360), (848, 480))
 REAL = ("aloe", "cones", "d435-arm", "d435-hand", "kinect", "kitti", "motorcycle")
 """Recordings by the names of their folders; docs/corrector.md says what they are."""
-REAL_FRAMES, ABLATION_FRAMES, CALIBRATION_FRAMES, RENDERED_FRAMES = 40, 30, 30, 30
+REAL_FRAMES, ABLATION_FRAMES, CALIBRATION_FRAMES, RENDERED_FRAMES = 40, 12, 30, 30
 BASELINES = ("raw", "realsense-left", "realsense", "ip-basic", "global-smoother", "telea", "navier-stokes")
 WHOLE = "temporal"
 PARTS = (
@@ -167,6 +169,40 @@ def rendered(data: Data) -> Tables:
     return tables
 
 
+def odometry(_: Data) -> Tables:
+    """How exact the motions of the camera are."""
+    return {
+        "compared": odometries.compared(),
+        "poses": odometries.with_poses(),
+        "projector": odometries.under_a_projector(),
+    }
+
+
+def cameras(data: Data) -> Tables:
+    """Which errors the depth of rendered and of real cameras has."""
+    real = {name: data.of_camera(name) for name in ("d435-arm", "kitti")}
+    return {"errors": camera_errors.errors_of_cameras((*GROUPS["artefacts"], "sim-LN"), real)}
+
+
+def scenes(data: Data) -> Tables:
+    """How hard each kind of scene is to fly through."""
+    data.out.mkdir(parents=True, exist_ok=True)
+    return {"traversability": make_gallery(1, data.out / "scenes.jpg")}
+
+
+def learned(data: Data) -> Tables:
+    """How many pixels of real cameras the network fills right."""
+    rows: list[list[Value]] = []
+    evaluation = _evaluated(_recorded(data, REAL), [*BASELINES, WHOLE, "learned"], REAL_FRAMES, data)
+    for shares in evaluation.shares:
+        for kind in shares.kinds.values():
+            best = next(method for method in kind.ranked if method in BASELINES)
+            values = [f"{100 * kind.share(method).value:.1f}" for method in (WHOLE, "learned", best)]
+            rows.append([f"{shares.recording}, {kind.title}", *values[:2], f"{values[2]} `{best}`"])
+    title = f"Share of pixels within 5 % of the reference, {REAL_FRAMES} frames of each recording"
+    return {"real": Table.of(title, ["pixels", "default [%]", "learned [%]", "best baseline [%]"], rows)}
+
+
 def studies(_: Data) -> Tables:
     """The tables of the studies whose stores are in docs/study."""
     return {
@@ -178,7 +214,8 @@ def studies(_: Data) -> Tables:
 
 
 MAKERS: dict[str, Make] = {
-    each.__name__: each for each in (performance, real, ablations, calibration, rendered, studies)
+    each.__name__: each
+    for each in (performance, real, learned, ablations, calibration, rendered, odometry, cameras, scenes, studies)
 }
 
 
@@ -218,8 +255,10 @@ def _part(name: str) -> str:
 
 
 def to_json(name: str, tables: Tables) -> dict[str, Any]:
-    """Return the content of a result's file."""
-    here = Provenance.here()
+    """Return the content of a result's file: the tables that documents show."""
+    here, shown = Provenance.here(), tables_shown(name)
+    if missing := shown - set(tables):
+        raise ToolError(f"a document shows {name} {missing.pop()}, which is none of its tables: {', '.join(tables)}")
     return {
         "command": f"make results NAME={name}",
         "commit": source_commit(),
@@ -234,6 +273,7 @@ def to_json(name: str, tables: Tables) -> dict[str, Any]:
                 "rows": table.texts,
             }
             for key, table in tables.items()
+            if key in shown
         },
     }
 
@@ -248,10 +288,10 @@ def markdown(result: Mapping[str, Any], key: str) -> str:
     return f"{lines}\n*{table['title']} ({made}).*\n"
 
 
-def shown_in(document: str) -> Iterator[tuple[str, str, str]]:
-    """Yield name, table and present text of each table that a document shows."""
-    for found in SHOWN.finditer(document):
-        yield found[1], found[2], found[3]
+def tables_shown(name: str) -> set[str]:
+    """Return which tables of a result documents show."""
+    texts = (path.read_text(encoding="utf-8") for path in DOCUMENTS)
+    return {found[2] for text in texts for found in SHOWN.finditer(text) if found[1] == name}
 
 
 def with_tables(document: str, results: Mapping[str, Any]) -> str:

@@ -1,0 +1,56 @@
+"""The tables in documents are those of their files, which say by which command and commit they were made."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests import results
+from tests.results import DOCUMENTS, MAKERS, RESULTS, SHOWN, markdown, to_json, with_tables
+from voxdepth.tools.errors import ToolError
+from voxdepth.tools.table import Column, Table
+
+HASH = re.compile(r"\b(?=[0-9a-f]*[0-9])(?=[0-9a-f]*[a-f])[0-9a-f]{7,12}\b")
+TABLE = Table.of("Errors", ["name", Column("error", "m"), "kind"], [["a|b", 0.5, "x"], ["c", None, "y"]])
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_a_table_in_a_document_is_that_of_its_file(document: Path) -> None:
+    text = document.read_text()
+    made = {found[1]: json.loads((RESULTS / f"{found[1]}.json").read_text()) for found in SHOWN.finditer(text)}
+    assert with_tables(text, made) == text, "make results remakes them"
+    assert text.count("<!-- result") == text.count("<!-- end -->") == len(SHOWN.findall(text))
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_only_tables_name_a_commit(document: Path) -> None:
+    assert HASH.findall(SHOWN.sub("", document.read_text())) == []
+
+
+def test_each_result_is_shown_and_can_be_made() -> None:
+    shown = {found[1] for path in DOCUMENTS for found in SHOWN.finditer(path.read_text())}
+    assert {path.stem for path in RESULTS.glob("*.json")} == shown <= set(MAKERS)
+
+
+def test_a_document_shows_the_tables_that_it_names_and_a_result_holds_no_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document = tmp_path / "page.md"
+    document.write_text(
+        "Before\n\n<!-- result errors all -->\n<!-- end -->\n\nafter\n<!-- result other x -->\n<!-- end -->\n"
+    )
+    monkeypatch.setattr(results, "DOCUMENTS", (document,))
+    made = to_json("errors", {"all": TABLE, "unseen": TABLE})
+    assert list(made["tables"]) == ["all"]
+    text = with_tables(document.read_text(), {"errors": made})
+    assert text.startswith(
+        "Before\n\n<!-- result errors all -->\n\n| name | error [m] | kind |\n| --- | ---: | --- |\n"
+    )
+    assert "| a\\|b | 0.50 | x |\n| c | - | y |\n" in text
+    assert f"*Errors (`make results NAME=errors`, commit {made['commit']}, {made['date']}" in text
+    assert text.endswith("<!-- result other x -->\n<!-- end -->\n")
+    assert with_tables(text, {"errors": made}) == text
+    with pytest.raises(ToolError, match="shows errors all, which is none of its tables: unseen"):
+        to_json("errors", {"unseen": TABLE})
+    assert markdown(made, "all") in text
