@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast fuzz bounds matrix lint portable bench results profile acceptance picture sequences regress docs wheel clean
+.PHONY: help setup demo test fast fuzz bounds matrix lint portable bench results profile acceptance picture sequences regress docs release clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -53,12 +53,9 @@ docs: $(INSTALLED) ## build the documentation site in site/, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/mkdocs build --quiet
 
-wheel: setup     ## build the library as a wheel in dist/, and check it
+release: setup   ## build wheel and source archive in dist/, install them into new environments of every Python, and use them
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[release]'
-	rm -rf dist
-	$(BIN)/python -m build -q
-	$(BIN)/twine check --strict dist/*
-	$(BIN)/check-wheel-contents dist/*.whl
+	$(BIN)/python -m tests.release
 
 regress: setup   ## compare the shipped correctors with golden values on synthetic noise
 	$(BIN)/voxdepth regress --corrector voxdepth

@@ -12,13 +12,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from voxdepth import CorrectedDepth, create_corrector
-from voxdepth.colors import SOURCE_COLORS, colored
+from voxdepth.colors import colored
 from voxdepth.datasets import Dataset, open_dataset
-
-Image = npt.NDArray[np.uint8]
+from voxdepth.tools.picture import NAMES, panel, source_colored
 
 FARTHEST_PERCENTILE = 98
 """Percentile of the measured depth that is drawn in the last colour."""
@@ -30,15 +28,6 @@ def corrected(dataset: Dataset, name: str, frame: int) -> CorrectedDepth:
     for index in range(frame + 1):
         result = corrector.process(dataset[index])
     return result
-
-
-def panel(title: str, image: Image, width_px: int) -> Image:
-    """Return an image of that width below its title."""
-    height_px = round(image.shape[0] * width_px / image.shape[1])
-    small = cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_NEAREST)
-    labelled = cv2.copyMakeBorder(small, 22, 4, 0, 4, cv2.BORDER_CONSTANT, value=(245, 245, 245))
-    cv2.putText(labelled, title, (2, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (30, 30, 30), 1, cv2.LINE_AA)
-    return np.asarray(labelled, np.uint8)
 
 
 def main() -> None:
@@ -58,8 +47,7 @@ def main() -> None:
         result = corrected(dataset, name, options.frame)
         panels.append(panel(name, colored(result.depth_m, farthest_m), options.width))
     if result.source is not None:
-        picture = np.array(list(SOURCE_COLORS.values()), np.uint8)[result.source][..., ::-1]
-        panels.append(panel("sensor gray, memory blue, inpainted orange", picture, options.width))
+        panels.append(panel(", ".join(NAMES.values()), source_colored(result.source), options.width))
     columns = 2 if len(panels) <= 4 else 3
     panels += [np.full_like(panels[0], 245)] * (-len(panels) % columns)
     rows = [np.hstack(panels[start : start + columns]) for start in range(0, len(panels), columns)]

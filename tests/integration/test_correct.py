@@ -91,7 +91,7 @@ def test_the_images_are_those_of_the_corrector_alone(
         np.testing.assert_allclose(depth_mm / 1000, expected_m, atol=0.00051)
         np.testing.assert_array_equal(depth_mm > 0, expected_m > 0)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "config.toml", "frames.csv", "report.json", "depth", "confidence", "source"
+        "config.toml", "frames.csv", "picture.png", "report.json", "depth", "confidence", "source"
     }  # fmt: skip
 
 

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 PYTHONS = ("3.11", "3.13")
 NEED_EXTRA = ("learned",)
 """Correctors that the wheel alone does not run."""
-COMMANDS = (("config",), ("doctor",), ("bench", "--size", "160x120"))
+COMMANDS = (("config",), ("doctor",), ("bench", "--size", "160x120"), ("correct", "sample", "--frames", "2"))
 RESULTS = """
 import hashlib, json
 from voxdepth.registry import create_corrector, installed_names

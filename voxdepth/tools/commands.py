@@ -20,6 +20,7 @@ from .options import (
     parsed_size,
     require_installed,
 )
+from .sample import recording
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from ..datasets import Dataset
     from .correction import Correction
 
+CORRECTED = Path("corrected")
+"""Where results lie unless a place is named."""
 COMMENT_WIDTH = 110
 NEW = Path(__file__).parent / "new"
 """Files of the library that `new` writes."""
@@ -37,8 +40,18 @@ HOW_TO = ": voxdepth "
 
 
 def correct(
-    folder: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of the recorded sequence, or a bag.")],
-    out: Annotated[Path, typer.Option(help="New folder of the result, or a new .mcap file.")],
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PATH",
+            parser=recording,
+            help="Folder of the recorded sequence, or a bag; `sample` is twelve frames of a D435I that come with this.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="New folder of the result, or a new .mcap file. Default: corrected/NAME, after the input."),
+    ] = None,
     corrector: Annotated[str, typer.Option(help=CORRECTOR_HELP)] = DEFAULT_CORRECTOR,
     config: Annotated[
         Path | None,
@@ -66,9 +79,9 @@ def correct(
     """Correct the depth of a recorded sequence; the result appears when it is complete.
 
     Writes depth/NAME.png in 16 bits and millimetres (0 is invalid, farther than 65.535 m is 65535), confidence/NAME.png
-    in 0..255, source/NAME.png (0 invalid, 1 sensor, 2 memory, 3 inpainted), frames.csv, report.json, and config.toml
-    with everything that the result depends on. A .mcap file has topics for gray, depth, source, confidence and
-    camera_info below /voxdepth, with the stamps and frames of the input.
+    in 0..255, source/NAME.png (0 invalid, 1 sensor, 2 memory, 3 inpainted), frames.csv, report.json, config.toml with
+    everything that the result depends on, and picture.png of the last frame before and after. A .mcap file has topics
+    for gray, depth, source, confidence and camera_info below /voxdepth, with the stamps and frames of the input.
     """
     from dataclasses import replace
 
@@ -78,6 +91,7 @@ def correct(
     from .output import MCAP
     from .recorded import Opener, restrict_opencv
 
+    out = out or CORRECTED / folder.resolve().name
     spec = _spec(corrector, config)
     _refuse_mixing(folder, out, record)
     if ply and out.suffix == MCAP:
@@ -104,12 +118,16 @@ def _correct(correction: "Correction", out: Path, record: Path | None) -> None:
 
     from rich.console import Console
 
+    from .output import PICTURE
+
     console, begun_s = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
         report = correction.run(out, record, update)
     rate = correction.frames / (time.perf_counter() - begun_s)
     _print_report(console, report)
     typer.echo(f"{rate:.1f} frames per second; depth, confidence and report.json are in {out}")
+    if (picture := out / PICTURE).exists():
+        typer.echo(f"before and after: {picture}")
     if record is not None:
         typer.echo(f"look at it with: voxdepth view {record}")
 

@@ -10,6 +10,7 @@ import typer
 from .errors import ToolError
 from .extensions import extensions
 from .options import Baseline, DepthTopic, GrayTopic, Start, UnitsPerM, Within, counter, require_installed
+from .sample import recording
 
 if TYPE_CHECKING:
     from .evaluation.recordings import Opened
@@ -29,7 +30,11 @@ def evaluate(
     ] = None,
     data: Annotated[
         list[Path] | None,
-        typer.Option(metavar="PATH", help="A recorded sequence of any format, or a bag; may be repeated."),
+        typer.Option(
+            metavar="PATH",
+            parser=recording,
+            help="A recorded sequence of any format, or a bag; `sample` comes with this. May be repeated.",
+        ),
     ] = None,
     methods: Annotated[
         str | None,

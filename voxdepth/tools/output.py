@@ -23,6 +23,7 @@ from ..ros import (
 )
 from ..types import CorrectedDepth, FloatImage, Frame
 from .errors import ToolError
+from .picture import before_and_after
 from .point_cloud import ply
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 CONFIG, FRAMES, REPORT = "config.toml", "frames.csv", "report.json"
 """Texts about a correction: what it depends on, one row for each frame, and their summary."""
+PICTURE = "picture.png"
+"""The last frame, before and after."""
 DEPTH, CONFIDENCE = "depth", "confidence"
 """Sub-folders with one PNG of every frame."""
 Encoder = Callable[[Frame, CorrectedDepth], bytes]
@@ -63,6 +66,7 @@ class Folder:
 
     def __init__(self, folder: Path, dataset: Dataset, files: Mapping[str, Encoder]) -> None:
         self._folder, self._dataset, self._files = folder, dataset, files
+        self._newest: tuple[Frame, CorrectedDepth] | None = None
         for path in files:
             (folder / path).parent.mkdir(parents=True)
 
@@ -70,11 +74,14 @@ class Folder:
         """See `Output`."""
         for path, encoder in self._files.items():
             (self._folder / path.format(self._dataset.name(index))).write_bytes(encoder(frame, corrected))
+        self._newest = frame, corrected
 
     def describe(self, texts: Mapping[str, str]) -> None:
         """See `Output`."""
         for name, text in texts.items():
             (self._folder / name).write_text(text, encoding="utf-8")
+        if self._newest is not None:
+            (self._folder / PICTURE).write_bytes(encode(before_and_after(*self._newest), level=9))
 
 
 class BagTopics:
