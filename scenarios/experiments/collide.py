@@ -27,7 +27,7 @@ def answer(asked: Experiment) -> Findings:
     """Read a store of the study, or fly what its small form lacks."""
     if len(asked.data) > 1:
         raise ScenarioError(f"expected one store of the study {WHOLE}, got {len(asked.data)}: name one")
-    data = read_study(asked.data[0]) if asked.data else fly(small_study(asked.frames), asked)
+    data = read_study(asked.data[0]) if asked.data else fly(small_study(asked.frames, asked.seed), asked)
     table = table_of(data)
     shown = table.pivot(index=THETA, columns="arm", values=SHARE)
     return Findings(table=table, figure=picture("Collisions of the swarm", [plotted(shown, "", THETA, SHARE)]))
@@ -39,11 +39,11 @@ def fly(study: Study, asked: Experiment) -> StudyData:
     return run_study(study, asked.out / "collide" / "study", executor, asked.report, resume=True)
 
 
-def small_study(count: int) -> Study:
-    """One arm of the whole study at a few noise ratios, with its first seeds."""
+def small_study(count: int, skipped: int = 0) -> Study:
+    """One arm of the whole study at a few noise ratios, with its first seeds or those after some."""
     whole = load_study(WHOLE)
     (arm,) = (arm.model_copy(update={"theta": THETAS}) for arm in whole.arms if arm.name == ARM)
-    seeds = whole.seeds.model_copy(update={"count": count})
+    seeds = whole.seeds.model_copy(update={"count": count, "first": whole.seeds.first + skipped})
     return whole.model_copy(update={"name": f"{WHOLE}-small", "arms": (arm,), "seeds": seeds})
 
 

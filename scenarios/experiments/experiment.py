@@ -66,11 +66,12 @@ class Experiment:
     notes: tuple[str, ...] = ()
     """Differences to the paper's experiment and other remarks that a reader needs."""
     sequences: tuple[str, ...] = ()
-    frames: int = 1
-    least_frames: int = 1
+    frames: int = 0
+    """How many of the first frames of each; 0, as no width, for an experiment that needs none."""
+    least_frames: int = 0
     """Least number of frames that gives an answer."""
     width_px: int | None = None
-    """Width of the images; None for that of each sequence."""
+    """Width of the images."""
     seed: int = 0
     data: tuple[Path, ...] = ()
     """What is read in place of the sequences."""
@@ -80,7 +81,13 @@ class Experiment:
 
     def asked(self, **given: Any) -> Self:
         """The experiment with what the user gives and is not None; what cannot be is a `ScenarioError`."""
-        asked = replace(self, **{name: value for name, value in given.items() if value is not None})
+        given = {name: value for name, value in given.items() if value is not None}
+        for name, option in {"sequences": "--sequences", "frames": "--frames", "width_px": "--width"}.items():
+            if name in given and not getattr(self, name):
+                raise ScenarioError(f"{self.question!r} is not asked of images: leave out {option}")
+        if "sequences" in given and "data" in given:
+            raise ScenarioError("--data takes the place of the sequences: leave out --sequences, or --data")
+        asked = replace(self, **given)
         if asked.frames < self.least_frames:
             raise ScenarioError(f"expected at least {self.least_frames} frames of each sequence, got {asked.frames}")
         for name in asked.sequences:
@@ -118,9 +125,14 @@ class Experiment:
         return [with_truth(folder) for folder in self.data] or shipped_ones
 
     def sources(self) -> Iterator[tuple[str, FrameSource]]:
-        """Open each of them, with its name."""
+        """Open each of them, with its name; one that has too few frames is a `ScenarioError`."""
         for requested in self.requested:
-            yield requested.name, requested.open(self.out, self.frames, self.report)
+            source = requested.open(self.out, self.frames, self.report)
+            if len(source) < self.least_frames:
+                raise ScenarioError(
+                    f"expected at least {self.least_frames} frames in {requested.name}, got {len(source)}"
+                )
+            yield requested.name, source
 
     def evaluate(self, methods: Iterable[str]) -> pd.DataFrame:
         """The measurements of methods, see `Evaluation`; the first failure is a `ScenarioError`."""

@@ -18,9 +18,8 @@ SELECTORS = {PSNR: SETTLED_PSNR, MASKED: SETTLED_RMSE}
 
 def answer(asked: Experiment) -> Findings:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
-    measured = asked.evaluate(OURS.values())
-    names = [requested.name for requested in asked.requested]
-    blocks = {}
+    shares = {name: corrected_percent(source, asked.frames) for name, source in asked.sources()}
+    measured, names, blocks = asked.evaluate(OURS.values()), list(shares), {}
     for metric, selector in SELECTORS.items():
         found = select(measured, selector).unstack("method").reindex(names)
         ours = found["value"].reindex(columns=OURS.values()).set_axis(OURS, axis="columns")
@@ -28,7 +27,6 @@ def answer(asked: Experiment) -> Findings:
         blocks[metric] = ours.join(printed.add_suffix(" (paper)")).assign(
             n=found["n"].max(axis="columns").fillna(0).astype(int)
         )
-    shares = {name: corrected_percent(source, asked.frames) for name, source in asked.sources()}
     blocks[CORRECTED] = pd.DataFrame.from_dict(shares, orient="index").assign(n=asked.frames)
     table = pd.concat(blocks, names=["metric", "sequence"]).reset_index()
     return Findings(table=table, figure=draw(table))

@@ -35,7 +35,8 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def small(name: str, out: Path) -> Experiment:
     """An experiment on a few tiny frames, which reports to nobody."""
     given = {"sequences": (SEQUENCE,), "frames": FRAMES, "width_px": WIDTH_PX}
-    return find_experiment(name).asked(out=out, report=unseen, **given)
+    experiment = find_experiment(name)
+    return experiment.asked(out=out, report=unseen, **given if experiment.sequences else {})
 
 
 @pytest.mark.parametrize("name", [name for name in CATALOGUE if name not in ("collide", "steps", "quality")])
@@ -102,6 +103,13 @@ def test_a_trajectory_of_mid_air_is_judged_in_place_of_the_sequences(name: str, 
         psnr, masked, _ = (row for _, row in table.iterrows())
         assert psnr["VD (paper)"] == 17.69 and psnr["n"] == 2 * 16 * 16 and masked["n"] == 2 * 16
         assert psnr["raw"] == pytest.approx(psnr[["RS", "GS"]].astype(float), rel=1), "only one column is missing"
+
+
+def test_a_trajectory_that_ends_before_the_first_template_is_refused(tmp_path: Path) -> None:
+    write_trajectory(tmp_path / "short", 3)
+    asked = find_experiment("quality").asked(out=tmp_path, report=unseen, data=(tmp_path / "short",))
+    with pytest.raises(ScenarioError, match="expected at least 17 frames in short, got 3"):
+        asked.answer(asked)
 
 
 def test_quality_is_told_beside_the_paper_s_and_recordings_are_kept(out: Path) -> None:

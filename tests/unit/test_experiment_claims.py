@@ -204,3 +204,4 @@ def test_the_small_study_of_collisions_flies_few_runs_of_the_whole_one() -> None
     whole = {spec.key for spec in expand(load_study("noise"))}
     small = expand(collide.small_study(2))
     assert len(small) == 2 * len(collide.THETAS) and {spec.key for spec in small} <= whole
+    assert {spec.seed for spec in expand(collide.small_study(2, 5))} == {605, 606}, "the seeds of --seed 5"

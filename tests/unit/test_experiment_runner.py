@@ -93,11 +93,18 @@ def test_what_the_user_does_not_say_the_experiment_does() -> None:
         ({"sequences": ("sim-XX",)}, "there is no sequence 'sim-XX'"),
         ({"width_px": 20}, "rig.width_px: expected at least 32, got 20"),
         ({"frames": 2}, "expected at least 3 frames of each sequence, got 2"),
+        ({"sequences": ("sim-LN",), "data": (Path("walk"),)}, "--data takes the place of the sequences: leave out"),
     ],
 )
 def test_what_cannot_be_is_said(given: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         replace(STUB, least_frames=3).asked(**given)
+
+
+@pytest.mark.parametrize(("given", "option"), [({"frames": 3}, "--frames"), ({"width_px": 160}, "--width")])
+def test_an_experiment_that_needs_no_frames_refuses_some(given: dict[str, int], option: str) -> None:
+    with pytest.raises(ScenarioError, match=f"'What is it[?]' is not asked of images: leave out {option}"):
+        replace(STUB, sequences=(), frames=0, width_px=None).asked(**given)
 
 
 @pytest.mark.usefixtures("stub")
