@@ -12,7 +12,7 @@ from voxdepth import VoxDepth
 from voxdepth.colors import colored, far_end_m
 from voxdepth.metrics import Sums
 from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.registry import create_bare
+from voxdepth.registry import DEFAULT, create_bare
 from voxdepth.tools.evaluation.frames import NEAR_M
 from voxdepth.types import FloatImage
 
@@ -83,7 +83,7 @@ def steps(asked: Experiment, name: str) -> Iterator[Step]:
         ("truth", at, captures[at].depth_true_m),
     ]
     yield from (Step(*image, captures[image[1]].depth_true_m) for image in images)
-    for label, method in reversed(OURS.items()):
+    for label, method in {**dict(reversed(OURS.items())), DEFAULT: DEFAULT}.items():
         *_, rival = map(create_bare(method, camera).process, frames[: at + 1])
         shown = label if label == method else f"{label}: {method}"
         yield Step(shown, at, rival.depth_m, captures[at].depth_true_m)

@@ -56,7 +56,7 @@ def test_the_steps_are_shown_from_the_sparse_projection_to_every_rival(out: Path
     table = findings.table.set_index("step")
     assert findings.figure and [claim.verdict for claim in asked.claims(findings.table)] != ["open"]
     shown = ["its depth", "sparse projection", "template", "aligned template", "result", "truth", "raw"]
-    rivals = ["RS: realsense-left", "GS: lmeds", "VD-code: voxdepth-authors", "VD: voxdepth"]
+    rivals = ["RS: realsense-left", "GS: lmeds", "VD-code: voxdepth-authors", "VD: voxdepth", "temporal"]
     assert {*shown, *rivals} <= {*table.index}
     filled = table["with depth [%]"]
     assert filled["sparse projection"] < filled["template"] and filled["truth"] == 100
