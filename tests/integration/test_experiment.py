@@ -2,7 +2,9 @@
 
 import json
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,6 +24,12 @@ from tests.unit.test_datasets_midair import TRAJECTORY, write_colour, write_floa
 from voxdepth.networks import has_runtime
 
 SEQUENCE, FRAMES, WIDTH_PX = "sim-MB", 18, 160
+FEWER: dict[str, dict[str, Any]] = {
+    "fps": {"RUNS": 1},
+    "rq2": {"SIZES_PX": (200, 600), "METHODS": {f"voxdepth[registration_px={px}]": str(px) for px in (200, 600)}},
+    "window": {"SIZES": {f"voxdepth[window_frames={size}]": size for size in (10, 12)}},
+}
+"""Repetitions and settings that say nothing more in a test."""
 DEEP_SMOOTH = ["DS"] if has_runtime() else []
 """The method that needs the extra `learned`."""
 
@@ -40,8 +48,12 @@ def small(name: str, out: Path) -> Experiment:
 
 
 @pytest.mark.parametrize("name", [name for name in CATALOGUE if name not in ("collide", "steps", "quality")])
-def test_an_experiment_answers_on_a_few_frames_with_a_table_a_picture_and_claims(name: str, out: Path) -> None:
+def test_an_experiment_answers_on_a_few_frames_with_a_table_a_picture_and_claims(
+    name: str, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = small(name, out)
+    for constant, value in FEWER.get(name, {}).items():
+        monkeypatch.setattr(import_module(f"scenarios.experiments.{name}"), constant, value)
     findings = asked.answer(asked)
     assert len(findings.table) and not findings.table.columns.duplicated().any()
     assert findings.figure is not None and cv2.imdecode(np.frombuffer(findings.figure, np.uint8), cv2.IMREAD_COLOR).size
@@ -93,16 +105,14 @@ def write_trajectory(folder: Path, frames: int) -> None:
         )
 
 
-@pytest.mark.parametrize("name", ["quality", "rmse"])
-def test_a_trajectory_of_mid_air_is_judged_in_place_of_the_sequences(name: str, tmp_path: Path) -> None:
+def test_a_trajectory_of_mid_air_is_judged_in_place_of_the_sequences(tmp_path: Path) -> None:
     write_trajectory(tmp_path / "KTS", FRAMES)
-    asked = find_experiment(name).asked(out=tmp_path, frames=100, report=unseen, data=(tmp_path / "KTS",))
+    asked = find_experiment("quality").asked(out=tmp_path, frames=100, report=unseen, data=(tmp_path / "KTS",))
     table = asked.answer(asked).table
     assert set(table["sequence"]) == {"KTS"}, "all of its frames, and no rendered sequence"
-    if name == "quality":
-        psnr, masked, _ = (row for _, row in table.iterrows())
-        assert psnr["VD (paper)"] == 17.69 and psnr["n"] == 2 * 16 * 16 and masked["n"] == 2 * 16
-        assert psnr["raw"] == pytest.approx(psnr[["RS", "GS"]].astype(float), rel=1), "only one column is missing"
+    psnr, masked, _ = (row for _, row in table.iterrows())
+    assert psnr["VD (paper)"] == 17.69 and psnr["n"] == 2 * 16 * 16 and masked["n"] == 2 * 16
+    assert psnr["raw"] > 30 and masked["raw"] < 3, "only the column beside the nearer wall is missing"
 
 
 def test_a_trajectory_that_ends_before_the_first_template_is_refused(tmp_path: Path) -> None:
@@ -117,7 +127,7 @@ def test_quality_is_told_beside_the_paper_s_and_recordings_are_kept(out: Path) -
     done = invoke("experiment", "quality", *options)
     assert done.exit_code == 0, done.output
     assert "paper: of VD, RS and GS, VD has the highest PSNR in 1 of 1" in done.output
-    (recording,) = (out / "recordings").iterdir()
+    assert len(list((out / "recordings").iterdir())) == 1, "all experiments share the recording"
     folder = out / "quality"
     stored = json.loads((folder / "result.json").read_text())
     assert (stored["name"], stored["frames"], stored["sequences"]) == ("quality", FRAMES, [SEQUENCE])
@@ -126,6 +136,3 @@ def test_quality_is_told_beside_the_paper_s_and_recordings_are_kept(out: Path) -
     assert table["VD (paper)"].tolist()[0] == 17.10 and table["VD (paper)"][1:].isna().all()
     assert table["n"][0] > table["n"][1] > 0, "all pixels, and occluded pixels"
     assert table[["VD", "VD-code", "RS", "GS", *DEEP_SMOOTH]][:2].notna().all(axis=None)
-    made = recording.stat().st_mtime_ns
-    assert invoke("experiment", "quality", *options).exit_code == 0
-    assert recording.stat().st_mtime_ns == made

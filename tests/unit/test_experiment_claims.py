@@ -191,7 +191,7 @@ def test_collisions_grow_as_the_runs_of_a_store_say() -> None:
     assert 2 < low < exponent < high < 8
     shape, size = collide.claims(table)
     assert (shape.verdict, size.verdict) == ("agrees", "agrees") and "noise: as theta^" in shape.found
-    steady = collisions("o" * 20, "x" * 10 + "o" * 10, "x" * 10 + "o" * 10, "x" * 10 + "o" * 10, "x" * 10 + "o" * 10)
+    steady = collisions("o" * 6, *["xxxooo"] * 4)
     assert verdicts(collide.claims(steady)) == ["differs", "differs"]
 
 
