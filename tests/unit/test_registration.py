@@ -64,6 +64,12 @@ def test_a_known_map_is_found_within_two_pixels_of_the_resized_image(M: np.ndarr
     assert (np.abs(off_px) < 2 * pixel).all()
 
 
+@pytest.mark.parametrize("side_px", [100, 200, 400])
+def test_features_are_found_in_an_image_of_the_size_that_is_set(side_px: int) -> None:
+    found = OrbRegistration(VoxDepthConfig(registration_px=side_px), SHAPE).describe(texture(0))
+    assert 0.6 * side_px < found.points_px.max() < side_px
+
+
 def test_resizing_keeps_the_borders_of_the_image() -> None:
     resize = resize_map(200 / 640, 200 / 360)
     borders = np.array([[-0.5, -0.5, 1], [639.5, 359.5, 1], [319.5, 179.5, 1]])
