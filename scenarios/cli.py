@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.picture)),
     ("Sensor", (sensor.record, sensor.regress)),
-    ("Corrector", (experiment.experiment,)),
     ("General", (general.list_,)),
 )
 
@@ -31,6 +30,7 @@ def add_commands(app: typer.Typer) -> None:
         for command in commands:
             app.command(name=command.__name__.rstrip("_"), rich_help_panel=panel)(command)
     app.add_typer(study.app, rich_help_panel="Swarm")
+    app.add_typer(experiment.app, rich_help_panel="Corrector")
 
 
 def checks() -> "Sequence[Finding]":

@@ -4,6 +4,7 @@ import tomllib
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -17,7 +18,10 @@ from sim.recording import CONFIG, Recording
 from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.checksums import LIST
+from voxdepth.datasets import open_dataset
 from voxdepth.tools.evaluation.frames import TRUTH, Code, EvaluationFrame
+from voxdepth.tools.evaluation.recordings import RecordedSource
+from voxdepth.tools.evaluation.references import TRUE_DEPTHS, TrueHoles, true_depths
 from voxdepth.tools.evaluation.suite import Requested, name_of
 from voxdepth.tools.files import to_toml
 from voxdepth.types import FloatImage, MaskImage
@@ -54,6 +58,34 @@ def shipped(planned: "SeededSequence") -> Requested:
 def existing(folder: Path) -> Requested:
     """Return an existing recording of the simulator with the truth."""
     return _requested(name_of(folder), lambda *_: Recording.open(folder), None)
+
+
+def with_truth(folder: Path) -> Requested:
+    """Return a recording with the true depth of its frames; of a real one, holes count as occluded pixels.
+
+    Raises:
+        ScenarioError: It has no true depth.
+    """
+    with suppress(RecordingError):
+        Recording.open(folder)
+        return existing(folder)
+    if not true_depths(folder).files:
+        raise ScenarioError(
+            f"{folder} has no true depth: expected a recording of the simulator, a trajectory of Mid-Air with "
+            f"stereo_disparity and depth, or a folder {TRUE_DEPTHS} with an image of each frame"
+        )
+    name = name_of(folder)
+    return Requested(name, name, lambda *_: HolesAreOccluded(name, open_dataset(folder), partial(TrueHoles, folder)))
+
+
+class HolesAreOccluded(RecordedSource):
+    """A recording with a true depth, of which nobody says which pixels the second camera does not see."""
+
+    code: Code = (("scenarios", "evaluation.py"),)
+
+    def frames(self, frames: int) -> Iterator[EvaluationFrame]:
+        """See `RecordedSource`."""
+        return (replace(frame, occluded=frame.hidden) for frame in super().frames(frames))
 
 
 def _requested(name: str, recording: Callable[[Path, int, Tell], Recording], seed: int | None) -> Requested:

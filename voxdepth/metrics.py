@@ -198,9 +198,12 @@ class Sums(DepthErrors):
         State the peak [m] with the figure: twice the peak adds 6 dB.
         """
         mean_squared_m2 = self.mean(self.squared_error_m2)
-        if mean_squared_m2 is None:
-            return None
-        return 10 * math.log10(peak_m**2 / mean_squared_m2) if mean_squared_m2 > 0 else float("inf")
+        return None if mean_squared_m2 is None else psnr_db(mean_squared_m2, peak_m)
+
+
+def psnr_db(mean_squared_error: float, peak: float) -> float:
+    """Peak signal-to-noise ratio [dB] of a mean squared error, in the squared unit of the peak; inf without error."""
+    return 10 * math.log10(peak**2 / mean_squared_error) if mean_squared_error > 0 else float("inf")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,37 +1,49 @@
-"""The command that repeats experiments."""
+"""The commands that repeat the paper's experiments, one for each, and one for all."""
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from voxdepth.tools.options import use_one_thread
 
+from ..experiments.catalogue import CATALOGUE, Entry, told
 from .options import Seed
 
+Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder of the results; recordings are shared with `evaluate`.")]
+DEFAULT_OUT = Path("evaluation")
 
-def experiment(
-    name: Annotated[
-        str, typer.Argument(help="quality, which is about the paper, or confidence, which is about all correctors.")
-    ],
-    sequences: Annotated[
-        str | None, typer.Option(metavar="A,B,C", help="Shipped sequences. Default: what the experiment needs.")
-    ] = None,
-    frames: Annotated[int | None, typer.Option(min=1, help="How many of the first frames of each.")] = None,
-    width: Annotated[
-        int | None, typer.Option(metavar="PX", help="Width of the images; the height follows. Default: by experiment.")
-    ] = None,
-    seed: Seed = None,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of the results; recordings are shared with `evaluate`.")
-    ] = (Path("evaluation")),
-) -> None:
-    """Repeat the paper's main experiment on rendered sequences, or fit the confidence of correctors.
 
-    Writes table.csv, result.json and more into DIR/NAME. Missing recordings are made first, at 0.1 to 0.5 s a frame;
-    either experiment takes less than five minutes on two slow cores. `confidence` fits that of all correctors but the
-    default, and writes confidence/confidence.toml, which takes effect as voxdepth/confidence.toml.
-    """
+class Experiments(TyperGroup):
+    """The experiments in the order of the paper; an unknown one is told in one line."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in the order in which they are listed."""
+        return list(self.commands)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find an experiment, see `click.Group`."""
+        if args[0] not in self.commands:
+            from ..experiments.runner import find_experiment
+
+            find_experiment(args[0])
+        return super().resolve_command(ctx, args)
+
+
+app = typer.Typer(
+    name="experiment",
+    cls=Experiments,
+    no_args_is_help=True,
+    help="Repeat the paper's experiments on rendered sequences, each with its claims and what is found. "
+    "Writes table.csv, figure.png and result.json into DIR/NAME; missing recordings are made first, at 0.1 to 0.5 s a "
+    "frame.",
+)
+
+
+def _run(names: Iterable[str], out: Path, **given: Any) -> None:
+    """Run experiments one after the other."""
     use_one_thread()
 
     import sys
@@ -39,11 +51,55 @@ def experiment(
     import cv2
     from rich.console import Console
 
-    from ..experiments.runner import find_experiment, run
+    from ..experiments.runner import find_experiment, print_claims, run
 
     cv2.setNumThreads(1)
-    chosen = None if sequences is None else tuple(dict.fromkeys(sequences.replace(" ", "").split(",")))
-    console, given = Console(), {"sequences": chosen, "frames": frames, "width_px": width, "seed": seed}
-    with console.status("") as status:
-        asked = find_experiment(name).asked(**given, out=out, report=status.update)
-        run(asked, " ".join(["voxdepth", *sys.argv[1:]]), console)
+    console, command = Console(), " ".join(["voxdepth", *sys.argv[1:]])
+    asked = {name: find_experiment(name).asked(**given, out=out) for name in names}
+    claims = []
+    for name, experiment in asked.items():
+        with console.status("") as status:
+            watched = experiment.asked(report=lambda what, name=name, status=status: status.update(f"{name}: {what}"))
+            claims += [(name, claim) for claim in run(name, watched, command, console)]
+    if len(asked) > 1:
+        print_claims(claims, console)
+
+
+def _command(name: str, entry: Entry) -> Callable[..., None]:
+    """The command of one experiment, whose help is what the paper claims."""
+
+    def experiment(
+        sequences: Annotated[
+            str | None, typer.Option(metavar="A,B,C", help="Shipped sequences. Default: what the experiment needs.")
+        ] = None,
+        frames: Annotated[int | None, typer.Option(min=1, help="How many of the first frames of each.")] = None,
+        width: Annotated[
+            int | None, typer.Option(metavar="PX", help="Width of the images; the height follows.")
+        ] = None,
+        data: Annotated[list[Path] | None, typer.Option(metavar="PATH", help=entry.data, hidden=not entry.data)] = None,
+        seed: Seed = None,
+        out: Out = DEFAULT_OUT,
+    ) -> None:
+        chosen = None if sequences is None else tuple(dict.fromkeys(sequences.replace(" ", "").split(",")))
+        if data and not entry.data:
+            from ..errors import ScenarioError
+
+            raise ScenarioError(f"{name} reads no recordings: leave out --data")
+        given = {"sequences": chosen, "frames": frames, "width_px": width, "seed": seed}
+        _run([name], out, **given, data=tuple(data) if data else None)
+
+    experiment.__doc__ = f"{entry.label}: {entry.claim}; {told(entry.minutes)}."
+    return experiment
+
+
+for _name, _entry in CATALOGUE.items():
+    app.command(name=_name)(_command(_name, _entry))
+
+
+@app.command(name="all")
+def all_(seed: Seed = None, out: Out = DEFAULT_OUT) -> None:
+    """All of them in the order of the paper, with their defaults."""
+    _run(CATALOGUE, out, seed=seed)
+
+
+all_.__doc__ = f"{all_.__doc__} {told(sum(entry.minutes for entry in CATALOGUE.values()))}."

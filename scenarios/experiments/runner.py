@@ -1,7 +1,10 @@
-"""Runs an experiment, writes its results into a folder of its own, and prints them."""
+"""Runs experiments, writes the results of each into a folder of its own, and prints them."""
 
 import json
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from voxdepth.errors import no_such
 from voxdepth.tools.files import write
@@ -10,45 +13,54 @@ from voxdepth.tools.table import Table, csv_of
 
 from ..errors import ScenarioError
 from ..provenance import SIMULATION
-from .experiment import Experiment
-from .quality import QUALITY
+from .catalogue import CATALOGUE
+from .experiment import Claim, Experiment, summary
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-EXPERIMENTS = {one.name: one for one in (QUALITY,)}
-
 
 def find_experiment(name: str) -> Experiment:
     """The experiment of a name; a wrong name is a `ScenarioError`."""
-    if name not in EXPERIMENTS:
-        raise ScenarioError(no_such("experiment", name, EXPERIMENTS))
-    return EXPERIMENTS[name]
+    if name not in CATALOGUE:
+        raise ScenarioError(no_such("experiment", name, CATALOGUE))
+    found: Experiment = import_module(f"{__package__}.{name}").EXPERIMENT
+    return found
 
 
-def run(experiment: Experiment, command: str, console: "Console") -> None:
+def run(name: str, experiment: Experiment, command: str, console: "Console") -> tuple[Claim, ...]:
     """Answer a question, write the results below `out` and print them; a file that cannot be written is a `ToolError`.
 
     See `Experiment.answer` for what else it raises.
     """
     findings = experiment.answer(experiment)
+    claims = experiment.claims(findings.table)
     result = {
-        "name": experiment.name,
+        "name": name,
+        "label": CATALOGUE[name].label,
         "question": experiment.question,
         "command": command,
-        **{name: getattr(experiment, name) for name in ("sequences", "frames", "width_px", "seed")},
+        **{key: getattr(experiment, key) for key in ("sequences", "frames", "width_px", "seed")},
+        "data": list(map(str, experiment.data)),
         "provenance": vars(Provenance.here(SIMULATION)),
-        "notes": findings.notes,
+        "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in claims],
+        "notes": experiment.notes,
     }
-    table = Table.of_frame(f"{experiment.name}: {experiment.question}", findings.table)
-    files = {
-        "table.csv": csv_of(findings.table),
-        "result.json": f"{json.dumps(result, indent=1)}\n".encode(),
-        **findings.files,
-    }
-    for name, content in files.items():
-        write(experiment.out / experiment.name / name, content)
-    table.print(console)
-    for note in findings.notes:
-        console.print(note, markup=False, highlight=False, soft_wrap=True)
-    console.print(f"{', '.join(files)} are in {experiment.out / experiment.name}", markup=False, soft_wrap=True)
+    files = {"table.csv": csv_of(findings.table), "result.json": f"{json.dumps(result, indent=1)}\n".encode()}
+    if findings.figure is not None:
+        files["figure.png"] = findings.figure
+    for file, content in files.items():
+        write(experiment.out / name / file, content)
+    plain: dict[str, Any] = {"sep": "\n", "markup": False, "highlight": False, "soft_wrap": True}
+    console.print(f"{name}, {CATALOGUE[name].label}: {experiment.question}", style="bold", **plain)
+    Table.of_frame("", findings.table).print(console)
+    folder = experiment.out / name
+    lines = (*map(str, claims), *(f"note:  {note}" for note in experiment.notes), f"{', '.join(files)} are in {folder}")
+    console.print(*lines, **plain)
+    return claims
+
+
+def print_claims(found: Sequence[tuple[str, Claim]], console: "Console") -> None:
+    """Print the verdicts on the claims of several experiments, each with the name of its experiment."""
+    rows = [(name, claim.paper, claim.found, claim.verdict) for name, claim in found]
+    Table.of(summary([claim for _, claim in found]), ("experiment", "paper", "here", "verdict"), rows).print(console)

@@ -10,6 +10,7 @@ Sources:
     [5] Rao, Wu, J. Am. Stat. Assoc. 83 (1988) 231, doi:10.1080/01621459.1988.10478591: the bootstrap of small strata.
     [6] Wichmann, Hill, Percept. Psychophys. 63 (2001) 1293, doi:10.3758/BF03194544: psychometric curves with lapses.
     [7] Barlow, Brunk, J. Am. Stat. Assoc. 67 (1972) 140, doi:10.2307/2284712: means that fall, by least squares.
+    [8] McCullagh, Nelder, Generalized Linear Models (1989), section 4.3: links of binary data.
 """
 
 import math
@@ -32,6 +33,9 @@ LAPSE = 0.02
 """Share of flights that fail however easy they are."""
 N_PLACES, WIDTHS = 61, tuple(np.geomspace(0.01, 0.5, 12))
 """Number of places along an axis at which a curve may fall to a half, and its widths as shares of the axis."""
+
+EXPONENTS, LOG_A = np.linspace(0, 12, 121), np.linspace(-8, 4, 61)
+"""The curves of a share that grows as a power, by its exponent and the logarithm of its factor."""
 
 
 class Interval(NamedTuple):
@@ -165,6 +169,31 @@ def success_threshold(levels: FloatArray, arrived: MaskImage) -> Estimate:
         return np.asarray(places[log_likelihood.argmax(axis=-1)])
 
     return over_seeds(len(arrived), likeliest)
+
+
+def cloglog_curve(levels: FloatArray, reached: MaskImage) -> tuple[Estimate, Estimate]:
+    """Return the exponent b of `p = 1 - exp(-a level^b)`, and p at level 1 over p at level 0.5, by maximum likelihood.
+
+    This is the complementary log-log model `log(-log(1 - p)) = log a + b log level` [8]. `reached` has shape (seeds,
+    levels), and the levels are above 0. A bootstrap draws seeds; samples in which no run or every run reached the
+    endpoint, which fit any curve, do not count, and all is NaN where these runs are such a sample.
+    """
+    exponents, log_a = (side.ravel() for side in np.meshgrid(EXPONENTS, LOG_A, indexing="ij"))
+    failure = -np.exp(log_a + exponents * np.log(levels)[:, None])  # logarithm of 1 - p of each curve at each level
+    log_p, grown = np.log(-np.expm1(failure)), np.expm1(-np.exp(log_a)) / np.expm1(-np.exp(log_a) * 0.5**exponents)
+    rng, (n, _) = np.random.default_rng(BOOTSTRAP_SEED), reached.shape
+    drawn = np.concatenate([reached[None], reached[rng.integers(0, n, (RESAMPLES, n))]]).sum(axis=1, dtype=np.float64)
+    counts, places = np.unique(drawn, axis=0, return_inverse=True)
+    best = np.array([np.argmax(k @ log_p + (n - k) @ failure) for k in counts])[places.ravel()]
+    tells = (drawn.sum(axis=1) > 0) & (drawn.sum(axis=1) < n * len(levels))
+    if not tells[0]:
+        return (Estimate(math.nan, Interval(math.nan, math.nan)),) * 2
+    tail = 50 * (1 - LEVEL)
+    exponent, growth = (
+        Estimate(float(value[0]), Interval(*np.nanpercentile(value, [tail, 100 - tail]).tolist()))
+        for value in (np.where(tells, of[best], np.nan) for of in (exponents, grown))
+    )
+    return exponent, growth
 
 
 def crossing(levels: FloatArray, values: FloatArray, height: float) -> float:

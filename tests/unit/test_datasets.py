@@ -94,7 +94,7 @@ def test_an_empty_folder_is_told_what_every_format_needs(tmp_path: Path) -> None
     with pytest.raises(DatasetError) as caught:
         open_dataset(tmp_path)
     message = str(caught.value)
-    assert all(f"{name} lacks " in message for name in ("tum", "realsense", "recording", "bag"))
+    assert all(f"{name} lacks " in message for name in ("tum", "midair", "realsense", "recording", "bag"))
     assert all(word in message for word in ("rgb.txt", "depth", "frames.csv"))
 
 

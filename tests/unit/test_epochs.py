@@ -24,7 +24,7 @@ def frame(number: int) -> Frame:
 def template(number: int, features: Features) -> Template:
     """A template whose depth is a number."""
     depth_m, voxels = np.full((2, 2), number, np.float32), OccupiedVoxels.of(np.zeros(1, np.uint32), VoxelConfig())
-    return Template(depth_m=depth_m, voxels=voxels, stamp_s=0.0, features=features)
+    return Template(depth_m=depth_m, projection_m=depth_m, voxels=voxels, stamp_s=0.0, features=features)
 
 
 class Fuser:

@@ -1,8 +1,9 @@
-"""An experiment is checked before anything is run, and written and printed when it ends; claims of the paper."""
+"""An experiment is checked before anything is run, and written and printed when it ends."""
 
 import csv
 import json
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -11,45 +12,70 @@ import pytest
 from rich.console import Console
 
 from scenarios.errors import ScenarioError
-from scenarios.experiments.experiment import Experiment, Findings
-from scenarios.experiments.quality import PAPER_M_RMSE, PAPER_PSNR_DB, claim, leads
+from scenarios.evaluation import with_truth
+from scenarios.experiments.catalogue import CATALOGUE, Entry, told
+from scenarios.experiments.experiment import Claim, Experiment, Findings, all_hold, counted, most_hold, summary
 from scenarios.experiments.runner import find_experiment, run
+from tests.commands import invoke
 
 TABLE = pd.DataFrame({"method": ["one", "two"], "time [ms]": [1.23456, None], "n": [3, 0]})
+CLAIM = Claim("one is faster", "it takes 1.2 ms", None, "both are known")
 
 
 def answer(asked: Experiment) -> Findings:
     """The same table for every question."""
-    return Findings(table=TABLE, notes=("a note",), files={"more.txt": b"more"})
+    return Findings(table=TABLE, figure=b"drawn")
 
 
 def fail(asked: Experiment) -> Findings:
     raise ScenarioError("it failed")
 
 
-STUB = Experiment(name="stub", question="What is it?", answer=answer, sequences=("sim-LN",), frames=5, width_px=160)
+STUB = Experiment(
+    question="What is it?",
+    answer=answer,
+    claims=lambda table: (CLAIM,),
+    notes=("a note",),
+    sequences=("sim-LN",),
+    frames=5,
+    width_px=160,
+)
+
+
+@pytest.fixture
+def stub(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(CATALOGUE, "stub", Entry("tab:stub", "it is something", 0.1))
 
 
 def report(out: Path, experiment: Experiment = STUB, **given: Any) -> None:
-    run(experiment.asked(out=out, **given), "voxdepth experiment stub", Console(width=300))
+    run("stub", experiment.asked(out=out, **given), "voxdepth experiment stub", Console(width=300))
 
 
+@pytest.mark.usefixtures("stub")
 def test_the_table_is_printed_and_written_with_what_is_needed_to_repeat_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     report(tmp_path / "out", frames=4, seed=7)
     printed = capsys.readouterr().out
-    for words in ("What is it?", "1.23", "a note", "table.csv, result.json, more.txt are in"):
+    told_of_claim = "paper: one is faster\nhere:  it takes 1.2 ms\n       (open; it agrees if both are known)\n"
+    for words in (
+        "tab:stub: What is it?",
+        "1.23",
+        told_of_claim,
+        "note:  a note",
+        "table.csv, result.json, figure.png are",
+    ):
         assert words in printed
     folder = tmp_path / "out" / "stub"
     with (folder / "table.csv").open(newline="") as file:
         assert list(csv.reader(file)) == [["method", "time [ms]", "n"], ["one", "1.23456", "3"], ["two", "", "0"]]
-    assert (folder / "more.txt").read_text() == "more"
+    assert (folder / "figure.png").read_bytes() == b"drawn"
     stored = json.loads((folder / "result.json").read_text())
-    assert (stored["seed"], stored["frames"], stored["width_px"]) == (7, 4, 160)
+    assert (stored["seed"], stored["frames"], stored["width_px"], stored["label"]) == (7, 4, 160, "tab:stub")
     assert stored["command"] == "voxdepth experiment stub"
     assert stored["provenance"]["machine"] and "numpy" in stored["provenance"]["versions"]
     assert stored["notes"] == ["a note"]
+    assert [claim["verdict"] for claim in stored["claims"]] == ["open"]
 
 
 def test_what_the_user_does_not_say_the_experiment_does() -> None:
@@ -66,45 +92,64 @@ def test_what_the_user_does_not_say_the_experiment_does() -> None:
     [
         ({"sequences": ("sim-XX",)}, "there is no sequence 'sim-XX'"),
         ({"width_px": 20}, "rig.width_px: expected at least 32, got 20"),
+        ({"frames": 2}, "expected at least 3 frames of each sequence, got 2"),
+        ({"sequences": ("sim-LN",), "data": (Path("walk"),)}, "--data takes the place of the sequences: leave out"),
     ],
 )
 def test_what_cannot_be_is_said(given: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
-        STUB.asked(**given)
+        replace(STUB, least_frames=3).asked(**given)
 
 
+@pytest.mark.parametrize(("given", "option"), [({"frames": 3}, "--frames"), ({"width_px": 160}, "--width")])
+def test_an_experiment_that_needs_no_frames_refuses_some(given: dict[str, int], option: str) -> None:
+    with pytest.raises(ScenarioError, match=f"'What is it[?]' is not asked of images: leave out {option}"):
+        replace(STUB, sequences=(), frames=0, width_px=None).asked(**given)
+
+
+@pytest.mark.usefixtures("stub")
 def test_a_failure_writes_nothing(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="it failed"):
         report(tmp_path, replace(STUB, answer=fail))
     assert not (tmp_path / "stub").exists()
 
 
-def test_quality_needs_frames_after_the_warm_up() -> None:
-    quality = find_experiment("quality")
-    with pytest.raises(ScenarioError, match="quality needs more than 16 frames of each sequence, got 16"):
-        quality.answer(quality.asked(frames=16))
+def test_each_experiment_is_a_module_of_its_name_and_is_listed_with_label_claim_and_time() -> None:
+    listing = " ".join(invoke("experiment", "--help").output.replace("│", " ").split())
+    for name, entry in CATALOGUE.items():
+        assert isinstance(find_experiment(name), Experiment)
+        assert f"{name} {entry.label}: {entry.claim}; {told(entry.minutes)}." in listing
+    minutes = sum(entry.minutes for entry in CATALOGUE.values())
+    assert minutes <= 45 and f"{told(minutes)}." in listing
 
 
-def masked(**vd_m: float) -> str:
-    """The claim about the masked error, where RS and GS have errors of 2 and 3 m."""
-    errors_m = pd.DataFrame({"VD": vd_m, "RS": 2.0, "GS": 3.0})
-    errors_m.index = [f"sim-{name}" for name in errors_m.index]
-    return claim("the lowest masked error", leads(-errors_m), leads(-PAPER_M_RMSE))
+def test_all_run_in_the_order_of_the_paper_and_their_claims_are_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in CATALOGUE:
+        monkeypatch.setattr(import_module(f"scenarios.experiments.{name}"), "EXPERIMENT", STUB)
+    printed = invoke("experiment", "all", "--out", tmp_path).output
+    assert {path.name for path in tmp_path.iterdir()} == CATALOGUE.keys()
+    assert f"claims of the paper: {len(CATALOGUE)} open" in printed
+    _, _, listing = printed.partition("claims of the paper")
+    places = [listing.index(f" {name} ") for name in CATALOGUE]
+    assert places == sorted(places)
 
 
-def test_the_order_is_compared_with_the_paper_in_the_sequences_that_were_asked_for() -> None:
-    paper = "paper: of VD, RS and GS, VD has the lowest masked error in 1 of 2 (sim-LN); here in "
-    assert masked(LN=1.0, MB=2.5) == f"{paper}1 of 2 (sim-LN): agrees"
-    assert masked(LN=2.5, MB=1.0) == f"{paper}1 of 2 (sim-MB): differs"
-    assert masked(LN=2.5, MB=2.5) == f"{paper}0 of 2 (none): differs", "one of two is not more than half"
+def test_an_experiment_without_data_refuses_some(tmp_path: Path) -> None:
+    done = invoke("experiment", "rq1", "--data", tmp_path)
+    assert str(done.exception) == "rq1 reads no recordings: leave out --data"
 
 
-def test_the_paper_s_own_tables_say_where_its_method_leads() -> None:
-    assert list(leads(PAPER_PSNR_DB)) == [True, True, False, True, True, True]
-    assert list(leads(-PAPER_M_RMSE)) == [True, False, True, True, True, False]
-    assert (PAPER_M_RMSE > 175).sum(axis=None) == 13, "nearly those of unrelated images"
+def test_a_recording_without_the_truth_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"has no true depth: expected a recording of the simulator, a trajectory"):
+        with_truth(tmp_path)
 
 
-def test_nothing_is_claimed_without_the_datasets_that_it_is_about() -> None:
-    assert masked(drive=1.0) == masked(LN=float("nan"))
-    assert "no dataset for these sequences" in masked(drive=1.0)
+def test_verdicts() -> None:
+    claims = [replace(CLAIM, holds=holds) for holds in (True, False, False, None)]
+    assert summary(claims) == "claims of the paper: 1 agrees, 2 differs, 1 open"
+    assert (all_hold([]), all_hold([True, False]), all_hold([True])) == (None, False, True)
+    assert (most_hold([]), most_hold([True, False]), most_hold([True, True, False])) == (None, False, True)
+    assert counted(pd.Series({"a": True, "b": False})) == "1 of 2 (a)"
+    assert counted(pd.Series({"a": False})) == "0 of 1 (none)"

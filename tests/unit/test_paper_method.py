@@ -11,6 +11,7 @@ from voxdepth import Frame, Intrinsics, Source, VoxDepth, VoxDepthConfig
 from voxdepth.devices import cuda_devices
 from voxdepth.errors import ConfigError
 from voxdepth.paper.epochs import EpochEnd, Phase
+from voxdepth.paper.method import dilated
 from voxdepth.paper.registration import RegistrationStatus
 
 CAMERA = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)
@@ -75,6 +76,13 @@ def test_static_noise_free_planes_come_back_within_a_voxel(depth_m: float) -> No
     seen = filled > 0  # the grid ends 16 m above and below the axis
     assert seen.mean() > (0.99 if depth_m < 30 else 0.7)
     assert np.abs(filled[seen] - depth_m).max() <= CELL_Z_M
+
+
+def test_a_template_keeps_the_sparse_projection_that_was_inpainted_and_the_time_of_each_step() -> None:
+    template = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 4, texture(0))[-1].diagnostics.template
+    np.testing.assert_array_equal(template.depth_m, dilated(template.projection_m, CONFIG.dilation_px))
+    assert 0 < np.count_nonzero(template.projection_m) < np.count_nonzero(template.depth_m)
+    assert list(template.timings_s) == ["motion", "voxelise", "project", "inpaint"]
 
 
 def test_at_depth_steps_the_erosion_is_bounded_which_is_a_known_fault() -> None:

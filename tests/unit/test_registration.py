@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from tests.frames import textured
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.registration import (
-    SIZE_PX,
     ChainedRegistration,
     Features,
     OrbRegistration,
@@ -39,11 +38,12 @@ def turned(degrees: float, scale: float = 1.0) -> np.ndarray:
     return scale * np.array([[c, -s], [s, c]])
 
 
-def registered(a: np.ndarray, b: np.ndarray) -> Registration:
-    registration = OrbRegistration(VoxDepthConfig(), SHAPE)
+def registered(a: np.ndarray, b: np.ndarray, **settings: int) -> Registration:
+    registration = OrbRegistration(VoxDepthConfig(**settings), SHAPE)
     return registration.register(registration.describe(a), registration.describe(b))
 
 
+@pytest.mark.parametrize("side_px", [VoxDepthConfig().registration_px, 300, 400])
 @pytest.mark.parametrize(
     "M",
     [
@@ -53,15 +53,21 @@ def registered(a: np.ndarray, b: np.ndarray) -> Registration:
         about_centre(np.array([[1.03, 0.04], [-0.01, 0.97]]), (5, 5)),
     ],
 )
-def test_a_known_map_is_found_within_two_pixels_of_the_resized_image(M: np.ndarray) -> None:
+def test_a_known_map_is_found_within_two_pixels_of_the_resized_image(M: np.ndarray, side_px: int) -> None:
     image = texture(0)
     moved = cv2.warpAffine(image, M, SHAPE[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-    result = registered(image, moved)
+    result = registered(image, moved, registration_px=side_px)
     assert result.ok
     corners = np.array([[0, 0, 1], [639, 0, 1], [0, 359, 1], [639, 359, 1]])
     off_px = corners @ (result.M_frame_template - M).T
-    pixel = np.array([SHAPE[1] / SIZE_PX, SHAPE[0] / SIZE_PX])  # features lie on pixels of the resized image
+    pixel = np.array([SHAPE[1] / side_px, SHAPE[0] / side_px])  # features lie on pixels of the resized image
     assert (np.abs(off_px) < 2 * pixel).all()
+
+
+@pytest.mark.parametrize("side_px", [100, 200, 400])
+def test_features_are_found_in_an_image_of_the_size_that_is_set(side_px: int) -> None:
+    found = OrbRegistration(VoxDepthConfig(registration_px=side_px), SHAPE).describe(texture(0))
+    assert 0.6 * side_px < found.points_px.max() < side_px
 
 
 def test_resizing_keeps_the_borders_of_the_image() -> None:

@@ -26,7 +26,7 @@ class Dataset(Protocol):
     """Frames of one camera on disk, in order of time. An image is read when its frame is requested."""
 
     format: str
-    """`tum`, `realsense`, `recording` or `bag`."""
+    """`tum`, `midair`, `realsense`, `recording` or `bag`."""
     intrinsics: Intrinsics
     """Intrinsics of the camera; every frame has its shape."""
 
@@ -88,6 +88,7 @@ def open_dataset(
     """
     from .bags import SUFFIXES, BagDataset
     from .files import broken_links, list_folder, require_dataset
+    from .midair import MidAirDataset
     from .realsense import RealSenseDataset
     from .recording import RecordingDataset
     from .tum import TumDataset
@@ -95,7 +96,7 @@ def open_dataset(
     if not 0 <= within_s < inf:
         raise ConfigError(f"within_s must be a number of seconds of at least 0, got {within_s}")
     path = Path(path)
-    folders = (TumDataset, RealSenseDataset, RecordingDataset)
+    folders = (TumDataset, MidAirDataset, RealSenseDataset, RecordingDataset)
     try:
         require_dataset(path, SUFFIXES)
         lacking = {reader.format: reader.lacking(path) for reader in (*folders, BagDataset)}

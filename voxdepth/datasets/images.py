@@ -17,7 +17,7 @@ from PIL.PngImagePlugin import PngImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from ..errors import DatasetError
-from ..types import GrayImage
+from ..types import GrayImage, MaskImage
 from .files import read_bytes
 
 ARRAY = ".npy"
@@ -101,6 +101,12 @@ def _array(path: Path) -> npt.NDArray[Any]:
 def read_depth_16(path: Path, shape: Shape) -> npt.NDArray[np.uint16]:
     """Read a PNG of 16 bits in one channel in its units, shape (H, W), uint16."""
     return np.asarray(_decode(path, shape, "depth as a PNG of 16 bits in 1 channel", {("PNG", "I;16")}), np.uint16)
+
+
+def read_mask(path: Path, shape: Shape) -> MaskImage:
+    """Read a PNG of up to 8 bits in one channel as a mask, True where it is not 0, shape (H, W), bool."""
+    wanted = "a mask as a PNG of up to 8 bits in 1 channel"
+    return np.asarray(_decode(path, shape, wanted, {("PNG", "1"), ("PNG", "L")}) != 0)
 
 
 def _open(data: bytes, path: Path) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import DatasetError, FrameError
 from ..ros import TIMES_S, Header
-from ..types import Frame, Intrinsics
+from ..types import FloatImage, Frame, Intrinsics
 from ..units import Unit
 from . import WITHIN_S
 from .files import choose_intrinsics, choose_unit
@@ -117,8 +117,11 @@ class PairedImages(ABC):
         pair = self._pairs[index]
         with self._named(pair):
             gray = read_gray(pair.gray, self.intrinsics.shape)
-            depth_m = self.unit.metres(read_depth(pair.depth, self.intrinsics.shape))
-            return Frame(stamp_s=pair.stamp_s, gray=gray, depth_m=depth_m)
+            return Frame(stamp_s=pair.stamp_s, gray=gray, depth_m=self._depth_m(pair))
+
+    def _depth_m(self, pair: Pair) -> FloatImage:
+        """Depth of a frame along the axis [m], shape (H, W); 0 = invalid."""
+        return self.unit.metres(read_depth(pair.depth, self.intrinsics.shape))
 
     @contextmanager
     def _named(self, pair: Pair) -> Iterator[None]:

@@ -31,6 +31,8 @@ class VoxDepthConfig(Model):
     dilation_px: int = Field(default=5, ge=1, le=99)
     """Window whose farthest depth makes the projected cloud dense (Eq. dilate); odd. A larger one closes wider gaps and
     moves edges by half of it."""
+    registration_px: int = Field(default=200, ge=64, le=4_096)
+    """Width and height that gray images are resized to for registration. Paper: 200 x 200. Larger is slower."""
     n_features: int = Field(default=200, ge=10, le=100_000)
     """Maximum number of features per image. More follow the template for longer; the time grows more than linearly."""
     max_distance: int = Field(default=20, ge=0, le=256)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from ..types import FloatImage, Frame
@@ -76,11 +76,15 @@ class Template:
 
     depth_m: FloatImage
     """Depth [m], shape (H, W), 0 = unknown."""
+    projection_m: FloatImage
+    """The sparse projection of the voxels [m] that was inpainted, shape (H, W), 0 = unknown."""
     voxels: OccupiedVoxels
     """The cloud that was fused, in the camera of that frame."""
     stamp_s: float
     """Time of that frame."""
     features: Features
+    timings_s: Mapping[str, float] = field(default_factory=dict)
+    """Wall-clock time of each step of the fusion [s] by name."""
 
 
 Fuse = Callable[[Sequence[Frame], Features], Template]

@@ -1,6 +1,6 @@
 """The method of the paper: templates that are fused in one state and correct frames in the other."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -24,6 +24,8 @@ from .voxels import VoxelConfig, VoxelGrid
 if TYPE_CHECKING:
     from .warp_voxels import WarpVoxelGrid
 
+Inpaint = Callable[[FloatImage], FloatImage]
+"""Makes a sparse depth dense [m], shape (H, W), in a new image; 0 = unknown."""
 SENSOR_CONFIDENCE, OTHER_CONFIDENCE = np.float32(1), np.float32(0.5)
 """Confidence of measured and of other pixels, by convention: the paper has none.
 
@@ -65,7 +67,7 @@ class VoxDepth(StreamCorrector):
                 fuse_window,
                 grid=create_grid(config.device, config.voxels, camera),
                 odometry=PhotometricOdometry(camera),
-                dilation_px=config.dilation_px,
+                inpaint=partial(dilated, size_px=config.dilation_px),
             ),
             self._registration.follows,
             config,
@@ -204,18 +206,32 @@ def fuse_window(
     features: Features,
     grid: "VoxelGrid | WarpVoxelGrid",
     odometry: PhotometricOdometry,
-    dilation_px: int,
+    inpaint: Inpaint,
 ) -> Template:
     """Fuse successive frames into a template in the camera of the last one, which has these features.
 
     Frames without a pose are left out: they would smear. The grid is for one window at a time.
     """
-    grid.clear()
-    for frame, T_last_frame in zip(window, poses_in_last(window, odometry), strict=True):
-        if T_last_frame is not None:
-            grid.integrate(frame.depth_m, T_last_frame)
-    depth_m = dilated(grid.project(), dilation_px)
-    return Template(depth_m=depth_m, voxels=grid.occupied(), stamp_s=window[-1].stamp_s, features=features)
+    timer = StepTimer()
+    with timer("motion"):
+        poses = poses_in_last(window, odometry)
+    with timer("voxelise"):
+        grid.clear()
+        for frame, T_last_frame in zip(window, poses, strict=True):
+            if T_last_frame is not None:
+                grid.integrate(frame.depth_m, T_last_frame)
+    with timer("project"):
+        projection_m = grid.project()
+    with timer("inpaint"):
+        depth_m = inpaint(projection_m)
+    return Template(
+        depth_m=depth_m,
+        projection_m=projection_m,
+        voxels=grid.occupied(),
+        stamp_s=window[-1].stamp_s,
+        features=features,
+        timings_s=timer.times_s,
+    )
 
 
 def dilated(sparse_m: FloatImage, size_px: int) -> FloatImage:

@@ -27,8 +27,6 @@ PYRAMID_LEVELS = 6
 EDGE_PX = 15
 """Border without features. OpenCV's default of 31 would leave out half of a 200 x 200 image, and a third of the good
 matches."""
-SIZE_PX = 200
-"""Width and height that the gray image is resized to. Paper: 200 x 200. Larger is more exact and slower."""
 RANSAC_PX = 3.0
 """Distance up to which a match supports the affine map, in pixels of the resized image."""
 MAX_SCALE = 2.0
@@ -81,13 +79,13 @@ class OrbRegistration:
             edgeThreshold=EDGE_PX,
             scoreType=cv2.ORB_FAST_SCORE,
         )
-        height, width = shape
-        self._small_from_full = resize_map(SIZE_PX / width, SIZE_PX / height)
-        self._full_from_small = resize_map(width / SIZE_PX, height / SIZE_PX)
+        (height, width), side = shape, config.registration_px
+        self._small_from_full = resize_map(side / width, side / height)
+        self._full_from_small = resize_map(width / side, height / side)
 
     def describe(self, gray: GrayImage) -> Features:
         """Features of a gray image of shape (H, W)."""
-        return detect(self._orb, cv2.resize(gray, (SIZE_PX, SIZE_PX)))
+        return detect(self._orb, cv2.resize(gray, (self._config.registration_px,) * 2))
 
     def register(self, reference: Features, current: Features) -> Registration:
         """Affine map from the full-size pixels of `reference` to those of `current`."""

@@ -31,7 +31,7 @@ HELD_OUT: dict[str, Kind] = {each.reference.hidden: each for each in (Shadows, W
 
 def kinds_of(folder: Path, opened: Opened) -> dict[str, Kind]:
     """Return the kinds of pixels that methods can be judged by in a recording, by the name of their mask."""
-    if true_depths(folder):
+    if true_depths(folder).files:
         return HELD_OUT | {HOLES: partial(TrueHoles, folder)}
     with suppress(VoxDepthError):
         if len(opened(folder)) > 2:

@@ -7,12 +7,12 @@ from abc import ABC, abstractmethod
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
 
-from ...datasets import Dataset
+from ...datasets import Dataset, midair
 from ...datasets.files import read_bytes
 from ...datasets.images import read_depth_16
 from ...types import ASSUMED_BASELINE_M, FloatImage, Intrinsics, MaskImage
@@ -140,34 +140,64 @@ class Patches(References):
 
 
 class TrueHoles(References):
-    """The sensor's own holes in a recording with a true depth.
-
-    It is `depth_true_mm.png` for the first frame, or one image in `depth_true/` for each frame, with the name of the
-    frame. Both are PNG with 16 bits in millimetres; 0 = unknown.
-    """
+    """The sensor's own holes in a recording with a true depth, see `TrueDepths`."""
 
     reference = TRUTH
 
     def __init__(self, folder: Path, dataset: Dataset) -> None:
-        self._folder, self._dataset = folder, dataset
-        digests = (sha256(read_bytes(path)).digest() for path in true_depths(folder))
+        self._truths, self._dataset = true_depths(folder), dataset
+        digests = (sha256(read_bytes(path)).digest() for path in self._truths.files)
         self.digest = sha256(b"".join(digests)).hexdigest()
 
     def of(self, index: int, depth_m: FloatImage) -> Referenced:
         """See `References`."""
-        path = self._folder / TRUE_DEPTHS / f"{self._dataset.name(index)}.png"
-        if index == 0 and not path.exists():
-            path = self._folder / TRUE_DEPTH
-        truth_m = np.zeros_like(depth_m)
-        if path.exists():
-            truth_m = Unit(MILLIMETRES).metres(read_depth_16(path, depth_m.shape))
-        return Referenced(depth_m, truth_m, np.asarray(depth_m == 0))
+        truth_m = self._truths.of(index, self._dataset)
+        return Referenced(depth_m, np.zeros_like(depth_m) if truth_m is None else truth_m, np.asarray(depth_m == 0))
 
 
-def true_depths(folder: Path) -> list[Path]:
-    """Return the files of true depth in the folder of a recording."""
-    found = [folder / TRUE_DEPTH, *sorted((folder / TRUE_DEPTHS).glob("*.png"))]
-    return [path for path in found if path.is_file()]
+class TrueDepths(Protocol):
+    """Images of true depth in the folder of a recording."""
+
+    files: list[Path]
+
+    def of(self, index: int, dataset: Dataset) -> FloatImage | None:
+        """Read that of a frame [m], shape (H, W), 0 = unknown; None if there is none."""
+
+
+class Millimetres:
+    """PNG with 16 bits in millimetres, 0 = unknown.
+
+    It is `depth_true_mm.png` for the first frame, or one image in `depth_true/` for each frame, with its name.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        found = [folder / TRUE_DEPTH, *sorted((folder / TRUE_DEPTHS).glob("*.png"))]
+        self.files = [path for path in found if path.is_file()]
+
+    def of(self, index: int, dataset: Dataset) -> FloatImage | None:
+        """See `TrueDepths`."""
+        own = self._folder / TRUE_DEPTHS / f"{dataset.name(index)}.png"
+        path = self._folder / TRUE_DEPTH if index == 0 and not own.exists() else own
+        return Unit(MILLIMETRES).metres(read_depth_16(path, dataset.intrinsics.shape)) if path.exists() else None
+
+
+class Ranges:
+    """Those of Mid-Air, see `voxdepth.datasets.midair`."""
+
+    def __init__(self, folder: Path) -> None:
+        self.files = midair.true_depths(folder)
+
+    def of(self, index: int, dataset: Dataset) -> FloatImage | None:
+        """See `TrueDepths`."""
+        path = next((path for path in self.files if path.stem == dataset.name(index)), None)
+        return None if path is None else midair.read_range(path, dataset.intrinsics)
+
+
+def true_depths(folder: Path) -> TrueDepths:
+    """Return the images of true depth in the folder of a recording, which has perhaps none."""
+    ranges = Ranges(folder)
+    return ranges if ranges.files else Millimetres(folder)
 
 
 def mirrored(intrinsics: Intrinsics) -> Intrinsics:
