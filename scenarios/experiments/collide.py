@@ -71,18 +71,19 @@ def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
     """The shape of the growth and its size in each arm; open where the runs leave it undecided."""
     found: list[Claim] = []
     for arm, of in table.groupby("arm", sort=False):
+        untold = f"{arm}: {of['collisions'].sum()} of {of['n runs'].sum()} runs collided, which fits any curve"
         b, b_low, b_high = of[["exponent", "exponent, low", "exponent, high"]].iloc[0]
         ratio, low, high = of[["growth", "growth, low", "growth, high"]].iloc[0]
         found += [
             Claim(
                 "collisions grow faster than linearly with the noise ratio, almost quadratically",
-                f"{arm}: as theta^{b:.1f}, with a 95 % interval of {b_low:.1f} to {b_high:.1f}",
+                f"{arm}: as theta^{b:.1f}, with a 95 % interval of {b_low:.1f} to {b_high:.1f}" if b >= 0 else untold,
                 bool(b_low > 1) if b_low > 1 or b_high < 1 else None,
                 "the exponent is above 1 with its interval",
             ),
             Claim(
                 f"from a noise ratio of 0.5 to one of 1, collisions grow {GROWTH:g} times",
-                f"{arm}: {ratio:.1f} times, with a 95 % interval of {low:.1f} to {high:.1f}",
+                f"{arm}: {ratio:.1f} times, with a 95 % interval of {low:.1f} to {high:.1f}" if b >= 0 else untold,
                 bool(low <= GROWTH <= high) if low <= high else None,
                 f"{GROWTH:g} times lies in the interval",
             ),
