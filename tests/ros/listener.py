@@ -29,8 +29,9 @@ READERS = {"32FC1": depth_of, "16UC1": depth_of, "mono8": gray_of}
 
 
 def tell_image(topic: str, message: Image) -> None:
+    at_s = time.monotonic()
     value = float(np.median(READERS[message.encoding](message)))
-    tell_message(topic, message, encoding=message.encoding, n_bytes=len(message.data), value=value)
+    tell_message(topic, message, encoding=message.encoding, n_bytes=len(message.data), value=value, at_s=at_s)
 
 
 def tell_camera(topic: str, message: CameraInfo) -> None:
@@ -39,7 +40,7 @@ def tell_camera(topic: str, message: CameraInfo) -> None:
 
 def tell_message(topic: str, message: Any, **facts: Any) -> None:
     stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-    tell(topic=topic, stamp_ns=stamp_ns, frame_id=message.header.frame_id, at_s=time.monotonic(), **facts)
+    tell(topic=topic, stamp_ns=stamp_ns, frame_id=message.header.frame_id, **facts)
 
 
 def tell_diagnostics(message: DiagnosticArray) -> None:
