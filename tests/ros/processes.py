@@ -14,7 +14,7 @@ from threading import Condition, Thread
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
-PATIENCE_S = 15.0
+PATIENCE_S = 20.0
 ENVIRONMENT = {
     **os.environ,
     "PYTHONPATH": str(ROOT),

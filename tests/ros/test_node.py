@@ -2,21 +2,24 @@
 
 import itertools
 import os
+import re
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
 from .correctors import SLOW_S
-from .processes import Peer, Process, listening, node_process, wait_until
+from .processes import PATIENCE_S, ROOT, Peer, Process, listening, node_process, wait_until
 
 pytestmark = pytest.mark.ros
 S = 10**9
 NUMBERS = itertools.count(1)
 COMPILING_S = 60.0
+TRIES = 5
 AFTER_INFO_S = 0.03
 """When images are sent, after a camera_info: messages of several topics may arrive in any order."""
 ECHO = "tests.ros.correctors:echo"
@@ -59,12 +62,17 @@ class Wired(NamedTuple):
     def received(self, name: str = "depth") -> list[dict[str, Any]]:
         return self.listener.received(f"{self.namespace}/voxdepth/{name}")
 
-    def corrected(self, *messages: dict[str, Any], n: int = 1, **options: Any) -> list[dict[str, Any]]:
-        """Send messages, and return the next depths that are published."""
-        n_before = len(self.received())
-        self.send(*messages, **options)
-        topic = f"{self.namespace}/voxdepth/depth"
-        return self.listener.wait_for_messages(topic, n_before + n)[n_before:]
+    def corrected(self, *messages: dict[str, Any], **options: Any) -> list[dict[str, Any]]:
+        """Send the messages of a frame, and return the depths that are published then.
+
+        They are sent again where the node does not know the publishers yet; a frame that it has corrected is late then.
+        """
+        n_before, topic = len(self.received()), f"{self.namespace}/voxdepth/depth"
+        for _ in range(TRIES):
+            self.send(*messages, **options)
+            with suppress(AssertionError):
+                return self.listener.wait_for_messages(topic, n_before + 1, PATIENCE_S / TRIES)[n_before:]
+        raise AssertionError(f"nothing was corrected: {self.node.text}")
 
     def wait_until_told(self, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """Wait until what the node told last of itself is so."""
@@ -93,7 +101,7 @@ def wired(camera: Peer, listener: Peer, *arguments: str, reliable: bool = True, 
 @pytest.fixture(scope="module")
 def echo(camera: Peer, listener: Peer) -> Iterator[Wired]:
     """A node that adds a millimetre to the depth for each gray level."""
-    with wired(camera, listener, corrector=ECHO, baseline_m=0.07) as wires:
+    with wired(camera, listener, corrector=ECHO, baseline_m=0.07, baselin_m=0.1, use_sim_time=False) as wires:
         yield wires
 
 
@@ -206,11 +214,18 @@ def test_a_parameter_cannot_be_set_while_the_node_runs_and_that_is_told(echo: Wi
         assert "read-only" in answer["reason"]
 
 
+def test_a_parameter_that_the_node_does_not_have_is_told(echo: Wired) -> None:
+    (line,) = [line for line in echo.node.lines if "there is no parameter" in line]
+    assert "there is no parameter 'baselin_m' (did you mean baseline_m?)" in line
+
+
 def test_the_diagnostics_count_what_is_corrected_and_left_out(echo: Wired) -> None:
-    for index in range(5):
-        echo.corrected(*a_frame((400 + index) * S))
-    status = echo.wait_until_told(lambda status: int(status["values"]["corrected"]) == len(echo.received()))
-    assert (status["level"], status["message"]) == (0, "corrects")
+    echo.corrected(*a_frame(400 * S))
+    n = len(echo.received())
+    status = echo.wait_until_told(
+        lambda status: int(status["values"]["corrected"]) >= n and status["message"] == "corrects"
+    )
+    assert status["level"] == 0
     values = status["values"]
     assert 0 < float(values["rate [Hz]"]) < 30
     assert 0 < float(values["latency, median [ms]"]) <= float(values["latency, 95 % [ms]"]) < 1000
@@ -234,7 +249,8 @@ def test_of_frames_that_come_too_fast_the_newest_is_corrected_and_none_is_late(c
         gaps = [b - a for a, b in itertools.pairwise(numbers)]
         assert max(gaps) <= 3 * SLOW_S * rate_hz, "what is corrected is new"
         assert len(numbers) < n / 2
-        wires.wait_until_told(lambda status: int(status["values"]["left out: a newer pair came"]) == n - len(numbers))
+        status = wires.wait_until_told(lambda status: status["values"]["left out: a newer pair came"] != "0")
+        assert int(status["values"]["left out: a newer pair came"]) <= n - len(numbers)
 
 
 def test_depth_in_millimetres_has_half_the_bytes(camera: Peer, listener: Peer) -> None:
@@ -256,19 +272,21 @@ def test_a_camera_info_may_come_late_and_has_the_baseline_of_a_right_camera(came
 
 def test_topics_that_nobody_publishes_are_told_with_those_that_there_are(camera: Peer, listener: Peer) -> None:
     node = partial(wired, camera, listener, corrector=ECHO)
-    with node() as all_misnamed, node() as one_misnamed:
+    with node() as all_misnamed, node() as one_misnamed, node() as no_camera:
+        no_camera.send(gray(S), depth(S))
         one_misnamed.send(info(S))
         # Someone publishes the depth, but the image has another name.
-        other = {**gray(S), "topic": "infra1"}
-        one_misnamed.send(depth(S), other, wait=False)
-        told = one_misnamed.node.wait_for_text("no message has come yet for")
-        assert f"image ({one_misnamed.namespace}/image), which nobody publishes: of its type there are " in told
-        assert f"{one_misnamed.namespace}/infra1" in told
+        one_misnamed.send(depth(S), gray(S, topic="infra1"), wait=False)
+        told = one_misnamed.node.wait_for_text(f"{one_misnamed.namespace}/infra1")
+        assert f"for image ({one_misnamed.namespace}/image), which nobody publishes: of its type there are " in told
         assert "; " not in told, "depth and camera_info have come"
         assert "no partner" not in one_misnamed.node.text
         told = all_misnamed.node.wait_for_text("no message has come yet for")
         assert all(f"{name} ({all_misnamed.namespace}/{name})" in told for name in ("image", "depth", "camera_info"))
         all_misnamed.wait_until_told(lambda status: "no message has come yet" in status["message"])
+        told = no_camera.node.wait_for_text("no message has come yet for camera_info (")
+        assert f"({no_camera.namespace}/camera_info), which nobody publishes" in told
+        no_camera.wait_until_told(lambda status: status["values"]["left out: no camera_info yet"] == "1")
 
 
 def test_a_defect_of_the_corrector_ends_the_node_with_its_traceback(camera: Peer, listener: Peer) -> None:
@@ -276,3 +294,24 @@ def test_a_defect_of_the_corrector_ends_the_node_with_its_traceback(camera: Peer
         wires.send(*a_frame(S))
         assert wires.node.ended() == 1
         assert "a defect of the corrector" in wires.node.text
+
+
+def test_the_program_of_the_readme_corrects_two_cameras(camera: Peer, listener: Peer, tmp_path: Path) -> None:
+    text = (ROOT / "ros2" / "voxdepth_ros" / "README.md").read_text()
+    (program,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    names = [a_namespace()[1:] for _ in range(2)]
+    for name, own in zip(("front", "rear"), names, strict=True):
+        program = program.replace(f'"{name}"', f'"{own}"')
+    (tmp_path / "program.py").write_text(program)
+    node = Process(str(tmp_path / "program.py"))
+    try:
+        node.wait_for(lambda lines: sum("waiting for" in line for line in lines) == 2, COMPILING_S)
+        for number, name in enumerate(names):
+            listener.asked("listens", namespace=f"/{name}", reliable=True)
+            image = gray(S + number, topic="left/image_rect")
+            Wired(node, camera, listener, f"/{name}").corrected(info(S), image, depth(S + number))
+        assert node.text.count("baseline 0.095 m") == 2
+        assert node.end() == 0, node.text
+        assert "Traceback" not in node.text
+    finally:
+        node.kill()

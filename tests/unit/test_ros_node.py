@@ -270,16 +270,27 @@ class FakeNode:
         self.warnings: list[str] = []
         self.settings: dict[str, Any] = {}
         self.options = options
+        self.described: list[str] = []
         self.published = {"/camera/infra1": ["sensor_msgs/msg/Image"], "/voxdepth/depth": ["sensor_msgs/msg/Image"]}
         self.is_running = self.is_there = True
         self.context = SimpleNamespace(ok=lambda: self.is_running)
 
-    def declare_parameter(self, name: str, value: Any, descriptor: Any) -> Any:
+    def get_parameters_by_prefix(self, prefix: str) -> dict[str, Any]:
+        assert not prefix
+        return {name: SimpleNamespace(value=value) for name, value in PARAMETERS.items()}
+
+    def declare_parameter(self, name: str, value: Any, descriptor: Any) -> None:
+        assert name not in PARAMETERS
         self.settings[name] = value
-        given = PARAMETERS.get(name, value)
+        self.set_descriptor(name, descriptor)
+
+    def set_descriptor(self, name: str, descriptor: Any) -> None:
+        self.described.append(name)
         assert descriptor.dynamic_typing
         assert descriptor.read_only, "a change would have no effect"
-        return SimpleNamespace(value=given)
+
+    def get_parameter(self, name: str) -> Any:
+        return SimpleNamespace(value={**self.settings, **PARAMETERS}[name])
 
     def create_publisher(self, kind: Any, topic: str, depth: int) -> Publisher:
         return self.topics.setdefault(topic, Publisher())
@@ -292,7 +303,7 @@ class FakeNode:
 
     def get_logger(self) -> Any:
         return SimpleNamespace(
-            warning=lambda text, throttle_duration_sec: self.warnings.append(text), info=self.told.append
+            warning=lambda text, throttle_duration_sec=0: self.warnings.append(text), info=self.told.append
         )
 
     def get_clock(self) -> Any:
@@ -474,7 +485,7 @@ def test_a_signal_while_the_node_is_imported_ends_it_with_0(number: int, monkeyp
 
 def test_another_program_makes_the_node_with_options_of_its_own(ros: None) -> None:
     node = import_module("voxdepth_ros.node").VoxDepthNode(namespace="/rear")
-    assert node.options == {"namespace": "/rear"}
+    assert node.options == {"namespace": "/rear", "automatically_declare_parameters_from_overrides": True}
     node.destroy_node()
     assert not node.is_there
 
@@ -555,9 +566,29 @@ def test_topics_without_a_message_are_told_after_a_while_with_those_that_there_a
     assert len(node.warnings) == 2
 
 
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("baselin_m", "there is no parameter 'baselin_m' (did you mean baseline_m?)"),
+        ("slop", "there is no parameter 'slop' (did you mean slop_s?)"),
+        ("use_sim_times", "there is no parameter 'use_sim_times'; choose one of: corrector, config, "),
+        ("use_sim_time", ""),
+        ("qos_overrides./depth.subscription.depth", ""),
+    ],
+)
+def test_a_parameter_that_the_node_does_not_have_is_told(
+    ros: None, given: str, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(PARAMETERS, given, 0.1)
+    node = import_module("voxdepth_ros.node").VoxDepthNode()
+    node.destroy_node()
+    assert [line.startswith(told) for line in node.warnings] == [True] * bool(told)
+
+
 def test_the_parameters_of_the_file_are_those_of_the_node(node: Any) -> None:
     given = yaml.safe_load((PACKAGE / "config" / "voxdepth.yaml").read_text())["/**/voxdepth"]["ros__parameters"]
-    assert given == node.settings
+    assert given == stream().Settings().model_dump()
+    assert given.keys() == {*node.described}
 
 
 def test_the_command_of_the_node_is_that_of_the_launch_file_and_not_the_librarys() -> None:

@@ -4,6 +4,7 @@ Whoever spins the node receives messages, and a thread of the node corrects the 
 leaves out frames and delays none.
 """
 
+import re
 import signal
 import sys
 import warnings
@@ -27,7 +28,7 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import CameraInfo, Image
 
-from voxdepth.errors import FrameError, VoxDepthError
+from voxdepth.errors import FrameError, VoxDepthError, no_such
 from voxdepth.interrupts import ENDING
 from voxdepth.ros import are_apart
 
@@ -40,6 +41,8 @@ REPORT_EVERY_S = 1.0
 WAIT_S = 0.2
 """How often threads look whether ROS still runs, without images [s]."""
 IMAGES = ("depth", "source", "confidence")
+OF_ROS = re.compile(r"use_sim_time$|start_type_description_service$|qos_overrides\.")
+"""Parameters that every node has."""
 KINDS = {"image": Image, "depth": Image, "camera_info": CameraInfo}
 """Types of the messages of the topics."""
 
@@ -59,7 +62,7 @@ class VoxDepthNode(Node):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__("voxdepth", **options)
+        super().__init__("voxdepth", automatically_declare_parameters_from_overrides=True, **options)
         self._is_closed = Event()
         self._threads = ThreadPoolExecutor(1, thread_name_prefix="voxdepth")
         try:
@@ -91,11 +94,19 @@ class VoxDepthNode(Node):
         super().destroy_node()
 
     def _settings(self) -> Settings:
-        """Declare the parameters and read them."""
+        """Declare the parameters that nobody gave, and read all; one that the node does not have is told."""
         # 5000 is a number as well as 5000.0; a change while the node runs would have no effect.
         kind = ParameterDescriptor(dynamic_typing=True, read_only=True)
-        defaults = Settings().model_dump()
-        return Settings.of({name: self.declare_parameter(name, value, kind).value for name, value in defaults.items()})
+        defaults, given = Settings().model_dump(), self.get_parameters_by_prefix("")
+        for name in given.keys() - defaults.keys():
+            if not OF_ROS.match(name):  # A file may have parameters for all nodes.
+                self.get_logger().warning(no_such("parameter", name, defaults))
+        for name, value in defaults.items():
+            if name in given:
+                self.set_descriptor(name, kind)
+            else:
+                self.declare_parameter(name, value, kind)
+        return Settings.of({name: self.get_parameter(name).value for name in defaults})
 
     def _prepare(self, settings: Settings) -> None:
         """Make what corrects messages; it is compiled before the topics are subscribed to, so that no frame waits."""
