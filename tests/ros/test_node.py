@@ -1,6 +1,7 @@
 """The node on real ROS 2: rclpy over Fast DDS, with camera, node and listener as processes of their own."""
 
 import itertools
+import json
 import os
 import re
 import time
@@ -253,11 +254,17 @@ def test_of_frames_that_come_too_fast_the_newest_is_corrected_and_none_is_late(c
         assert int(status["values"]["left out: a newer pair came"]) <= n - len(numbers)
 
 
-def test_depth_in_millimetres_has_half_the_bytes(camera: Peer, listener: Peer) -> None:
-    with wired(camera, listener, depth_encoding="16UC1", corrector=ECHO, units_per_m=5000) as wires:
+def test_parameters_come_from_a_file_too_and_millimetres_have_half_the_bytes(
+    camera: Peer, listener: Peer, tmp_path: Path
+) -> None:
+    parameters = {"depth_encoding": "16UC1", "corrector": ECHO, "units_per_m": 5000, "baseline_m": 0.095}
+    text = json.dumps({"/**/voxdepth": {"ros__parameters": parameters}})
+    (tmp_path / "mine.yaml").write_text(text)
+    with wired(camera, listener, "--params-file", str(tmp_path / "mine.yaml")) as wires:
         (out,) = wires.corrected(*a_frame(S))
         assert (out["encoding"], out["n_bytes"]) == ("16UC1", 2 * 24 * 32)
         assert out["value"] == pytest.approx(2000 / 5000 + 7 / 1000)
+        wires.node.wait_for_text("baseline 0.095 m")
 
 
 def test_a_camera_info_may_come_late_and_has_the_baseline_of_a_right_camera(camera: Peer, listener: Peer) -> None:
