@@ -434,6 +434,7 @@ def test_the_diagnostics_tell_of_all_that_is_left_out(node: Any) -> None:
 def test_the_node_warns_of_images_without_a_partner_and_of_other_cameras(node: Any) -> None:
     node.callbacks["camera_info"](info_message())
     receive(node, gray_message(S), depth_message(S))
+    wait_until(lambda: node.topics["~/confidence"].sent)
     for stamp_ns in range(2 * S, 16 * S, S):
         assert not node.warnings
         node.callbacks["depth"](depth_message(stamp_ns))
