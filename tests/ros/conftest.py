@@ -11,11 +11,11 @@ from .processes import Peer
 def camera() -> Iterator[Peer]:
     peer = Peer("camera")
     yield peer
-    peer.kill()
+    peer.close()
 
 
 @pytest.fixture(scope="session")
 def listener() -> Iterator[Peer]:
     peer = Peer("listener")
     yield peer
-    peer.kill()
+    peer.close()

@@ -9,12 +9,13 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from subprocess import DEVNULL, PIPE, STDOUT, Popen
+from subprocess import DEVNULL, PIPE, STDOUT, Popen, TimeoutExpired
 from threading import Condition, Thread
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 20.0
+ENDS_WITHIN_S = 5.0
 ENVIRONMENT = {
     **os.environ,
     "PYTHONPATH": str(ROOT),
@@ -78,8 +79,19 @@ class Process:
             stream.close()
         return code
 
+    def close(self) -> None:
+        """End it as it wants to be ended, so that it leaves no shared memory, or else at once."""
+        self.ask_to_end()
+        try:
+            self.ended(ENDS_WITHIN_S)
+        except TimeoutExpired:
+            self.kill()
+
+    def ask_to_end(self) -> None:
+        self.process.send_signal(signal.SIGINT)
+
     def kill(self) -> None:
-        """End it at once, if it still runs."""
+        """Let it die."""
         self.process.kill()
         self.ended()
 
@@ -90,6 +102,10 @@ class Peer(Process):
     def __init__(self, module: str) -> None:
         super().__init__("-m", f"tests.ros.{module}", is_driven=True)
         self.wait_for_text('"ready"')
+
+    def ask_to_end(self) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.close()
 
     def ask(self, **request: Any) -> None:
         assert self.process.stdin is not None

@@ -37,8 +37,8 @@ def main() -> None:
         assert player.ended(asked.seconds + GRACE_S) == 0, player.text
         node.end()
     finally:
-        node.kill()
-        listener.kill()
+        node.close()
+        listener.close()
     sent_s = {told["stamp_ns"]: told["sent_s"] for told in map(json.loads, player.lines)}
     came_s = {told["stamp_ns"]: told["at_s"] for told in listener.received(f"{NAMESPACE}/voxdepth/depth")}
     took_ms = [1000 * (at_s - sent_s[stamp_ns]) for stamp_ns, at_s in came_s.items()]

@@ -96,7 +96,7 @@ def wired(camera: Peer, listener: Peer, *arguments: str, reliable: bool = True, 
         listener.asked("listens", namespace=namespace, reliable=reliable)
         yield Wired(node, camera, listener, namespace)
     finally:
-        node.kill()
+        node.close()
 
 
 @pytest.fixture(scope="module")
@@ -321,4 +321,4 @@ def test_the_program_of_the_readme_corrects_two_cameras(camera: Peer, listener: 
         assert node.end() == 0, node.text
         assert "Traceback" not in node.text
     finally:
-        node.kill()
+        node.close()
