@@ -5,9 +5,10 @@ VENV := .venv
 INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
 BIN := $(VENV)/bin
+ROS := build/ros
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast fuzz bounds matrix lint portable bench results profile acceptance picture sequences regress docs release clean
+.PHONY: help setup demo test fast fuzz bounds matrix ros lint portable bench results profile acceptance picture sequences regress docs release clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -48,6 +49,18 @@ bounds: setup    ## run the tests of library and simulator with a check of each 
 
 matrix: $(INSTALLED) ## run the library's tests with its lowest and newest versions on every Python
 	$(BIN)/python -m tests.matrix
+
+ros: setup $(ROS)/.ready ## run the node on real ROS 2, which comes from the package registry
+	$(ROS)/bin/python -m pytest -q tests/ros
+
+$(ROS)/.ready: ros2/voxdepth_ros/setup.py constraints.txt | $(INSTALLED)
+	@echo "installing ROS 2 into $(ROS), 250 MB"
+	@rm -rf $(ROS)
+	@"$(PYTHON)" -m venv $(ROS)
+	@echo "import site; site.addsitedir('$(CURDIR)/$(VENV)/lib/python3.11/site-packages')" > $(ROS)/lib/python3.11/site-packages/project.pth
+	@$(ROS)/bin/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e 'ros2/voxdepth_ros[wheels]' > $(ROS)/log 2>&1 \
+		|| { echo "make: cannot install ROS 2, $(ROS)/log says why; its wheels are for Python 3.11 on Linux with glibc 2.28, and come from a package registry: is one reachable?" >&2; exit 1; }
+	@touch $@
 
 docs: $(INSTALLED) ## build the documentation site in site/, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'

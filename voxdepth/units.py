@@ -91,6 +91,11 @@ class Unit:
         return depth_m
 
 
+def to_millimetres(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
+    """Convert depth to millimetres, shape (H, W): 0 where invalid, 65535 for everything beyond 65.535 m."""
+    return np.where(depth_m > 0, np.rint(np.clip(depth_m, 0.001, 65.535) * 1000), 0).astype(np.uint16)
+
+
 def _are_like_halves(values: npt.NDArray[Any]) -> bool:
     """Whether nearly all pixels of an image of 16 bits are positive floats of 16 bits, of which most begin alike."""
     if values.dtype.kind == "f" or values.dtype.itemsize != 2:

@@ -18,5 +18,8 @@ setup(
     zip_safe=True,
     description="Corrects the depth images of a stereo camera with the library voxdepth",
     license="MIT",
-    entry_points={"console_scripts": [f"voxdepth = {NAME}.node:main"]},
+    # The library has a command `voxdepth`.
+    entry_points={"console_scripts": [f"voxdepth_node = {NAME}.__main__:main"]},
+    # ROS itself, where it comes from a package registry, for Linux.
+    extras_require={"wheels": ["ros-diagnostic-msgs", "ros-rclpy", "ros-rmw-fastrtps-cpp", "ros-sensor-msgs"]},
 )

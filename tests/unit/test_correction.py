@@ -18,9 +18,9 @@ from voxdepth.plugins import fault_of
 from voxdepth.ros import confidence_levels
 from voxdepth.tools.correction import Correction
 from voxdepth.tools.errors import ToolError
-from voxdepth.tools.output import to_millimetres
 from voxdepth.tools.point_cloud import VERTEX, ply
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
+from voxdepth.units import to_millimetres
 
 CAMERA = Intrinsics.from_hfov(width_px=24, height_px=16, hfov_deg=80)
 N_FRAMES = 7

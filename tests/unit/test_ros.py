@@ -10,6 +10,7 @@ from tests.bags import ROS1, ROS2, S, camera_info, compressed, image, message
 from tests.sequences import encoded
 from voxdepth.errors import FrameError
 from voxdepth.ros import (
+    DEPTH_FIELDS,
     camera_info_fields,
     confidence_fields,
     depth_fields,
@@ -78,6 +79,13 @@ def test_what_is_written_is_read_again() -> None:
     levels = np.arange(35, dtype=np.uint8).reshape(SHAPE)
     for fields in (source_fields(levels), confidence_fields((levels / 255).astype(np.float32))):
         np.testing.assert_array_equal(gray_of(message("sensor_msgs/msg/Image", {"header": (S, ""), **fields})), levels)
+
+
+def test_depth_in_millimetres_has_half_the_bytes_and_no_depth_is_0() -> None:
+    depth_m = np.array([[0, 0.0004, 0.0126, 2.3456, 65.534, 70]], np.float32)
+    written = message("sensor_msgs/msg/Image", {"header": (S, "left"), **DEPTH_FIELDS["16UC1"](depth_m)})
+    assert (written.encoding, len(written.data)) == ("16UC1", depth_m.nbytes // 2)
+    np.testing.assert_allclose(depth_of(written), [[0, 0.001, 0.013, 2.346, 65.534, 0]], atol=1e-6)
 
 
 @pytest.mark.parametrize("store", [ROS1, ROS2], ids=["ros1", "ros2"])

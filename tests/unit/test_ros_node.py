@@ -1,10 +1,15 @@
 """The ROS 2 node without ROS: what it makes of messages, and how it is wired, by stand-ins for rclpy."""
 
+import os
+import re
+import signal
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib import import_module
+from importlib.abc import MetaPathFinder
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -17,6 +22,7 @@ import yaml
 from tests.bags import S, camera_info, image, message
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import FrameError
+from voxdepth.interrupts import ENDING
 from voxdepth.registry import create_corrector
 from voxdepth.ros import depth_of, frame_of, gray_of, header_of
 from voxdepth.types import Intrinsics
@@ -171,7 +177,7 @@ def test_images_are_paired_in_the_order_of_the_topics() -> None:
 
 
 def test_stamps_may_differ_by_the_slop_and_no_more() -> None:
-    assert paired((0, 100), (1, 120), (0, 200), (1, 221))[0] == [(100, 120)]
+    assert paired((0, 50), (0, 100), (1, 120), (0, 200), (1, 221))[0] == [(100, 120)]
     assert paired((0, 100), (1, 100), (0, 133), (1, 134), slop_s=0.0)[0] == [(100, 100)]
 
 
@@ -205,9 +211,14 @@ def test_after_a_lost_image_each_depth_has_its_own_image_at_every_rate(period_ms
     assert exact_pairs(period_ms, lost) == (300 - len(lost), 300 - len(lost))
 
 
-def test_topics_of_steadily_other_times_are_paired_at_once() -> None:
+@pytest.mark.parametrize("period_ms", [1000 / 60, 1000 / 90])
+def test_where_the_first_image_is_lost_the_next_one_is_not_taken_for_it(period_ms: float) -> None:
+    assert exact_pairs(period_ms, {0}) == (299, 299)
+
+
+def test_topics_of_steadily_other_times_are_paired_once_their_period_is_known() -> None:
     n, n_right = exact_pairs(1000 / 60, {50}, offset_ms=6.0)
-    assert (n, n_right) == (299, 299)
+    assert (n, n_right) == (298, 298), "the first one waits for what the period is"
 
 
 def test_a_late_image_loses_no_pair_but_its_own() -> None:
@@ -238,7 +249,7 @@ def test_the_latest_item_wins() -> None:
     assert (latest.take(0.001), latest.take(0.001)) == (2, None)
 
 
-# The node, with stand-ins for what it uses of ROS
+# The node, with stand-ins for what it uses of ROS; tests/ros runs it with ROS itself
 
 
 class Publisher:
@@ -252,19 +263,34 @@ class Publisher:
 class FakeNode:
     """The methods of rclpy.node.Node that the node uses."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, **options: Any) -> None:
         self.told: list[str] = []
         self.topics: dict[str, Publisher] = {}
         self.callbacks: dict[str, Callable[[Any], None]] = {}
         self.warnings: list[str] = []
         self.settings: dict[str, Any] = {}
+        self.options = options
+        self.described: list[str] = []
+        self.published = {"/camera/infra1": ["sensor_msgs/msg/Image"], "/voxdepth/depth": ["sensor_msgs/msg/Image"]}
+        self.is_running = self.is_there = True
+        self.context = SimpleNamespace(ok=lambda: self.is_running)
 
-    def declare_parameter(self, name: str, value: Any, descriptor: Any) -> Any:
+    def get_parameters_by_prefix(self, prefix: str) -> dict[str, Any]:
+        assert not prefix
+        return {name: SimpleNamespace(value=value) for name, value in PARAMETERS.items()}
+
+    def declare_parameter(self, name: str, value: Any, descriptor: Any) -> None:
+        assert name not in PARAMETERS
         self.settings[name] = value
-        given = PARAMETERS.get(name, value)
+        self.set_descriptor(name, descriptor)
+
+    def set_descriptor(self, name: str, descriptor: Any) -> None:
+        self.described.append(name)
         assert descriptor.dynamic_typing
         assert descriptor.read_only, "a change would have no effect"
-        return SimpleNamespace(value=given)
+
+    def get_parameter(self, name: str) -> Any:
+        return SimpleNamespace(value={**self.settings, **PARAMETERS}[name])
 
     def create_publisher(self, kind: Any, topic: str, depth: int) -> Publisher:
         return self.topics.setdefault(topic, Publisher())
@@ -272,51 +298,78 @@ class FakeNode:
     def create_subscription(self, kind: Any, topic: str, callback: Any, qos: Any) -> None:
         self.callbacks[topic] = callback
 
+    def create_timer(self, period_s: float, callback: Any, clock: Any) -> None:
+        self.tick = callback
+
     def get_logger(self) -> Any:
         return SimpleNamespace(
-            warning=lambda text, throttle_duration_sec: self.warnings.append(text), info=self.told.append
+            warning=lambda text, throttle_duration_sec=0: self.warnings.append(text), info=self.told.append
         )
+
+    def get_clock(self) -> Any:
+        return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: "now"))
+
+    def get_fully_qualified_name(self) -> str:
+        return "/voxdepth"
+
+    def get_topic_names_and_types(self) -> list[tuple[str, list[str]]]:
+        return list(self.published.items())
+
+    def count_publishers(self, topic: str) -> int:
+        return int(topic in self.published)
 
     def resolve_topic_name(self, name: str) -> str:
         return f"/camera/{name}"
 
-
-class FakeExecutor:
-    """Those of an executor; what waits without a limit never ends."""
-
-    def add_node(self, node: Any) -> None:
-        pass
-
-    def spin_once(self, timeout_sec: float) -> None:
-        time.sleep(min(timeout_sec, 0.01))
+    def destroy_node(self) -> None:
+        self.is_there = False
 
 
+def a_message(**fields: Any) -> Any:
+    return SimpleNamespace(header=SimpleNamespace(), **fields)
+
+
+def an_image(**fields: Any) -> Any:
+    assert type(fields["data"]).__name__ == "array" and fields["data"].typecode == "B"
+    return SimpleNamespace(**fields)
+
+
+Image = type("Image", (), {"__module__": "sensor_msgs.msg._image", "__new__": lambda cls, **fields: an_image(**fields)})
+CameraInfo = type("CameraInfo", (), {"__module__": "sensor_msgs.msg._camera_info"})
+Status = type("DiagnosticStatus", (SimpleNamespace,), {"OK": b"\0", "WARN": b"\1"})
+MODULES: dict[str, dict[str, Any]] = {
+    "diagnostic_msgs": {},
+    "diagnostic_msgs.msg": {"DiagnosticArray": a_message, "DiagnosticStatus": Status, "KeyValue": SimpleNamespace},
+    "rclpy": {},
+    "rclpy.clock": {"Clock": SimpleNamespace, "ClockType": SimpleNamespace(STEADY_TIME="steady")},
+    "rclpy.executors": {"ExternalShutdownException": RuntimeError, "SingleThreadedExecutor": None},
+    "rclpy.node": {"Node": FakeNode},
+    "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
+    "rclpy.signals": {"SignalHandlerOptions": SimpleNamespace(NO="none")},
+    "rcl_interfaces": {},
+    "rcl_interfaces.msg": {"ParameterDescriptor": SimpleNamespace},
+    "sensor_msgs": {},
+    "sensor_msgs.msg": {"Image": Image, "CameraInfo": CameraInfo},
+}
 PARAMETERS: dict[str, Any] = {"corrector": "median", "units_per_m": 0, "baseline_m": 0}
 
 
 @pytest.fixture
-def node(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The node with stand-ins; ROS runs until all pairs are corrected."""
-
-    def create(**fields: Any) -> Any:
-        assert type(fields["data"]).__name__ == "array" and fields["data"].typecode == "B"
-        return SimpleNamespace(**fields)
-
-    modules: dict[str, dict[str, Any]] = {
-        "rclpy": {"ok": lambda: True},
-        "rclpy.executors": {"ExternalShutdownException": RuntimeError, "SingleThreadedExecutor": FakeExecutor},
-        "rclpy.node": {"Node": FakeNode},
-        "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
-        "rcl_interfaces": {},
-        "rcl_interfaces.msg": {"ParameterDescriptor": SimpleNamespace},
-        "sensor_msgs": {},
-        "sensor_msgs.msg": {"Image": create, "CameraInfo": SimpleNamespace},
-    }
-    for name, content in modules.items():
+def ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stand-ins for ROS."""
+    for name, content in MODULES.items():
         module = ModuleType(name)
         vars(module).update(content)
         monkeypatch.setitem(sys.modules, name, module)
-    return import_module("voxdepth_ros.node").VoxDepthNode()
+
+
+@pytest.fixture
+def node(ros: None) -> Iterator[Any]:
+    """The node with stand-ins; its thread runs."""
+    made = import_module("voxdepth_ros.node").VoxDepthNode()
+    yield made
+    made.destroy_node()
+    assert made._work.done()
 
 
 def receive(node: Any, gray: Any, depth: Any) -> None:
@@ -324,45 +377,64 @@ def receive(node: Any, gray: Any, depth: Any) -> None:
     node.callbacks["depth"](depth)
 
 
-def run(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the node correct what waits."""
-    answers = iter([True, False, False])
-    monkeypatch.setattr(sys.modules["rclpy"], "ok", lambda: next(answers))
-    node.correct_until_shutdown()
+def wait_until(is_so: Callable[[], Any]) -> None:
+    until_s = time.monotonic() + 10
+    while not is_so():
+        assert time.monotonic() < until_s
+        time.sleep(0.002)
 
 
-def test_the_node_publishes_the_latest_pair_with_the_header_of_its_depth(
-    node: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def status_of(node: Any) -> Any:
+    """What the node tells of itself."""
+    node.tick()
+    (status,) = node.topics["/diagnostics"].sent[-1].status
+    return status
+
+
+def test_the_node_publishes_with_the_header_of_the_depth(node: Any) -> None:
     receive(node, gray_message(S), depth_message(S))
     node.callbacks["camera_info"](info_message())
-    for stamp_ns in (2 * S, 3 * S):
-        receive(node, gray_message(stamp_ns), depth_message(stamp_ns))
-    run(node, monkeypatch)
-    assert node.topics.keys() == {"~/depth", "~/source", "~/confidence", "~/camera_info"}
-    for topic in node.topics.values():
-        assert [header_of(sent) for sent in topic.sent] == [(3 * S, "left_optical")]
+    receive(node, gray_message(2 * S), depth_message(2 * S))
+    wait_until(lambda: node.topics["~/confidence"].sent)
+    assert node.topics.keys() == {"~/depth", "~/source", "~/confidence", "~/camera_info", "/diagnostics"}
+    for name in node.topics.keys() - {"/diagnostics"}:
+        assert [header_of(sent) for sent in node.topics[name].sent] == [(2 * S, "left_optical")]
     (described,) = node.topics["~/camera_info"].sent
     assert Intrinsics.from_camera_info(described).shape == CAMERA.shape
     assert depth_of(node.topics["~/depth"].sent[0]).shape == CAMERA.shape
 
 
-def test_the_node_warns_of_a_bad_frame_and_goes_on(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_node_warns_of_a_bad_frame_and_goes_on(node: Any) -> None:
     node.callbacks["camera_info"](info_message())
     receive(node, gray_message(S), gray_message(S))
-    run(node, monkeypatch)
+    wait_until(lambda: node.warnings)
     assert "a frame is left out: expected depth as 16UC1" in node.warnings[0]
     assert not node.topics["~/depth"].sent
+    assert (status_of(node).level, status_of(node).message) == (b"\1", "no frame to correct")
     receive(node, gray_message(2 * S), depth_message(2 * S))
-    run(node, monkeypatch)
+    wait_until(lambda: node.topics["~/confidence"].sent)
     assert len(node.topics["~/depth"].sent) == 1
 
 
-def test_the_node_warns_of_images_without_a_partner_and_of_other_cameras(
-    node: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_diagnostics_tell_of_all_that_is_left_out(node: Any) -> None:
+    receive(node, gray_message(S), depth_message(S))
+    node.callbacks["camera_info"](info_message())
+    receive(node, gray_message(2 * S), gray_message(2 * S))
+    wait_until(lambda: node.warnings)
+    status = status_of(node)
+    assert status.name == "voxdepth: depth correction"
+    assert status.level == b"\1"
+    assert status.message.startswith("frames left out: 1, the last one: expected depth as 16UC1, ")
+    values = {each.key: each.value for each in status.values}
+    assert (values["left out: no camera_info yet"], values["left out: unusable"]) == ("1", "1")
+    receive(node, gray_message(3 * S), depth_message(3 * S))
+    wait_until(lambda: status_of(node).message == "corrects")
+
+
+def test_the_node_warns_of_images_without_a_partner_and_of_other_cameras(node: Any) -> None:
     node.callbacks["camera_info"](info_message())
     receive(node, gray_message(S), depth_message(S))
+    wait_until(lambda: node.topics["~/confidence"].sent)
     for stamp_ns in range(2 * S, 16 * S, S):
         assert not node.warnings
         node.callbacks["depth"](depth_message(stamp_ns))
@@ -371,48 +443,85 @@ def test_the_node_warns_of_images_without_a_partner_and_of_other_cameras(
     gray = gray_message(16 * S)
     gray.header.frame_id = "rear"
     node.callbacks["image"](gray)
-    run(node, monkeypatch)
+    wait_until(lambda: len(node.topics["~/confidence"].sent) == 2)
     assert "of one camera, but are in the coordinate frames 'rear', 'left_optical', 'left'" in node.warnings[-1]
-    assert len(node.topics["~/depth"].sent) == 1
 
 
-def test_a_publisher_that_ros_has_ended_is_no_error(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_publisher_that_ros_has_ended_is_no_error_and_any_other_is_that_of_who_spins_the_node(node: Any) -> None:
     def ended(message: Any) -> None:
+        calls.append(message)
         raise RuntimeError("the context is invalid")
 
+    calls: list[Any] = []
+    node.topics["~/camera_info"].publish = ended
     node.callbacks["camera_info"](info_message())
-    monkeypatch.setattr(node.topics["~/camera_info"], "publish", ended)
+    node.context.ok = lambda: not calls
     receive(node, gray_message(S), depth_message(S))
-    run(node, monkeypatch)
-    node._corrector.correct(gray_message(2 * S), depth_message(2 * S), info_message())
-    receive(node, gray_message(3 * S), depth_message(3 * S))
-    monkeypatch.setattr(sys.modules["rclpy"], "ok", lambda: True)
+    wait_until(node._work.done)
+    node.tick()
+    again = type(node)()
+    again.topics["~/camera_info"].publish = ended
+    again.callbacks["camera_info"](info_message())
+    receive(again, gray_message(S), depth_message(S))
+    wait_until(again._work.done)
     with pytest.raises(RuntimeError, match="context is invalid"):
-        node.correct_until_shutdown()
+        again.tick()
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_a_signal_while_the_node_is_imported_ends_it_with_0(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Interrupting(MetaPathFinder):
+        def find_spec(self, name: str, *_: Any) -> None:
+            if name == "voxdepth_ros.node":
+                os.kill(os.getpid(), number)
+
+    handlers = {each: signal.getsignal(each) for each in ENDING}
+    monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
+    with pytest.raises(SystemExit) as exit:
+        import_module("voxdepth_ros.__main__").main()
+    assert exit.value.code == 0
+    for each, handler in handlers.items():
+        signal.signal(each, handler)
+
+
+def test_another_program_makes_the_node_with_options_of_its_own(ros: None) -> None:
+    node = import_module("voxdepth_ros.node").VoxDepthNode(namespace="/rear")
+    assert node.options == {"namespace": "/rear", "automatically_declare_parameters_from_overrides": True}
+    node.destroy_node()
+    assert not node.is_there
 
 
 @pytest.mark.parametrize(
     ("given", "told"),
     [
         ({"slop_s": -1}, "parameters of the node: slop_s: expected at least 0, got -1"),
+        ({"slop_s": float("nan")}, "parameters of the node: slop_s: expected"),
+        ({"slop_s": float("inf")}, "parameters of the node: slop_s: expected"),
         ({"units_per_m": "many"}, "parameters of the node: units_per_m: expected a valid number, got 'many'"),
+        ({"units_per_m": 0.5}, "units_per_m must be a number of 1 to 1,000,000, got 0.5"),
+        ({"baseline_m": 50.0}, "the stereo baseline must be 0.001 to 10 m, got 50.0 m"),
+        ({"depth_encoding": "mono8"}, "parameters of the node: depth_encoding: expected"),
         ({"corrector": "temporl"}, "there is no corrector 'temporl' (did you mean temporal?)"),
         ({"corrector": "temporal[fil=all]"}, "unknown key 'fil'"),
         ({"config": "nowhere.toml"}, "cannot read the config 'nowhere.toml' as TOML"),
     ],
 )
 def test_parameters_that_make_no_sense_end_the_node_in_one_line(
-    node: Any, given: dict[str, Any], told: str, monkeypatch: pytest.MonkeyPatch
+    ros: None, given: dict[str, Any], told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, value in given.items():
         monkeypatch.setitem(PARAMETERS, name, value)
-    monkeypatch.setattr(sys.modules["rclpy"], "init", lambda: None, raising=False)
+    ended = []
+    destroy = FakeNode.destroy_node
+    monkeypatch.setattr(FakeNode, "destroy_node", lambda node: ended.append(node) or destroy(node))
+    monkeypatch.setattr(sys.modules["rclpy"], "init", lambda signal_handler_options: None, raising=False)
     monkeypatch.setattr(sys.modules["rclpy"], "try_shutdown", lambda: None, raising=False)
-    with pytest.raises(SystemExit) as ended:
-        import_module("voxdepth_ros.node").main()
-    assert str(ended.value.code).startswith("voxdepth: ")
-    assert told in str(ended.value.code)
-    assert "\n" not in str(ended.value.code)
+    with pytest.raises(SystemExit) as exit:
+        import_module("voxdepth_ros.node").run()
+    assert str(exit.value.code).startswith("voxdepth: ")
+    assert told in str(exit.value.code)
+    assert "\n" not in str(exit.value.code)
+    assert len(ended) == 1
 
 
 def test_a_corrector_with_settings_counts_before_the_file(node: Any, tmp_path: Path) -> None:
@@ -433,36 +542,62 @@ def test_without_a_baseline_the_assumed_one_serves_every_corrector_and_is_told(c
     ]
 
 
-def test_topics_without_a_message_are_told_after_a_while(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert node.told == ["waiting for /camera/image, /camera/depth, /camera/camera_info"]
-    run(node, monkeypatch)
+def test_topics_without_a_message_are_told_after_a_while_with_those_that_there_are(
+    node: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert node.told[0].startswith("preparing median")
+    assert node.told[1:] == ["waiting for /camera/image, /camera/depth, /camera/camera_info"]
+    assert status_of(node).message == "no frame to correct"
     assert not node.warnings
-    receive(node, gray_message(S), depth_message(S))
+    node.callbacks["depth"](depth_message(S))
     now_s = time.monotonic()
     monkeypatch.setattr(sys.modules["voxdepth_ros.node"], "monotonic", lambda: now_s + 6)
-    run(node, monkeypatch)
-    (warning,) = node.warnings
-    assert warning.startswith("no message has come yet for camera_info (/camera/camera_info): is it published")
+    told = (
+        "no message has come yet for image (/camera/image), which nobody publishes: of its type there are "
+        "/camera/infra1; camera_info (/camera/camera_info), which nobody publishes, nor anything of its type"
+    )
+    assert status_of(node).message == node.warnings[-1] == told
+    node.published = {"/camera/camera_info": ["sensor_msgs/msg/CameraInfo"]}
+    node.callbacks["image"](gray_message(S))
+    node.tick()
+    told = "no message has come yet for camera_info (/camera/camera_info), which is published"
+    assert node.warnings[-1] == told
     node.callbacks["camera_info"](info_message())
-    run(node, monkeypatch)
-    assert len(node.warnings) == 1
+    node.tick()
+    assert len(node.warnings) == 2
 
 
-def test_the_node_ends_with_ros_although_no_message_comes(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = [True]
-    ended: list[str] = []
-    fake = {"init": lambda: None, "ok": lambda: bool(runs), "try_shutdown": runs.clear}
-    for name, call in fake.items():
-        monkeypatch.setattr(sys.modules["rclpy"], name, call, raising=False)
-    monkeypatch.setattr(FakeNode, "destroy_node", lambda self: ended.append("node"), raising=False)
-    monkeypatch.setattr(type(node), "correct_until_shutdown", lambda self: None)
-    import_module("voxdepth_ros.node").main()
-    assert ended == ["node"]
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("baselin_m", "there is no parameter 'baselin_m' (did you mean baseline_m?)"),
+        ("slop", "there is no parameter 'slop' (did you mean slop_s?)"),
+        ("use_sim_times", "there is no parameter 'use_sim_times'; choose one of: corrector, config, "),
+        ("use_sim_time", ""),
+        ("qos_overrides./depth.subscription.depth", ""),
+    ],
+)
+def test_a_parameter_that_the_node_does_not_have_is_told(
+    ros: None, given: str, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(PARAMETERS, given, 0.1)
+    node = import_module("voxdepth_ros.node").VoxDepthNode()
+    node.destroy_node()
+    assert [line.startswith(told) for line in node.warnings] == [True] * bool(told)
 
 
 def test_the_parameters_of_the_file_are_those_of_the_node(node: Any) -> None:
     given = yaml.safe_load((PACKAGE / "config" / "voxdepth.yaml").read_text())["/**/voxdepth"]["ros__parameters"]
-    assert given == node.settings
+    assert given == stream().Settings().model_dump()
+    assert given.keys() == {*node.described}
+
+
+def test_the_command_of_the_node_is_that_of_the_launch_file_and_not_the_librarys() -> None:
+    setup, launch = (PACKAGE / "setup.py").read_text(), (PACKAGE / "launch" / "voxdepth.launch.py").read_text()
+    library = tomllib.loads((PACKAGE.parents[1] / "pyproject.toml").read_text())["project"]["scripts"]
+    (command,) = re.findall(r'"(\w+) = {NAME}', setup)
+    assert command not in library
+    assert f'executable="{command}"' in launch
 
 
 def test_every_file_that_is_installed_exists() -> None:

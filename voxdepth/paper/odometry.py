@@ -77,8 +77,8 @@ class PhotometricOdometry:
     10 % change of exposure, steps of up to 0.8 m: 134 were solved, with errors of 2 mm in the median, at most 3 mm
     along facades and at most 22 mm over sunny ground. Over snow, where the texture is far away and a sideways
     translation looks like a rotation, errors were 5 mm in the median, but 3 of 44 were above 50 mm, the largest 166 mm,
-    and the checks did not detect them. All of 216 pairs of different places failed. These figures and those of
-    the constants are printed by `pytest tests/bench/test_odometry.py -m bench -s` at commit 5958986.
+    and the checks did not detect them. All of 216 pairs of different places failed.
+    `tests/odometries.py` measures it beside others.
     """
 
     def __init__(self, intrinsics: Intrinsics) -> None:

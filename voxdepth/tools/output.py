@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import cv2
-import numpy as np
 import numpy.typing as npt
 
 from ..datasets import Dataset
@@ -21,7 +20,8 @@ from ..ros import (
     gray_fields,
     source_fields,
 )
-from ..types import CorrectedDepth, FloatImage, Frame
+from ..types import CorrectedDepth, Frame
+from ..units import to_millimetres
 from .errors import ToolError
 from .picture import before_and_after
 from .point_cloud import ply
@@ -156,11 +156,6 @@ def open_output(path: Path, dataset: Dataset, *, has_points: bool = False) -> It
         storage.compressor = partial(zstd.compress, options={zstd.CompressionParameter.checksum_flag: 1})
         yield BagTopics(writer, dataset)
     (bag / f"{bag.name}{MCAP}").rename(path)
-
-
-def to_millimetres(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
-    """Convert depth to millimetres, shape (H, W): 0 where invalid, 65535 for everything beyond 65.535 m."""
-    return np.where(depth_m > 0, np.rint(np.clip(depth_m, 0.001, 65.535) * 1000), 0).astype(np.uint16)
 
 
 def encode(image: npt.NDArray[Any], level: int = 1) -> bytes:

@@ -14,8 +14,8 @@ INTERRUPTED = 130
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """Treat the end of a session and a request to end as Ctrl-C: `KeyboardInterrupt` in the block, then exit code 130.
+def interruptible(exit_code: int = INTERRUPTED) -> Iterator[None]:
+    """Treat the end of a session and a request to end as Ctrl-C: `KeyboardInterrupt` in the block, then an exit code.
 
     A signal that is ignored stays so, as after `nohup`. An error after a signal is due to it: libraries that are
     interrupted while they are imported raise errors of their own. Outside of the main thread, which alone handles
@@ -35,9 +35,9 @@ def interruptible() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+        sys.exit(exit_code)
     except Exception as error:
         if not interrupted:
             raise
         sys.stderr.write(f"voxdepth: interrupted ({type(error).__name__}: {error})\n")
-        sys.exit(INTERRUPTED)
+        sys.exit(exit_code)

@@ -24,7 +24,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("params_file", default_value=parameters),
             Node(
                 package="voxdepth_ros",
-                executable="voxdepth",
+                executable="voxdepth_node",
                 name="voxdepth",
                 parameters=[LaunchConfiguration("params_file")],
                 remappings=[(name, LaunchConfiguration(name)) for name in TOPICS],

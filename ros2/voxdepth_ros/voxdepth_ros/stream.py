@@ -2,12 +2,12 @@
 
 import tomllib
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from threading import Condition
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import Field
 
@@ -15,8 +15,9 @@ from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.model import Model, changed, explained
 from voxdepth.order import FrameOrder, Place, StampOrder
-from voxdepth.ros import confidence_fields, depth_fields, frame_of, header_of, source_fields
+from voxdepth.ros import DEPTH_FIELDS, DepthFields, confidence_fields, depth_fields, frame_of, header_of, source_fields
 from voxdepth.types import ASSUMED_BASELINE_M, DepthCorrector, Intrinsics
+from voxdepth.units import Unit
 
 T = TypeVar("T")
 TOPICS = ("image", "depth", "camera_info")
@@ -46,6 +47,8 @@ class Settings(Model):
     """Steps of a metre in the depth; 0 takes 1000 for 16 bits and 1 for floats."""
     slop_s: float = Field(default=0.02, ge=0)
     """Largest difference of the stamps of a pair [s]."""
+    depth_encoding: Literal["32FC1", "16UC1"] = "32FC1"
+    """Encoding of the depth that is published: metres with NaN for invalid pixels, or millimetres with 0 for them."""
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> "Settings":
@@ -54,7 +57,7 @@ class Settings(Model):
             return cls.model_validate(dict(given))
 
     def message_corrector(self) -> "MessageCorrector":
-        """Return what corrects the messages; a corrector that cannot be made is a `ConfigError`."""
+        """Return what corrects the messages; settings that make no sense are a `VoxDepthError`."""
         spec = CorrectorSpec.of(self.corrector)
         if self.config:
             try:
@@ -63,7 +66,12 @@ class Settings(Model):
                 raise ConfigError(f"cannot read the config {self.config!r} as TOML: {error}") from error
             with explained(CorrectorSpec, ConfigError):
                 spec = CorrectorSpec(name=spec.name, config=changed(table, spec.config))
-        return MessageCorrector(spec, baseline_m=self.baseline_m or None, units_per_m=self.units_per_m or None)
+        return MessageCorrector(
+            spec,
+            baseline_m=self.baseline_m or None,
+            units_per_m=self.units_per_m or None,
+            depth_fields=DEPTH_FIELDS[self.depth_encoding],
+        )
 
 
 class MessageCorrector:
@@ -73,21 +81,35 @@ class MessageCorrector:
         spec: The corrector.
         baseline_m: Baseline of the stereo pair [m]; None takes that of the `CameraInfo`, or else `ASSUMED_BASELINE_M`.
         units_per_m: Steps of a metre in the depth; None takes 1000 for 16 bits and 1 for floats if the depths fit that.
+        depth_fields: Makes the fields of an `Image` of corrected depth [m].
+
+    Raises:
+        FrameError: The baseline or the unit makes no sense.
     """
 
     def __init__(
-        self, spec: CorrectorSpec, *, baseline_m: float | None = None, units_per_m: float | None = None
+        self,
+        spec: CorrectorSpec,
+        *,
+        baseline_m: float | None = None,
+        units_per_m: float | None = None,
+        depth_fields: DepthFields = depth_fields,
     ) -> None:
         self._spec, self._baseline_m, self._units_per_m = spec, baseline_m, units_per_m
+        self._depth_fields = depth_fields
+        Unit(units_per_m)
+        self._typical = replace(TYPICAL, baseline_m=baseline_m or ASSUMED_BASELINE_M)
         self.tell: Callable[[str], None] | None = None
         """Takes a line about every corrector that is made: its camera, and the baseline."""
+        self.facts: Mapping[str, str | int | float] = {}
+        """What the corrector reports about the last frame, see `Diagnostics`."""
         self._camera: Intrinsics | None = None
         self._corrector: DepthCorrector
         self._order: FrameOrder
 
     def prepare(self) -> None:
         """Compile what the corrector needs before the first image comes; one that cannot be made is a `ConfigError`."""
-        _close(self._spec.create(TYPICAL))
+        _close(self._spec.create(self._typical))
 
     def correct(self, gray: Any, depth: Any, info: Any) -> Mapping[str, Mapping[str, Any]]:
         """Correct a frame.
@@ -110,8 +132,9 @@ class MessageCorrector:
             self._begin(camera)
         self._order.admit(frame)
         corrected = self._corrector.process(frame)
+        self.facts = {} if corrected.diagnostics is None else corrected.diagnostics.facts()
         return {
-            "depth": depth_fields(corrected.depth_m),
+            "depth": self._depth_fields(corrected.depth_m),
             "source": source_fields(corrected.source),
             "confidence": confidence_fields(corrected.confidence),
         }
@@ -145,8 +168,8 @@ def _close(corrector: DepthCorrector) -> None:
 class Pairs:
     """Pairs the images of two topics by their stamps; each image is in one pair at most.
 
-    Stamps of a pair differ by less than half the period of the faster topic, as soon as it is known: an image is then
-    paired with the nearest one, and none with the next one where its own was lost.
+    Stamps of a pair differ by less than half the period of the faster topic, and are equal before it is known: an image
+    is paired with the nearest one, and none with the next one where its own was lost.
 
     Where the stamps of a topic go back, as of a bag that begins again, images with later stamps no longer wait. The
     synchroniser of `message_filters` in Python would pair nothing until it has caught up with them.
@@ -200,7 +223,8 @@ class Pairs:
 
     def _reach_ns(self) -> float:
         """Largest difference of the stamps of a pair [ns]."""
-        return min(self._slop_ns, *(each.period_ns() / 2 for each in self._topics))
+        periods_ns = [each.period_ns() for each in self._topics if each.is_periodic]
+        return min(self._slop_ns, min(periods_ns) / 2) if periods_ns else 0
 
 
 class _Topic:
@@ -224,9 +248,14 @@ class _Topic:
         self.n += 1
         return place
 
+    @property
+    def is_periodic(self) -> bool:
+        """Whether two images have come."""
+        return bool(self._intervals_ns)
+
     def period_ns(self) -> float:
-        """The usual time between two images; infinite before two have come."""
-        return median(self._intervals_ns) if self._intervals_ns else float("inf")
+        """The usual time between two images."""
+        return median(self._intervals_ns)
 
     def drop(self, is_passed: Callable[[int], bool]) -> None:
         """Drop the waiting images whose stamps [ns] have passed."""
@@ -250,12 +279,25 @@ class Arrivals:
         """A message has come."""
         self._come.add(topic)
 
-    def missing(self, now_s: float) -> str:
-        """What has not come, as a line; empty if all has, or in the first seconds."""
-        silent = [f"{name} ({full})" for name, full in self.topics.items() if name not in self._come]
+    def missing(self, now_s: float, published: Callable[[str], Sequence[str]]) -> str:
+        """What has not come, as a line; empty if all has, or in the first seconds.
+
+        Args:
+            now_s: Time by the same clock [s].
+            published: Gives the topics with messages of the type of one of ours, by what that is for.
+        """
+        silent = [name for name in self.topics if name not in self._come]
         if not silent or now_s - self._start_s < PATIENCE_S:
             return ""
-        return f"no message has come yet for {', '.join(silent)}: is it published, and remapped to its name?"
+        return f"no message has come yet for {'; '.join(self._found(name, published(name)) for name in silent)}"
+
+    def _found(self, name: str, published: Sequence[str]) -> str:
+        """What may be wrong with a silent topic."""
+        full = self.topics[name]
+        if full in published:
+            return f"{name} ({full}), which is published"
+        others = f": of its type there are {', '.join(published)}" if published else ", nor anything of its type"
+        return f"{name} ({full}), which nobody publishes{others}"
 
 
 class Latest(Generic[T]):
@@ -265,11 +307,12 @@ class Latest(Generic[T]):
         self._item: T | None = None
         self._changed = Condition()
 
-    def put(self, item: T) -> None:
-        """Put an item there."""
+    def put(self, item: T) -> bool:
+        """Put an item there; whether it replaced one."""
         with self._changed:
-            self._item = item
+            replaced, self._item = self._item is not None, item
             self._changed.notify()
+        return replaced
 
     def take(self, timeout_s: float) -> T | None:
         """Wait for an item and take it; None after a time without one."""
