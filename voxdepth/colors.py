@@ -27,17 +27,18 @@ SOURCE_COLORS = {
 """Colour of a pixel by its source, RGB: black, gray, blue, orange."""
 
 
-def far_end_m(depths_m: Iterable[FloatImage]) -> float:
+def far_end_m(depths_m: Iterable[FloatImage], beyond_share: float = BEYOND_SHARE) -> float:
     """Return the least of `FAR_ENDS_M` that nearly all depths of a scene are within, or the largest; `FAR_M` for none.
 
-    The depths [m] are images of the shape (H, W), 0 where invalid and infinite where there is no surface.
+    The depths [m] are images of the shape (H, W), 0 where invalid and infinite where there is no surface. A share of
+    them may lie beyond.
     """
     n, beyond = 0, np.zeros(len(FAR_ENDS_M))
     for depth_m in depths_m:
         known_m = depth_m[(depth_m > 0) & np.isfinite(depth_m)]
         n += known_m.size
         beyond += [np.count_nonzero(known_m > end_m) for end_m in FAR_ENDS_M]
-    fitting = [end_m for end_m, count in zip(FAR_ENDS_M, beyond, strict=True) if n and count <= BEYOND_SHARE * n]
+    fitting = [end_m for end_m, count in zip(FAR_ENDS_M, beyond, strict=True) if n and count <= beyond_share * n]
     return min(fitting, default=FAR_M)
 
 

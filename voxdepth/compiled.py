@@ -171,7 +171,9 @@ def compile_all() -> None:
             with kept_back() as hand_on:  # LLVM calls Python, and an exception there is lost, or crashes the process.
                 had_to_compile = _waiting[0].compile()
             if had_to_compile and not has_said_so:
-                _LOGGER.warning("compiling %d functions for this machine; this takes some seconds, once", len(_waiting))
+                _LOGGER.warning(
+                    "compiling %d functions for this machine; this takes up to a minute, once", len(_waiting)
+                )
                 has_said_so = True
                 helpers.enter_context(_helpers(_waiting))
             _waiting.pop(0)

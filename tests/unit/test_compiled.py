@@ -125,7 +125,7 @@ class Package:
 
 
 def require_one_line(said: str) -> None:
-    assert said == "compiling 2 functions for this machine; this takes some seconds, once\n"
+    assert said == "compiling 2 functions for this machine; this takes up to a minute, once\n"
 
 
 @pytest.fixture

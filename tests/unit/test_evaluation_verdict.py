@@ -67,6 +67,13 @@ def test_any_method_is_compared_with_the_best_other_one_whoever_made_it(best: st
     assert "It leads the best other method, realsense, by 20.0 points [20.0, 20.0]." in said
 
 
+def test_settings_of_one_corrector_that_hardly_differ_are_told_as_such() -> None:
+    shares = {"temporal": 0.8, "temporal[fill=all]": 0.8001, "realsense-left": 0.5}
+    (said,) = verdict(evaluation_of(results_of("patches", shares)))
+    assert "There is no difference beyond chance between it and temporal (ours)" in said
+    assert "It leads the next method, realsense-left, by 30.0 points" in said
+
+
 def test_methods_that_do_not_differ_are_told_as_such_and_the_next_one_with_its_distance() -> None:
     results = results_of("patches", {"telea": 0.80, "lmeds": 0.5, "temporal": 0.80})
     close = np.array(results[0].close) + 30 * np.random.default_rng(0).integers(-1, 2, TILES)

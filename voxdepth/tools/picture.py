@@ -14,6 +14,8 @@ Image = npt.NDArray[np.uint8]
 WIDTH_PX = 480
 """Width of a panel."""
 PAPER, INK = (245, 245, 245), (30, 30, 30)
+BEYOND_SHARE = 0.1
+"""Share of the depths that may lie beyond the blue end: what is near shall have colours of its own."""
 TITLE_PX, GAP_PX = 22, 4
 """Height of a title, and distance of the panels."""
 NAMES = {Source.SENSOR: "gray: sensor", Source.MEMORY: "blue: memory", Source.INPAINTED: "orange: inpainted"}
@@ -40,7 +42,7 @@ def source_colored(source: GrayImage) -> Image:
 
 def before_and_after(frame: Frame, corrected: CorrectedDepth) -> Image:
     """Draw a frame and its correction in four panels; both depths have the same colours, and holes are black."""
-    far_m = far_end_m([frame.depth_m, corrected.depth_m])
+    far_m = far_end_m([frame.depth_m, corrected.depth_m], BEYOND_SHARE)
     above = panel("image", frame.gray), panel("depth as measured; black is a hole", colored(frame.depth_m, far_m))
     below = (
         panel(f"depth as corrected; red is near, blue is {far_m:g} m and farther", colored(corrected.depth_m, far_m)),

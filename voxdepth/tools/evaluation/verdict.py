@@ -10,6 +10,8 @@ from .suite import Evaluation
 
 ALL_JUDGED = 0.995
 """Share of judged pixels that is told as all."""
+LEAST_LEAD = 0.0005
+"""A smaller difference of two shares is told as none: it would be written as 0.0 points."""
 NOTHING = "No method has a result that could be compared."
 
 
@@ -77,10 +79,13 @@ def _judged(shares: Shares) -> Iterator[str]:
 
 
 def _equals(kind: Kind) -> list[str]:
-    """Return the methods whose difference from the best one may be none: its interval contains 0."""
+    """Return the methods whose difference from the best one may be none: its interval contains 0, or it is as small.
+
+    Two settings of one corrector may differ in some pixels, always in the same sense.
+    """
     best, *others = kind.ranked
     leads = {other: kind.lead(best, other) for other in others}
-    return [other for other, lead in leads.items() if lead.is_known and not lead.is_positive]
+    return [o for o, lead in leads.items() if lead.is_known and (not lead.is_positive or lead.value < LEAST_LEAD)]
 
 
 def _winner(kind: Kind) -> str | None:
