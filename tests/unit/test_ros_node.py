@@ -552,6 +552,7 @@ def test_topics_without_a_message_are_told_after_a_while_with_those_that_there_a
     node.callbacks["depth"](depth_message(S))
     now_s = time.monotonic()
     monkeypatch.setattr(sys.modules["voxdepth_ros.node"], "monotonic", lambda: now_s + 6)
+    node.callbacks["depth"](depth_message(2 * S))
     told = (
         "no message has come yet for image (/camera/image), which nobody publishes: of its type there are "
         "/camera/infra1; camera_info (/camera/camera_info), which nobody publishes, nor anything of its type"
@@ -565,6 +566,11 @@ def test_topics_without_a_message_are_told_after_a_while_with_those_that_there_a
     node.callbacks["camera_info"](info_message())
     node.tick()
     assert len(node.warnings) == 2
+    monkeypatch.setattr(sys.modules["voxdepth_ros.node"], "monotonic", lambda: now_s + 9)
+    node.callbacks["image"](gray_message(3 * S))
+    monkeypatch.setattr(sys.modules["voxdepth_ros.node"], "monotonic", lambda: now_s + 12)
+    told = "no message has come any more for depth (/camera/depth), which nobody publishes, nor anything of its type"
+    assert status_of(node).message == node.warnings[-1] == told, "a camera_info that came once is enough"
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,8 @@ class VoxDepthNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 1)
         self._pairs = Pairs(settings.slop_s)
         self._health = Health(monotonic())
-        self._arrivals = Arrivals({name: self.resolve_topic_name(name) for name in TOPICS}, monotonic())
+        topics = {name: self.resolve_topic_name(name) for name in TOPICS}
+        self._arrivals = Arrivals(topics, monotonic(), once=("camera_info",))
         self.create_subscription(CameraInfo, "camera_info", self._keep_info, qos_profile_sensor_data)
         for number, topic in enumerate(("image", "depth")):
             self.create_subscription(Image, topic, partial(self._keep_image, number), qos_profile_sensor_data)
@@ -144,11 +145,11 @@ class VoxDepthNode(Node):
         self._health.corrected(monotonic() - received_s, self._corrector.facts)
 
     def _keep_info(self, info: CameraInfo) -> None:
-        self._arrivals.note("camera_info")
+        self._arrivals.note("camera_info", monotonic())
         self._info = info
 
     def _keep_image(self, topic: int, image: Image) -> None:
-        self._arrivals.note(TOPICS[topic])
+        self._arrivals.note(TOPICS[topic], monotonic())
         n_before = self._pairs.n_alone
         pair = self._pairs.add(topic, image)
         self._health.leave_out(Reason.ALONE, self._pairs.n_alone - n_before)

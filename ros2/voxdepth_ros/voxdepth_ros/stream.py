@@ -2,7 +2,7 @@
 
 import tomllib
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -264,32 +264,40 @@ class _Topic:
 
 
 class Arrivals:
-    """Which topics have had a message.
+    """When the topics had their last message.
 
     Args:
         topics: Full names of the topics by what they are for.
         start_s: Time by any clock [s].
+        once: Topics of which one message is enough.
     """
 
-    def __init__(self, topics: Mapping[str, str], start_s: float) -> None:
-        self.topics, self._start_s = topics, start_s
-        self._come: set[str] = set()
+    def __init__(self, topics: Mapping[str, str], start_s: float, once: Collection[str] = ()) -> None:
+        self.topics, self._start_s, self._once = topics, start_s, once
+        self._last_s: dict[str, float] = {}
 
-    def note(self, topic: str) -> None:
-        """A message has come."""
-        self._come.add(topic)
+    def note(self, topic: str, now_s: float) -> None:
+        """A message has come, at a time by the same clock [s]."""
+        self._last_s[topic] = now_s
 
     def missing(self, now_s: float, published: Callable[[str], Sequence[str]]) -> str:
-        """What has not come, as a line; empty if all has, or in the first seconds.
+        """What has not come for some seconds, or never, as a line; empty if all has.
 
         Args:
             now_s: Time by the same clock [s].
             published: Gives the topics with messages of the type of one of ours, by what that is for.
         """
-        silent = [name for name in self.topics if name not in self._come]
-        if not silent or now_s - self._start_s < PATIENCE_S:
-            return ""
-        return f"no message has come yet for {'; '.join(self._found(name, published(name)) for name in silent)}"
+        waited_s = {name: now_s - self._last_s.get(name, self._start_s) for name in self.topics}
+        silent = [name for name in self.topics if waited_s[name] >= PATIENCE_S]
+        never = [name for name in silent if name not in self._last_s]
+        stopped = [name for name in silent if name in self._last_s and name not in self._once]
+        told = {"no message has come yet for": never, "no message has come any more for": stopped}
+        lines = [
+            f"{text} {'; '.join(self._found(name, published(name)) for name in names)}"
+            for text, names in told.items()
+            if names
+        ]
+        return "; ".join(lines)
 
     def _found(self, name: str, published: Sequence[str]) -> str:
         """What may be wrong with a silent topic."""
