@@ -139,7 +139,7 @@ def test_a_run_writes_what_it_promises_and_its_repetition_the_same_down_to_the_r
         (["evaluate", "--methods", "raw,magic"], "there is no corrector 'magic'; choose one of: raw"),
         (["evaluate", "--methods", "nowhere:make"], "the corrector 'nowhere:make' cannot be loaded"),
         (["experiment", "qualty"], "there is no experiment 'qualty' (did you mean quality"),
-        (["experiment", "quality", "--out", "/dev/null/below"], "cannot write to /dev/null/below"),
+        (["experiment", "quality", "--out", "/dev/null/below"], "cannot write /dev/null/below/"),
     ],
 )
 def test_bad_input_ends_in_one_line_and_writes_nothing(tmp_path: Path, arguments: list[str], message: str) -> None:

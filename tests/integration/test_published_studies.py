@@ -1,5 +1,6 @@
 """The documents say what the published stores say."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -19,14 +20,16 @@ def data(request: pytest.FixtureRequest) -> StudyData:
 
 
 def test_every_table_of_a_study_in_the_documents_is_that_of_its_store(data: StudyData) -> None:
-    """A section of the document has the name of the study, and its tables are those of the report, line by line."""
-    text = (DOCS / "study.md").read_text()
-    section = text[text.index(f"\n## `{data.study.name}`") :].split("\n## ")[1]
-    lines = [line for line in section.splitlines() if line.startswith("|")]
-    report = {line for table in Findings(data).tables.values() for line in table.markdown().splitlines()}
-    assert len(lines) > 4
-    assert [line for line in lines if line not in report] == []
-    assert f"{len(data.records)} of {len(data.runs)} runs" in section
+    """The documents show those of docs/results, see `tests.results`."""
+    result = json.loads((DOCS / "results" / "studies.json").read_text())
+    name, found = data.study.name, Findings(data).tables
+    shown = {key: table for key, table in result["tables"].items() if key.startswith(f"{name}-")}
+    shown = {key: table for key, table in shown.items() if key.removeprefix(f"{name}-") in found}
+    assert shown, "make results NAME=studies"
+    for key, table in shown.items():
+        of_store = found[key.removeprefix(f"{name}-")]
+        assert table["rows"] == of_store.texts, f"{key}: make results NAME=studies"
+        assert table["columns"] == of_store.headings
     assert not data.failures
 
 
