@@ -32,6 +32,21 @@ if TYPE_CHECKING:
 
 CORRECTED = Path("corrected")
 """Where results lie unless a place is named."""
+Recorded = Annotated[
+    Path,
+    typer.Argument(
+        metavar="PATH",
+        parser=recording,
+        help="Folder of the recorded sequence, or a bag; `sample` is twelve frames of a D435I that come with this.",
+    ),
+]
+Poses = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Your own poses of the camera, a trajectory of TUM RGB-D: lines of a time, tx ty tz and qx qy qz qw.",
+    ),
+]
 COMMENT_WIDTH = 110
 NEW = Path(__file__).parent / "new"
 """Files of the library that `new` writes."""
@@ -40,14 +55,7 @@ HOW_TO = ": voxdepth "
 
 
 def correct(
-    folder: Annotated[
-        Path,
-        typer.Argument(
-            metavar="PATH",
-            parser=recording,
-            help="Folder of the recorded sequence, or a bag; `sample` is twelve frames of a D435I that come with this.",
-        ),
-    ],
+    folder: Recorded,
     out: Annotated[
         Path | None,
         typer.Option(help="New folder of the result, or a new .mcap file. Default: corrected/NAME, after the input."),
@@ -67,13 +75,7 @@ def correct(
     units_per_m: UnitsPerM = None,
     baseline: Baseline = None,
     start: Start = 0,
-    poses: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Your own poses of the camera, a trajectory of TUM RGB-D: lines of a time, tx ty tz and qx qy qz qw.",
-        ),
-    ] = None,
+    poses: Poses = None,
     ply: Annotated[bool, typer.Option("--ply", help="Write points/NAME.ply, too.")] = False,
 ) -> None:
     """Correct the depth of a recorded sequence; the result appears when it is complete.
