@@ -190,9 +190,10 @@ def main() -> None:
                 print(f"{frame.stamp_s:.3f} s: {raw:.1%} raw, {now:.1%} corrected, latency {latency_ms:.0f} ms")
             if count == options.frames:
                 break
+        else:
+            if options.file is None:
+                print(f"no image came for {TIMEOUT_MS / 1000:g} s: is the camera unplugged?")
     camera.close()
-    if count != options.frames and options.file is None:
-        print(f"no image came for {TIMEOUT_MS / 1000:g} s: is the camera unplugged?")
     print(f"{count} frames in {time.perf_counter() - start:.1f} s, {pipeline.dropped} left out")
 
 

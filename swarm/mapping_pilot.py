@@ -141,7 +141,7 @@ class MappingPilot(Pilot):
             state=_state(intent, direction, velocity),
             direction=costs.to_world(direction),
             view=costs,
-            path_m=None if self._path is None else _lifted(costs, self._path, at_m[2]),
+            path=self._path,
         )
 
     def first_free(self, places_m: FloatArray) -> int:
@@ -266,11 +266,6 @@ class MappingPilot(Pilot):
         places_m = np.column_stack([points_m, np.full(len(points_m), at_m[2])])
         self._voxels.blacklist(places_m, self._half_width_m, self._half_height_m, time_s)
         return True
-
-
-def _lifted(costs: CostMap, path: PlannedPath, height_m: float) -> FloatArray:
-    """Return a path at a height, shape (n, 3), in the world frame."""
-    return costs.in_world(np.column_stack([path.points_m, np.full(len(path.points_m), height_m)]))
 
 
 def _apart_m(one_m: FloatArray, other_m: FloatArray) -> float:

@@ -13,7 +13,7 @@ from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
 from .approach import ApproachLimits, clamp_to_limits, neighbour_limits
-from .cost_map import CostMap
+from .cost_map import CostMap, PlannedPath
 from .evidence import MIN_CONFIDENCE, MIN_SURFACE_CONFIDENCE, Holes
 from .types import Motion, Neighbours, Percept
 from .voxel_map import MapConfig
@@ -70,8 +70,8 @@ class Decision:
     It is 0 where the drone wants to stay, and None without a map."""
     view: CostMap | None = None
     """What the pilot made of its images; None without a map."""
-    path_m: FloatArray | None = None
-    """The way that it plans around what is in its way, shape (n, 3), in the world frame; None where it needs none."""
+    path: PlannedPath | None = None
+    """The way that it plans around what is in its way, in the frame of `view`; None where it needs none."""
 
 
 class Pilot:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from scenarios.evaluation import shipped
@@ -86,12 +87,12 @@ def performance(_: Data) -> Tables:
     steps: dict[str, list[Value]] = {}
     for width_px, height_px in SIZES:
         times_s = measure(camera_of(width_px, height_px), N_FRAMES)
-        medians_ms = {name: 1e3 * _median(of[FRAME]) for name, of in times_s.items()}
+        medians_ms = {name: 1e3 * median(of[FRAME]) for name, of in times_s.items()}
         first_ms = next(iter(medians_ms.values()))
         for name, median_ms in medians_ms.items():
             methods.setdefault(name, []).extend([f"{median_ms:.1f}", f"{median_ms / first_ms:.2f}"])
         for step, of_step in times_s[WHOLE].items():
-            steps.setdefault(step, []).append(f"{1e3 * _median(of_step):.2f}")
+            steps.setdefault(step, []).append(f"{1e3 * median(of_step):.2f}")
     sizes = [f"{width_px}x{height_px}" for width_px, height_px in SIZES]
     headings = [f"{size} {what}" for size in sizes for what in ("[ms]", "ratio")]
     return {
@@ -106,10 +107,6 @@ def performance(_: Data) -> Tables:
             [[step, *row] for step, row in steps.items()],
         ),
     }
-
-
-def _median(values: Sequence[float]) -> float:
-    return sorted(values)[len(values) // 2]
 
 
 def real(data: Data) -> Tables:

@@ -382,8 +382,11 @@ class MissionRecorder(Recorder):
     def _add_odometry(self, drone: int, state: DroneState, decision: Decision) -> None:
         """Record where a drone believes that it is, and the way that it plans."""
         assert decision.view is not None, "a drone with a map has an odometry"
-        self._columns.add(f"world/believed/{drone}", rr.Points3D, positions=[decision.view.place(state.position_m)])
-        way_m = np.zeros((0, 3)) if decision.path_m is None else decision.path_m
+        at_m, way_m = decision.view.place(state.position_m), np.zeros((0, 3))
+        self._columns.add(f"world/believed/{drone}", rr.Points3D, positions=[at_m])
+        if decision.path is not None:
+            level_m = decision.path.points_m
+            way_m = decision.view.in_world(np.column_stack([level_m, np.full(len(level_m), at_m[2])]))
         self._stream.log(f"world/path/{drone}", rr.LineStrips3D([way_m], colors=[CHOICE_COLOR]))
 
     def _log_map(self, drone: int, state: DroneState, costs: CostMap) -> None:

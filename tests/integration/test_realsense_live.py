@@ -146,6 +146,27 @@ def test_a_camera_that_is_unplugged_ends_the_example_with_a_line(
     assert last.startswith(tuple(f"{n} frames in" for n in (1, 2, 3, 4)))
 
 
+def test_an_interrupted_example_blames_no_camera(
+    example: ModuleType, module: StereoModule, frames: list, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+
+    def interrupted(line: str) -> None:
+        said.append(line)
+        if "latency" in line:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(
+        example.Camera, "connected", lambda **_: example.Camera(module.queue, module.sensor, module.lens)
+    )
+    monkeypatch.setattr(example, "print", interrupted, raising=False)
+    monkeypatch.setattr(sys, "argv", ["realsense_live.py"])
+    for index, (depth_mm, gray) in enumerate(frames):
+        module.show(index, depth_mm, gray)
+    example.main()
+    assert [line.split(" frames in ")[0] for line in said[1:]] == ["1"]
+
+
 def test_a_check_prints_a_table_to_paste(
     example: ModuleType, file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -83,7 +83,7 @@ def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
 
 @compiled(MATRIX(READABLE_MATRIX, LENS_TYPE))
 def pixels_of(points_m: FloatArray, lens: Lens) -> FloatArray:
-    """The same for a camera that is given by its lens."""
+    """The pixels of points, see `project`, for a camera that is given by its lens."""
     fx, fy, cx, cy = lens
     pixels = np.empty((len(points_m), 2))
     for k in range(len(points_m)):
