@@ -194,7 +194,7 @@ def diagnosis() -> Any:
     planned = load_run("pillars", 1, FLOWN | CRASH)
     probe = CollisionProbe(planned.scenario.mission.pilot)
     fly(planned, recorder=probe, threads=1)
-    return probe.diagnosis
+    return probe.diagnoses
 
 
 def references(hidden: str | None) -> Any:

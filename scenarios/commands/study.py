@@ -117,7 +117,8 @@ def replay(
     keys: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="KEY", help="Keys of runs, or how they begin. Default: the runs that ended in a collision."
+            metavar="KEY",
+            help="Keys of runs, or how they begin. Default: the runs with a collision that has no diagnosis yet.",
         ),
     ] = None,
     record: Annotated[
@@ -127,33 +128,36 @@ def replay(
 ) -> None:
     """Fly runs of a study again, and say whether each ends as in the study. Exits 1 if one does not.
 
-    Of a collision, say what the drone had seen of the object that it hit. The table of causes counts the runs that
-    ended as in the study.
+    Of the first collision of each drone, say what the drone had seen of the object that it hit, and keep it in the
+    folder of the study, if the run ended as in the study; the report has a table of the causes.
     """
-    from ..study.diagnose import Diagnosis, cause_table
+    from ..study.causes import Diagnosed, cause_table
+    from ..study.design import versions_of
     from ..study.replay import chosen, compared, fly_again
-    from ..study.store import read_study
+    from ..study.store import add, read_study
 
     data = read_study(out)
     folder = _folder_of(out, data) / "replays" if record else None
-    causes: dict[str, list[Diagnosis]] = {}
+    found: dict[str, list[Diagnosed]] = {}
     all_same = True
     specs = chosen(data, keys or [])
     if not specs:
-        typer.echo("no run of the study ended in a collision: name the runs to fly again by their keys")
+        typer.echo("no run with a collision that has no diagnosis yet: name the runs to fly again by their keys")
     for spec in specs:
-        finished, diagnosis = fly_again(spec.run, folder)
+        finished, collisions = fly_again(spec.run, folder)
         is_same, verdict = compared(data, spec, finished)
         all_same = all_same and is_same
         typer.echo(f"run {spec.short_key}: {spec.title}: {verdict}")
         if finished.folder is not None:
             typer.echo(f"  its files are in {finished.folder}")
-        if diagnosis is not None:
-            typer.echo(f"  {diagnosis}")
-            if is_same:
-                causes.setdefault(spec.arm, []).append(diagnosis)
-    if causes:
-        typer.echo(cause_table(causes).markdown())
+        typer.echo("".join(f"  drone {one.drone} at {one.time_s:.1f} s: {one}\n" for one in collisions), nl=False)
+        if collisions and is_same:
+            diagnosed = Diagnosed(key=spec.key, collisions=tuple(collisions), versions=versions_of([spec]))
+            found.setdefault(spec.arm, []).append(diagnosed)
+            if out.is_dir() and spec.key in data.records:
+                add(out, diagnosed)
+    if found:
+        typer.echo(cause_table(found).markdown())
     if not all_same:
         raise typer.Exit(1)
 

@@ -172,7 +172,9 @@ class Processes:
     def _started(self) -> Any:
         from distributed import LocalCluster
 
-        unreachable = {"host": "127.0.0.1", "dashboard_address": None}
+        # The pages of the scheduler; by default, all studies of a machine would ask for the same port.
+        any_port = {"dashboard_address": "127.0.0.1:0"}
+        unreachable = {"host": "127.0.0.1", "dashboard_address": None, "scheduler_kwargs": any_port}
         alone = {"threads_per_worker": 1, "memory_limit": None, "preload": __name__}
         try:
             return LocalCluster(n_workers=self.workers, silence_logs=logging.CRITICAL, **unreachable, **alone)

@@ -11,8 +11,9 @@ from ..config import Run
 from ..errors import ScenarioError
 from ..flight import Finished, fly
 from ..runner import fly_and_write
+from .causes import Diagnosis
 from .design import RunSpec, settings_that_left
-from .diagnose import CollisionProbe, Diagnosis
+from .diagnose import CollisionProbe
 from .store import RunRecord, StudyData
 
 TOLERANCE = 1e-6
@@ -52,14 +53,15 @@ def _is_same(name: str, before: object, now: object) -> bool:
 
 
 def chosen(data: StudyData, keys: Sequence[str]) -> list[RunSpec]:
-    """Return the runs whose keys begin as named; without names, those that ended in a collision, arm after arm.
+    """Return the runs whose keys begin as named; without names, those with a collision that has no diagnosis yet.
 
     Raises:
         ScenarioError: No key or more than one key begins as one of the names.
     """
     if not keys:
         arms = [arm.name for arm in data.study.arms]
-        collided = [spec for spec in data.flown if data.records[spec.key].outcome is Outcome.COLLISION]
+        unknown = [spec for spec in data.flown if spec.key not in data.diagnoses]
+        collided = [spec for spec in unknown if data.records[spec.key].outcome is Outcome.COLLISION]
         return sorted(collided, key=lambda spec: arms.index(spec.arm))
     found = []
     for name in keys:
@@ -71,8 +73,10 @@ def chosen(data: StudyData, keys: Sequence[str]) -> list[RunSpec]:
     return found
 
 
-def fly_again(run: Run, out: Path | None) -> tuple[Finished, Diagnosis | None]:
+def fly_again(run: Run, out: Path | None) -> tuple[Finished, list[Diagnosis]]:
     """Fly a run again; with `out`, write its files and its recording to a new folder there, and without, diagnose it.
+
+    The diagnoses are those of the first collision of each drone.
 
     Raises:
         ToolError: The folder cannot be written.
@@ -82,7 +86,7 @@ def fly_again(run: Run, out: Path | None) -> tuple[Finished, Diagnosis | None]:
     finished = fly(run, recorder=probe) if out is None else fly_and_write(run, out, record=True)
     if finished.result.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
-    return finished, probe.diagnosis
+    return finished, probe.diagnoses
 
 
 def compared(data: StudyData, spec: RunSpec, finished: Finished) -> tuple[bool, str]:

@@ -15,7 +15,8 @@ from voxdepth.tools.table import Table, write_frame
 
 from ..files import DATA
 from .analysis import SWARM_MEASURES, arms_of, compare_arms, gains, matched_arms, run_frame, thresholds
-from .design import ENDPOINTS, RunSpec
+from .causes import Diagnosed, cause_table
+from .design import ENDPOINTS, RunSpec, arm_label
 from .figures import all_figures
 from .store import StudyData
 from .tables import (
@@ -72,6 +73,7 @@ class Findings:
                 self._matched.pairs, SWARM_MEASURES, "Differences of what became of the drones"
             ),
             "drone_ends": drone_end_table(drone_table(self.data)),
+            "causes": cause_table(diagnoses_by_arm(self.data)),
         }
 
 
@@ -128,6 +130,15 @@ def run_table(data: StudyData) -> pd.DataFrame:
 def drone_table(data: StudyData) -> pd.DataFrame:
     """Return a row for each drone of each run of each arm with a result."""
     return _typed([_place(data, spec) | dict(drone) for spec in data.flown for drone in data.records[spec.key].drones])
+
+
+def diagnoses_by_arm(data: StudyData) -> dict[str, list[Diagnosed]]:
+    """Return the diagnoses of the runs that were flown again to tell why drones collided."""
+    found: dict[str, list[Diagnosed]] = {}
+    for spec in data.specs:
+        if spec.key in data.diagnoses:
+            found.setdefault(arm_label(spec.arm, spec.level), []).append(data.diagnoses[spec.key])
+    return found
 
 
 def _place(data: StudyData, spec: RunSpec) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """The folder of a study: what it was begun with in `study.json`, and a file for each run that has ended.
 
 Every file appears whole: it is written under another name and renamed, and holds its digest. A run has its file in
-`runs` by its key, or in `failures` if it has no result. An archive of the folder is read like the folder.
+`runs` by its key, or in `failures` if it has no result; `diagnoses` has why its drones collided, of a run that was
+flown again to tell. An archive of the folder is read like the folder.
 """
 
 import json
@@ -25,12 +26,14 @@ from voxdepth.tools.provenance import machine, source_commit
 from ..config import Run
 from ..errors import ScenarioError
 from ..flight import Finished
+from .causes import Diagnosed
 from .design import RunSpec, Study, identity, versions_of
 
 MANIFEST = "study.json"
-RUNS, FAILURES = "runs", "failures"
+RUNS, FAILURES, DIAGNOSES = "runs", "failures", "diagnoses"
+"""Folders of the files of runs, whose names are their keys."""
 
-Ended = TypeVar("Ended", "RunRecord", "Failure")
+OfRun = TypeVar("OfRun", "RunRecord", "Failure", "Diagnosed")
 FailureKind = Literal["error", "timeout", "died"]
 
 
@@ -98,6 +101,8 @@ class StudyData:
     """Results by key."""
     failures: Mapping[str, Failure]
     """The last failure of each run that has no result, by key."""
+    diagnoses: Mapping[str, Diagnosed] = field(default_factory=dict)
+    """Why drones collided, of the runs that were flown again to tell, by key."""
     machine: str
     """The machine on which the study began."""
 
@@ -197,9 +202,9 @@ def begun(
         yield data
 
 
-def add(folder: Path, done: Completion) -> None:
-    """Store one run that has ended, so that a crash leaves its file whole or absent; failing is a `ToolError`."""
-    kind = FAILURES if isinstance(done, Failure) else RUNS
+def add(folder: Path, done: Completion | Diagnosed) -> None:
+    """Store what is known of one run, so that a crash leaves its file whole or absent; failing is a `ToolError`."""
+    kind = {RunRecord: RUNS, Failure: FAILURES, Diagnosed: DIAGNOSES}[type(done)]
     write(folder / kind / f"{done.key}.json", sealed_json(json.dumps(asdict(done), allow_nan=False)))
 
 
@@ -215,13 +220,14 @@ def read_study(place: Path) -> StudyData:
     manifest = _manifest(place, files[MANIFEST])
     specs = manifest.specs
     keys = {spec.key for spec in specs}
-    records = _ended(place, files, RUNS, RunRecord, keys)
-    failures = _ended(place, files, FAILURES, Failure, keys)
+    records = _of_runs(place, files, RUNS, RunRecord, keys)
+    failures = _of_runs(place, files, FAILURES, Failure, keys)
     return StudyData(
         study=manifest.study,
         specs=specs,
         records=records,
         failures={key: failure for key, failure in failures.items() if key not in records},
+        diagnoses=_of_runs(place, files, DIAGNOSES, Diagnosed, keys),
         machine=manifest.machine,
     )
 
@@ -230,7 +236,8 @@ def _files(place: Path) -> dict[str, bytes]:
     """Return the files of a study by their names in its folder, without those that are being written."""
     try:
         if not place.is_file():
-            found = [place / MANIFEST, *place.glob(f"{RUNS}/*.json"), *place.glob(f"{FAILURES}/*.json")]
+            of_runs = [path for kind in (RUNS, FAILURES, DIAGNOSES) for path in place.glob(f"{kind}/*.json")]
+            found = [place / MANIFEST, *of_runs]
             return {path.relative_to(place).as_posix(): path.read_bytes() for path in sorted(found) if path.is_file()}
         with tarfile.open(place) as packed:
             members = [(str(PurePosixPath(one.name)), packed.extractfile(one)) for one in packed.getmembers()]
@@ -251,8 +258,10 @@ def _manifest(place: Path, text: bytes) -> Manifest:
         ) from error
 
 
-def _ended(place: Path, files: Mapping[str, bytes], kind: str, record: type[Ended], keys: set[str]) -> dict[str, Ended]:
-    """Decode the runs of a kind, by key."""
+def _of_runs(
+    place: Path, files: Mapping[str, bytes], kind: str, record: type[OfRun], keys: set[str]
+) -> dict[str, OfRun]:
+    """Decode the files of runs in one of the folders, by key."""
     parse, found = pydantic.TypeAdapter(record).validate_json, {}
     for name in (name for name in files if name.startswith(f"{kind}/")):
         try:
@@ -261,7 +270,8 @@ def _ended(place: Path, files: Mapping[str, bytes], kind: str, record: type[Ende
                 raise ValueError(f"the key {one.key} is that of another run")
         except ValueError as error:
             problem = "; ".join(str(error).splitlines()[:3])
-            remedy = "restore a copy of it, or delete it and fly that run again with --resume"
+            again = "voxdepth study replay" if kind == DIAGNOSES else "--resume"
+            remedy = f"restore a copy of it, or delete it and fly that run again with {again}"
             raise ScenarioError(f"{place / name} is damaged ({problem}): {remedy}") from error
         found[one.key] = one
     return found

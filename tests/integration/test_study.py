@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -167,8 +168,12 @@ def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was
     assert collisions.exit_code == 0, collisions.output
     same = "collision: the same as in the study, errors of depth within 0.0001, others within 1e-06"
     assert [f"arm blind, seed {seed}: {same}" in collisions.stdout for seed in (0, 1)] == [True, True]
-    assert collisions.stdout.count("\n  where it was") == 2, "true depth shows what is there"
-    assert "| blind | 2 | 0 | 0 | 0 | 0 | 0 | 0 | 2 |" in collisions.stdout
+    assert len(re.findall(r"\n  drone 0 at \S+ s: where it was", collisions.stdout)) == 2, "true depth shows it"
+    row = "| blind | 2 | 2 | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 2 |"
+    assert row in collisions.stdout
+    assert invoke("study", "report", out).exit_code == 0
+    assert row in (out / "report.md").read_text(), "the study keeps what was found"
+    assert "no run with a collision that has no diagnosis" in invoke("study", "replay", out).stdout
     assert "truth" not in collisions.stdout
     key = next(key for key, record in results_of(out).items() if record.outcome is Outcome.COLLISION)
     again = invoke("study", "replay", out, key[:10], "--record")
@@ -185,7 +190,7 @@ def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was
     )
     assert "| blind |" not in other.stdout, "another flight than that of the study has no place in its table"
     shutil.rmtree(out / "runs")
-    assert "no run of the study ended in a collision" in invoke("study", "replay", out).stdout
+    assert "no run with a collision" in invoke("study", "replay", out).stdout
     for prefix, message in (("nothing", "0 runs' keys begin with 'nothing'"), ("", "runs' keys begin with ''")):
         assert message in str(invoke("study", "replay", out, prefix).exception)
 
@@ -193,7 +198,7 @@ def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was
 def test_a_replay_fails_if_any_run_ended_otherwise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keys = run_study(study(arm("a")), tmp_path, Serial(fake), unseen).runs
     verdicts = iter([(False, "other"), (True, "the same")])
-    monkeypatch.setattr(replay, "fly_again", lambda run, out: (SimpleNamespace(folder=None), None))
+    monkeypatch.setattr(replay, "fly_again", lambda run, out: (SimpleNamespace(folder=None), []))
     monkeypatch.setattr(replay, "compared", lambda data, spec, finished: next(verdicts))
     assert invoke("study", "replay", tmp_path, *keys).exit_code == 1
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.study.diagnose import Cause, CollisionProbe, Diagnosis, Image, cause_table, diagnose
+from scenarios.study.causes import Cause, Diagnosed, Diagnosis, cause_table
+from scenarios.study.diagnose import CollisionProbe, Image, diagnose
 from sim.bodies import Surface
 from sim.frames import pose
 from sim.types import Contact, VelocityCommand
@@ -18,7 +19,7 @@ from swarm.voxel_map import FREE, OCCUPIED, UNOBSERVABLE
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import capture as capture_of
 from voxdepth.metrics import TOO_FAR
-from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics
+from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, Source
 
 CAMERA = Intrinsics(width_px=40, height_px=30, fx_px=20.0, fy_px=20.0, cx_px=19.5, cy_px=14.5, baseline_m=1.0)
 WALL, OTHER = 7, 8
@@ -28,7 +29,15 @@ ASIDE_M = np.array([5.0, 0.0, 2.0])
 TRUSTED_FROM = 0.5
 
 
-def seen(ratio: float, *, trusted: bool = True, shows: int = WALL, shift_m: float = 0.0, true_m: float = 2.0) -> Image:
+def seen(
+    ratio: float,
+    *,
+    trusted: bool = True,
+    shows: int = WALL,
+    shift_m: float = 0.0,
+    true_m: float = 2.0,
+    source: Source = Source.SENSOR,
+) -> Image:
     """A wall straight ahead that is shown `ratio` times as far as it is; 0 is a hole."""
     T_world_cam = np.eye(4)
     T_world_cam[0, 3] = shift_m
@@ -36,7 +45,7 @@ def seen(ratio: float, *, trusted: bool = True, shows: int = WALL, shift_m: floa
     capture = capture_of(0.0, depth_true_m=true, segment_id=shown, T_world_cam=T_world_cam, intrinsics=CAMERA)
     confidence = np.full(CAMERA.shape, TRUSTED_FROM if trusted else 0.4, np.float32)
     return capture, CorrectedDepth(
-        depth_m=np.float32(ratio) * true, source=np.zeros_like(true, np.uint8), confidence=confidence
+        depth_m=np.float32(ratio) * true, source=np.full(true.shape, source, np.uint8), confidence=confidence
     )
 
 
@@ -51,14 +60,17 @@ UNTRUSTED, AWAY = seen(1.0, trusted=False), seen(1.0, shows=OTHER)
     ("images", "cause"),
     [
         ([seen(1.05)] * 5, Cause.CORRECT),
-        ([seen(1.3)] * 5, Cause.TOO_FAR),
+        ([seen(1.3)] * 5, Cause.MEASURED_TOO_FAR),
+        ([seen(1.3, source=Source.INPAINTED)] * 5, Cause.FILLED_TOO_FAR),
+        ([seen(1.3, source=Source.MEMORY)] * 3 + [seen(1.3)] * 2, Cause.FILLED_TOO_FAR),
+        ([seen(1.3, source=Source.INPAINTED)] * 2 + [seen(1.3)] * 3, Cause.MEASURED_TOO_FAR),
         # A hole is not trusted whatever its confidence.
         ([seen(0.0, trusted=False)] * 5, Cause.NO_DEPTH),
         ([seen(0.0)] * 2 + [UNTRUSTED] * 3, Cause.UNTRUSTED),
         # What most pixels showed decides.
         ([seen(0.0)] * 3 + [seen(1.0)] * 2, Cause.NO_DEPTH),
         ([seen(0.0)] * 2 + [seen(1.0)] * 3, Cause.CORRECT),
-        ([UNTRUSTED] * 2 + [seen(1.3)] * 3, Cause.TOO_FAR),
+        ([UNTRUSTED] * 2 + [seen(1.3)] * 3, Cause.MEASURED_TOO_FAR),
         ([UNTRUSTED] * 3 + [seen(1.3)] * 2, Cause.UNTRUSTED),
         ([AWAY] * 9 + [seen(1.0)], Cause.NOT_IN_VIEW),
         ([AWAY] * 7 + [seen(1.0)] * 3, Cause.CORRECT),
@@ -75,16 +87,33 @@ def test_only_the_part_that_was_hit_counts() -> None:
     assert found_in([seen(1.0, shift_m=5.0)] * 5, ASIDE_M).cause is Cause.CORRECT
 
 
+def hits(*of: tuple[int, str, str]) -> list[Diagnosis]:
+    """What is found about contacts of (drone, other, kind) with a wall that has no texture, and with drones."""
+    probe = CollisionProbe(PilotConfig())
+    blank = replace(wall(2.0, name="hit"), surface=Surface(texture=0.0))
+    with world_of(blank, starts_m=[(0, 0, 0), (0, 3, 0), (0, 6, 0)]) as world:
+        probe.start(world, [])
+        for k, (drone, other, kind) in enumerate(of):
+            probe.contact(0, Contact(time_s=float(k), drone=drone, other=other, kind=kind, speed_m_s=1.0))
+    return probe.diagnoses
+
+
+def test_the_first_collision_of_each_drone_is_explained() -> None:
+    found = hits((2, "hit", "building"), (0, "drone-1", "drone"), (0, "hit", "building"), (1, "hit", "building"))
+    assert found == [
+        Diagnosis(cause=Cause.NOT_IN_VIEW, drone=2, time_s=0.0, textureless=True),
+        Diagnosis(cause=Cause.DRONE, drone=0, time_s=1.0),
+    ]
+
+
 @pytest.mark.parametrize("texture", [0.0, 1.25])
-def test_the_first_collision_alone_is_explained_and_a_surface_may_be_blank(texture: float) -> None:
-    probes = CollisionProbe(PilotConfig()), CollisionProbe(PilotConfig())
+def test_a_surface_may_be_blank(texture: float) -> None:
+    probe = CollisionProbe(PilotConfig())
     with world_of(replace(wall(2.0, name="hit"), surface=Surface(texture=texture)), starts_m=[(0, 0, 0)]) as world:
-        for probe, kinds in zip(probes, (["building"], ["drone", "building"]), strict=True):
-            probe.start(world, [])
-            for kind in kinds:
-                probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind=kind, speed_m_s=1.0))
-    assert probes[0].diagnosis == Diagnosis(cause=Cause.NOT_IN_VIEW, textureless=texture == 0)
-    assert probes[1].diagnosis == Diagnosis(cause=Cause.DRONE)
+        probe.start(world, [])
+        probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
+    (found,) = probe.diagnoses
+    assert found.textureless == (texture == 0)
 
 
 @pytest.mark.parametrize(("holes", "cause"), [("evidenced", Cause.UNTRUSTED), ("free", Cause.CORRECT)])
@@ -97,7 +126,7 @@ def test_a_drone_that_takes_holes_for_free_trusts_every_depth(holes: Holes, caus
             capture, corrected = seen(1.0, trusted=False, shows=hit, true_m=0.5)
             probe.capture(0, capture, corrected)
         probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
-    assert probe.diagnosis.cause is cause
+    assert [found.cause for found in probe.diagnoses] == [cause]
 
 
 def test_what_the_map_of_the_drone_held_is_told() -> None:
@@ -115,23 +144,27 @@ def test_what_the_map_of_the_drone_held_is_told() -> None:
             decision = Decision(command=command, state="free", view=costs)
             probe.tick(0, 2.0 * k if k < 2 else 2.9, world.states, [decision])
         probe.contact(0, Contact(time_s=3.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
-    assert probe.diagnosis.held_before == "free"
-    assert "map: free a second before" in str(probe.diagnosis)
+    (found,) = probe.diagnoses
+    assert found.held_before == "free"
+    assert "map: free a second before" in str(found)
 
 
 def test_distances_are_of_what_was_trusted() -> None:
     found = found_in([seen(1.3)] * 3 + [seen(5.0, trusted=False)] * 2)
     assert (found.true_m, found.corrected_m) == (pytest.approx(2.0), pytest.approx(2.6))
-    assert str(found) == "too far away, shown at 2.60 m instead of 2.00 m"
+    assert str(found) == "measured too far away, shown at 2.60 m instead of 2.00 m"
     assert str(Diagnosis(cause=Cause.NO_DEPTH, textureless=True)) == "no depth; it has no texture"
 
 
 def test_the_table_has_a_row_for_each_arm() -> None:
     empty, drone = Diagnosis(cause=Cause.NO_DEPTH, textureless=True), Diagnosis(cause=Cause.DRONE)
-    table = cause_table({"a": [empty, drone, replace(empty, held_before="unobservable")], "b": []})
+    flights = [[empty, drone], [replace(empty, held_before="unobservable")]]
+    of_a = [Diagnosed(key=str(k), collisions=tuple(own), versions={}) for k, own in enumerate(flights)]
+    table = cause_table({"a": of_a, "b": []})
     told = dict(zip(table.headings, table.texts[0], strict=True))
     assert {heading: text for heading, text in told.items() if text != "0"} == {
         "arm": "a",
+        "flights": "2",
         "collisions": "3",
         "hit: another drone": "1",
         "hit: without texture": "2",
@@ -149,4 +182,4 @@ def test_the_verdict_follows_from_the_distances_that_are_told() -> None:
         shown_m = true_m * random.normal(1.1, 0.3, CAMERA.shape).clip(0.2).astype(np.float32)
         found = found_in([(replace(capture, depth_true_m=true_m), replace(corrected, depth_m=shown_m))] * 3)
         verdict, shown, true = re.fullmatch(r"(.*), shown at (\S+) m instead of (\S+) m", str(found)).groups()
-        assert (verdict == Cause.TOO_FAR) == (float(shown) > TOO_FAR * float(true))
+        assert (verdict == Cause.MEASURED_TOO_FAR) == (float(shown) > TOO_FAR * float(true))

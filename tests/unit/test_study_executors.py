@@ -1,10 +1,11 @@
 """Runs that raise, die or hang, in worker processes."""
 
 import multiprocessing
+import socket
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -66,6 +67,17 @@ def test_workers_listen_to_this_machine_alone_and_end_with_their_run_in_the_air(
         sockets += psutil.Process().net_connections()
         assert {one.laddr.ip for one in sockets if one.status == psutil.CONN_LISTEN} == {"127.0.0.1"}
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.slow
+def test_a_second_study_beside_another_one_is_told_nothing_of_its_port(recwarn: pytest.WarningsRecorder) -> None:
+    try:
+        held = socket.create_server(("127.0.0.1", 8787))  # The port that Dask's pages have by default.
+    except OSError:  # Somebody else has it.
+        held = nullcontext()
+    with held:
+        assert list(Processes(1, 600.0, fake).run(expand(study(arm("a"), seeds=1))))
+    assert not [warning for warning in recwarn if "already in use" in str(warning.message)]
 
 
 @pytest.fixture(scope="module")
