@@ -36,6 +36,7 @@ from voxdepth.tools.files import write
 from voxdepth.tools.provenance import Provenance, source_commit
 from voxdepth.tools.recorded import Opener, restrict_opencv
 from voxdepth.tools.table import Table, Value
+from voxdepth.tools.table import markdown as table_markdown
 
 ROOT = Path(__file__).parents[1]
 RESULTS, STUDIES = ROOT / "docs/results", ROOT / "docs/study"
@@ -280,9 +281,7 @@ def to_json(name: str, tables: Tables) -> dict[str, Any]:
 def markdown(result: Mapping[str, Any], key: str) -> str:
     """Return a table of a result as documents show it."""
     table = result["tables"][key]
-    sides = ["---:" if right else "---" for right in table["right"]]
-    cells = [[text.replace("|", "\\|") for text in row] for row in (table["columns"], sides, *table["rows"])]
-    lines = "".join(f"| {' | '.join(row)} |\n" for row in cells)
+    lines = table_markdown(table["columns"], table["rows"], table["right"])
     made = f"`{result['command']}`, commit {result['commit']}, {result['date']}, {result['machine']}"
     return f"{lines}\n*{table['title']} ({made}).*\n"
 

@@ -60,6 +60,14 @@ def test_the_verdict_weighs_kinds_by_judged_pixels_and_names_those_where_another
     assert [text[:4] for text in texts["temporal (ours)"]] == ["82.0", "84.0", "82.2", "-8.7"]
 
 
+def test_the_sensors_own_holes_are_told_beside_those_that_were_made() -> None:
+    made = results_of("shadows", {"raw": 0.0, "realsense-left": 0.5, "temporal": 0.9})
+    for of_left, lead in ((0.3, "10.0 points [10.0, 10.0] more"), (0.4, "0.0 points [0.0, 0.0] less")):
+        own = results_of("holes", {"raw": 0.0, "realsense-left": of_left, "temporal": 0.4}, pixels=100)
+        (said,) = verdict(evaluation_of(made, own))
+        assert f"Of the sensor's own holes it gives 40.0 % such a depth, {lead} than realsense-left." in said
+
+
 @pytest.mark.parametrize("best", ["telea", "median", "temporal", "voxdepth"])
 def test_any_method_is_compared_with_the_best_other_one_whoever_made_it(best: str) -> None:
     others = {"telea": 0.5, "median": 0.5, "temporal": 0.5, "voxdepth": 0.5, "realsense": 0.6}

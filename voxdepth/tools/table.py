@@ -106,9 +106,7 @@ class Table:
 
     def markdown(self) -> str:
         """Return the table as GitHub Markdown, without its title; numbers are aligned to the right."""
-        sides = ["---:" if self.is_numeric(place) else "---" for place in range(len(self.columns))]
-        rows = [[text.replace("|", "\\|") for text in row] for row in self.texts]
-        return "".join(f"| {' | '.join(line)} |\n" for line in (self.headings, sides, *rows))
+        return markdown(self.headings, self.texts, [self.is_numeric(place) for place in range(len(self.columns))])
 
     def print(self, console: "Console") -> None:
         """Print the table, in parts with the first column each where it is wider than the terminal.
@@ -151,6 +149,13 @@ class Table:
         for row in self.texts:
             printed.add_row(*(escape(text) for text in row))
         return printed
+
+
+def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool]) -> str:
+    """Return a table of texts as GitHub Markdown; `right` tells which columns are aligned to the right."""
+    sides = ["---:" if is_right else "---" for is_right in right]
+    lines = ([text.replace("|", "\\|") for text in line] for line in (headings, sides, *rows))
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def write_frame(stem: Path, frame: "pd.DataFrame") -> list[Path]:

@@ -98,8 +98,6 @@ TIME = Quantity(
     "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a method's "
     "own threads: voxdepth fuses its window in one.",
 )
-HEADLINES = (CONFIDENCE, TIME)
-"""What the terminal shows beside the shares of close pixels."""
 # fmt: off
 QUANTITIES = (
     Quantity("Coverage: pixels with depth, surfaces within 20 m", "%", [Selector("coverage", on=FILLED)],

@@ -1,7 +1,7 @@
 """The output of an evaluation: tables, a page without scripts or external parts, and the terminal output."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,9 @@ from ..table import MISSING, Table, write_frame
 from .curves import plots_of, untold
 from .frames import RANGES
 from .intervals import Interval
-from .measurements import FILLED, Selector
+from .measurements import FILLED, Selector, of_frames
 from .pictures import depth_scale, error_scale
-from .quantities import HEADLINES, HIDDEN, QUANTITIES, Quantity, fitted, is_measured, numbers_of, selected
+from .quantities import HIDDEN, QUANTITIES, Quantity, fitted, is_measured, numbers_of, selected
 from .reliability import TOO_FEW
 from .results import SequenceInfo
 from .shares import Kind, Shares
@@ -148,13 +148,13 @@ def _texts(evaluation: Evaluation, quantity: Quantity, values: pd.DataFrame) -> 
 
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:
-    """Print the verdict, the sequences, the tables that most decide, and which methods failed.
+    """Print the verdict, the shares of close pixels with the time, and which methods failed.
 
-    The page has the other tables.
+    The page has intervals and all other tables.
     """
     for line in (*verdict(evaluation), *_unjudged(evaluation)):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
-    for table in _decisive(evaluation):
+    for table in summary_tables(evaluation):
         table.print(console)
     for line in _untold(evaluation):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
@@ -163,12 +163,34 @@ def print_results(console: "Console", evaluation: Evaluation) -> None:
         console.print(failed, soft_wrap=True, markup=False, style="red")
 
 
-def _decisive(evaluation: Evaluation) -> Iterator[Table]:
-    """Yield the tables of the terminal."""
-    if evaluation.sequences:
-        yield _sequence_table(evaluation)
-    yield from (share_table(evaluation, shares) for shares in evaluation.shares)
-    yield from (method_table(evaluation, quantity) for quantity in HEADLINES if is_measured(evaluation, quantity))
+def summary_tables(evaluation: Evaluation) -> Iterator[Table]:
+    """Yield the tables of the terminal: recordings with one kind of pixels in columns, and a table of each other."""
+    simple = {shares.recording: shares.overall for shares in evaluation.shares if len(shares.kinds) == 1}
+    if simple:
+        yield _summary(evaluation, f"{len(simple)} recording{'s' * (len(simple) > 1)}", simple, list(simple))
+    for shares in evaluation.shares:
+        if len(shares.kinds) > 1:
+            kinds = {kind.title: kind for kind in shares.kinds.values()}
+            yield _summary(evaluation, shares.recording, kinds, list(shares.kinds))
+
+
+def _summary(evaluation: Evaluation, of: str, kinds: Mapping[str, Kind], sequences: Sequence[str]) -> Table:
+    """Return the shares of close pixels by method and kind, and the median time of a frame in some sequences."""
+    failed = {result.method for result in evaluation.failures if result.sequence in sequences}
+    columns = {title: dict.fromkeys(failed, FAILED) | _short_texts(kind) for title, kind in kinds.items()}
+    times_ms = selected(evaluation, of_frames("latency_p50"))["value"]
+    in_these = times_ms[times_ms.index.isin(sequences, level="sequence")].groupby("method").median()
+    columns["time [ms]"] = {method: f"{time_ms:.1f}" for method, time_ms in in_these.items()}
+    texts = pd.DataFrame(columns).reindex(evaluation.methods).fillna(MISSING)
+    rows = [[registry.title(method), *texts.loc[method]] for method in texts.index]
+    return Table.of(f"{of}: hidden pixels within 5 % of the reference [%]", ["method", *texts], rows)
+
+
+def _short_texts(kind: Kind) -> dict[str, str]:
+    """Return the share of each method without its interval, with a mark at the best one."""
+    shares = {method: kind.share(method).value for method in kind.ranked}
+    best = [method for method in kind.ranked[:1] if shares[method] > min(shares.values())]
+    return {method: f"{100 * share:.1f}" + f" {BEST}" * (method in best) for method, share in shares.items()}
 
 
 def shown_frame(evaluation: Evaluation, info: SequenceInfo) -> dict[str, Any]:

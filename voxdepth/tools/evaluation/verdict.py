@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from ... import registry
+from .frames import HOLES
 from .intervals import Interval
 from .shares import ALL_KINDS, Kind, Shares
 from .suite import Evaluation
@@ -43,7 +44,8 @@ def _of_recordings(compared: list[Shares]) -> Iterator[str]:
 
 def _of_recording(shares: Shares) -> str:
     """Say which method fills most of all judged pixels right, where another one is ahead, and what was not judged."""
-    return f"{shares.recording}: {' '.join([*_best(shares.overall), *_ahead(shares), *_judged(shares)])}"
+    sentences = [*_best(shares.overall), *_ahead(shares), *_own_holes(shares), *_judged(shares)]
+    return f"{shares.recording}: {' '.join(sentences)}"
 
 
 def _best(kind: Kind) -> Iterator[str]:
@@ -68,6 +70,20 @@ def _ahead(shares: Shares) -> Iterator[str]:
             ahead.append(f"{registry.title(leader)} in {kind.title} by {_points(lead)}")
     if ahead:
         yield f"Ahead of it: {_listed(ahead)}."
+
+
+def _own_holes(shares: Shares) -> Iterator[str]:
+    """Say how the best method fills the sensor's own holes, unless another one is ahead: other kinds were made."""
+    best = shares.overall.ranked[0]
+    for kind in shares.kinds.values():
+        others = [method for method in kind.ranked if method != best]
+        if kind.mask != HOLES or len(shares.kinds) == 1 or best not in kind.draws or not others:
+            continue
+        first, second = (best, others[0]) if kind.ranked[0] == best else (others[0], best)
+        lead = kind.lead(first, second)
+        if first == best or not lead.is_positive:
+            than = f"{_points(lead)} {'more' if first == best else 'less'} than {registry.title(others[0])}"
+            yield f"Of the sensor's own holes it gives {100 * kind.share(best).value:.1f} % such a depth, {than}."
 
 
 def _judged(shares: Shares) -> Iterator[str]:
