@@ -2,6 +2,7 @@
 
 import base64
 import io
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -30,6 +31,11 @@ class Picture:
     title: str
     caption: str
     png: bytes
+
+    @property
+    def name(self) -> str:
+        """The title as the name of a file."""
+        return re.sub(r"\W+", "-", self.title.lower())
 
     @property
     def base64(self) -> str:

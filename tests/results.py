@@ -1,11 +1,12 @@
-"""The tables that documents show, each remade by one command.
+"""The tables and figures that documents show, each remade by one command.
 
     python -m tests.results [--recordings FOLDER] [NAME ...]
 
 Without a name all are made. A result is `docs/results/NAME.json`: its tables, and by which commit, on which machine and
 on which day they were made. A document shows a table between two comments, `<!-- result NAME TABLE -->` and
-`<!-- end -->`, and what is between them is written here. Tables of real cameras need their recordings, one folder each
-below FOLDER; a result that lacks its data stays as it was, which is said at the end.
+`<!-- end -->`, and what is between them is written here. A figure is `docs/results/NAME-FIGURE.png`. Tables of real
+cameras need their recordings, one folder each below FOLDER; a result that lacks its data stays as it was, which is said
+at the end.
 """
 
 import argparse
@@ -219,6 +220,19 @@ MAKERS: dict[str, Make] = {
 }
 
 
+def study_pictures() -> dict[str, bytes]:
+    """The figures of the studies whose stores are in docs/study."""
+    return {
+        f"{place.name.partition('.')[0]}-{figure.name}": figure.png
+        for place in sorted(STUDIES.glob("*.tar.xz"))
+        for figure in Findings(read_study(place)).figures
+    }
+
+
+PICTURES: dict[str, Callable[[], dict[str, bytes]]] = {"studies": study_pictures}
+"""Figures by the name of a result."""
+
+
 def _recorded(data: Data, names: Sequence[str]) -> list[Requested]:
     opened = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
     folders = [data.of_camera(name) for name in names]
@@ -292,6 +306,12 @@ def tables_shown(name: str) -> set[str]:
     return {found[2] for text in texts for found in SHOWN.finditer(text) if found[1] == name}
 
 
+def pictures_shown(name: str) -> set[str]:
+    """Return which figures of a result documents show."""
+    shown = re.compile(rf"\]\((?:docs/)?results/{name}-(\S+)\.png\)")
+    return {found[1] for path in DOCUMENTS for found in shown.finditer(path.read_text(encoding="utf-8"))}
+
+
 def with_tables(document: str, results: Mapping[str, Any]) -> str:
     """Return a document with the present tables of results; those of others stay."""
 
@@ -321,6 +341,10 @@ def main() -> None:
             kept.append(f"{name} stays as it was, without {missing}")
             continue
         write(RESULTS / f"{name}.json", f"{json.dumps(made[name], indent=1)}\n".encode())
+        if shown := pictures_shown(name):
+            pictures = PICTURES[name]()
+            for key in shown:
+                write(RESULTS / f"{name}-{key}.png", pictures[key])
     for path in DOCUMENTS:
         text = path.read_text(encoding="utf-8")
         if (now := with_tables(text, made)) != text:

@@ -9,12 +9,15 @@ import numpy as np
 from voxdepth.types import FloatArray
 
 from ..figure import Draw, Picture, encoded, line_color, panel_figure
-from .analysis import GOAL_SPEED, Arm, Comparison, headline
+from .analysis import GOAL_SPEED, SWARM_MEASURES, Arm, Comparison, headline
 from .design import ENDPOINTS, EndpointName, Study
-from .statistics import wilson
+from .statistics import Estimate, Interval, wilson
 from .tables import ENDPOINT_TITLES
 
 WIDTH_IN = 9.0
+ARM_CAPTION = (
+    "Shares of runs with Wilson's 95 % intervals; of the drones of a swarm, means over runs with those of a bootstrap."
+)
 LEVEL_CAPTION = "Bands are 95 % intervals: of a bootstrap that draws runs for goal speeds, Wilson's for shares of runs."
 FOREST_CAPTION = (
     "Differences of shares with 95 % intervals: Newcombe's in each scenario, and of all pairs. To "
@@ -28,7 +31,7 @@ AXIS_LABELS: dict[EndpointName, str] = {
 
 
 def all_figures(study: Study, arms: Sequence[Arm], comparisons: Sequence[Comparison]) -> list[Picture]:
-    """Draw the effects by scenario, and the curves of each scenario over the axis."""
+    """Draw the effects by scenario, and of each scenario the shares by arm, or the curves over the axis."""
     found = forest(comparisons, study.endpoint)
     unit = "" if study.axis is None or not study.axis.unit else f" [{study.axis.unit}]"
     for scenario in dict.fromkeys(arm.scenario for arm in arms):
@@ -39,7 +42,23 @@ def all_figures(study: Study, arms: Sequence[Arm], comparisons: Sequence[Compari
             draws = [partial(_draw_curves, own, f"{study.axis_key}{unit}", *panel) for panel in labels.items()]
             title, size_in = f"{scenario}: curves over {study.axis_key.rpartition('.')[2]}", (WIDTH_IN / 3, 3.6)
             found.append(_picture(title, LEVEL_CAPTION, draws, size_in, shared_legend=True))
+        elif study.axis is None and len(own) > 1:
+            found.append(by_arm(scenario, own, study.endpoint))
     return found
+
+
+def by_arm(scenario: str, arms: Sequence[Arm], endpoint: EndpointName) -> Picture:
+    """Draw how many runs of each arm reached an endpoint, and how many drones of a swarm were lost."""
+    labels = [f"{arm.label}, n = {arm.n}" for arm in arms]
+    shares = [Estimate(arm.reached(endpoint) / arm.n, wilson(arm.reached(endpoint), arm.n)) for arm in arms]
+    percent = [Estimate(100 * one.value, Interval(*(100 * end for end in one.interval))) for one in shares]
+    draws = [partial(_draw_estimates, labels, percent, f"{AXIS_LABELS[endpoint]} [%]")]
+    lost = SWARM_MEASURES[0]
+    of_swarms = [estimate for arm in arms if (estimate := arm.estimate(lost)) is not None]
+    if len(of_swarms) == len(arms):
+        draws.append(partial(_draw_estimates, labels, of_swarms, lost.heading))
+    title, size_in = f"{scenario}: {ENDPOINT_TITLES[endpoint]} by arm", (WIDTH_IN / 2, 1.0 + 0.3 * len(arms))
+    return _picture(title, ARM_CAPTION, draws, size_in)
 
 
 def forest(comparisons: Sequence[Comparison], endpoint: EndpointName) -> list[Picture]:
@@ -74,6 +93,19 @@ def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
     axes.set_yticks(list(names), list(names.values()), fontsize=8)
     axes.set_ylim(row - 0.5, -0.7)
     axes.set_xlabel("difference [percentage points]")
+    axes.grid(alpha=0.3, axis="x")
+
+
+def _draw_estimates(labels: Sequence[str], estimates: Sequence[Estimate], x_label: str, axes: Any) -> None:
+    """Draw a row with its interval for each label, the first at the top."""
+    values = np.array([one.value for one in estimates])
+    ends = np.array([one.interval for one in estimates]).T
+    error = np.maximum(0.0, [values - ends[0], ends[1] - values])
+    axes.errorbar(values, range(len(values)), xerr=error, fmt="o", ms=6, capsize=3, color="C0")
+    axes.set_yticks(range(len(labels)), labels)
+    axes.set_ylim(len(labels) - 0.5, -0.5)
+    axes.set_xlim(-3, 103)
+    axes.set_xlabel(x_label)
     axes.grid(alpha=0.3, axis="x")
 
 

@@ -1,6 +1,5 @@
 """The report of a study: a self-contained page, its tables and figures as files, and the table of all runs."""
 
-import re
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +12,7 @@ from voxdepth.tools.files import write
 from voxdepth.tools.page import render_page
 from voxdepth.tools.table import Table, write_frame
 
+from ..figure import Picture
 from ..files import DATA
 from .analysis import SWARM_MEASURES, arms_of, compare_arms, gains, matched_arms, run_frame, thresholds
 from .causes import Diagnosed, cause_table
@@ -76,6 +76,11 @@ class Findings:
             "causes": cause_table(diagnoses_by_arm(self.data)),
         }
 
+    @cached_property
+    def figures(self) -> list[Picture]:
+        """The figures of the report."""
+        return all_figures(self.data.study, self.arms, self.comparisons[self.data.study.endpoint])
+
 
 def write_report(findings: Findings, place: Path, out: Path) -> Path:
     """Write `report.html`, its tables as `report.md`, and its figures as PNG, into `out`; return the path of the first.
@@ -90,10 +95,9 @@ def write_report(findings: Findings, place: Path, out: Path) -> Path:
     head = f"Study {study.name}, {len(data.records)} of {len(data.runs)} runs\n\n{findings.verdict}\n"
     text = "\n".join([head, *(f"**{table.title}**\n\n{table.markdown()}" for table in tables)])
     write(out / "report.md", text.encode())
-    pictures = all_figures(study, findings.arms, findings.comparisons[study.endpoint])
+    pictures = findings.figures
     for picture in pictures:
-        name = re.sub(r"\W+", "-", picture.title.lower())
-        write(out / "figures" / f"{name}.png", picture.png)
+        write(out / "figures" / f"{picture.name}.png", picture.png)
     seeds = study.seeds.all
     page = render_page(
         DATA / "templates" / "study.html.j2",

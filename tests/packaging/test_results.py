@@ -7,7 +7,18 @@ from pathlib import Path
 import pytest
 
 from tests import results
-from tests.results import DOCUMENTS, MAKERS, RESULTS, SHOWN, markdown, to_json, with_tables
+from tests.results import (
+    DOCUMENTS,
+    MAKERS,
+    PICTURES,
+    RESULTS,
+    SHOWN,
+    markdown,
+    pictures_shown,
+    study_pictures,
+    to_json,
+    with_tables,
+)
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.table import Column, Table
 
@@ -26,6 +37,12 @@ def test_a_table_in_a_document_is_that_of_its_file(document: Path) -> None:
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_only_tables_name_a_commit(document: Path) -> None:
     assert HASH.findall(SHOWN.sub("", document.read_text())) == []
+
+
+def test_each_figure_of_a_result_is_shown_and_can_be_made() -> None:
+    shown = {f"{name}-{key}.png" for name in PICTURES for key in pictures_shown(name)}
+    assert shown == {path.name for name in PICTURES for path in RESULTS.glob(f"{name}-*.png")}
+    assert pictures_shown("studies") <= study_pictures().keys()
 
 
 def test_each_result_is_shown_and_can_be_made() -> None:

@@ -41,7 +41,8 @@ def test_the_page_loads_nothing_and_says_what_there_is(tmp_path: Path) -> None:
     assert "Declared before the first run: b against a." in text
     assert "<tr><td>b - a</td><td>declared</td><td>3</td><td>0</td><td>2</td><td>-0.667</td>" in text
     assert "voxdepth study replay out KEY" in text
-    assert "<figure>" not in text, "nothing is drawn over an axis or scenarios if there is one"
+    assert text.count("<figure>") == 1, "the shares by arm; nothing is drawn over an axis or scenarios if there is one"
+    assert "city: collisions by arm" in text
 
 
 def test_the_page_of_a_study_that_has_just_begun_tells_failures_and_escapes_what_comes_from_outside(
