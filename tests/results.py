@@ -24,13 +24,15 @@ from scenarios.sensor_pictures import make_gallery
 from scenarios.sequences import GROUPS, load_sequence
 from scenarios.study.report import Findings
 from scenarios.study.store import read_study
-from tests import calibrate, camera_errors, odometries
+from tests import calibrate, camera_errors, odometries, speeds
 from voxdepth.errors import no_such
 from voxdepth.temporal.ablations import ABLATIONS
 from voxdepth.tools.benchmark import FRAME, N_FRAMES, camera_of, measure
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.evaluate import requested_of
 from voxdepth.tools.evaluation.methods import find_methods
+from voxdepth.tools.evaluation.quantities import ERROR_IN_HOLES
+from voxdepth.tools.evaluation.report import method_table
 from voxdepth.tools.evaluation.shares import Kind
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, Requested, evaluate
 from voxdepth.tools.files import write
@@ -50,6 +52,8 @@ REAL = ("aloe", "cones", "d435-arm", "d435-hand", "kinect", "kitti", "motorcycle
 ABLATED = ("cones", "d435-arm", "kitti")
 """Recordings by which parts are judged: of a pair, of a camera at stations, and of one that moves."""
 REAL_FRAMES, ABLATION_FRAMES, CALIBRATION_FRAMES, RENDERED_FRAMES = 40, 12, 30, 30
+UNSEEN_SEED = 2024
+"""Of rendered sequences by which nothing was trained or tuned."""
 BASELINES = ("raw", "realsense-left", "realsense", "ip-basic", "global-smoother", "telea", "navier-stokes")
 WHOLE = "temporal"
 PARTS = (
@@ -111,6 +115,34 @@ def performance(_: Data) -> Tables:
     }
 
 
+def missions(_: Data) -> Tables:
+    """How fast missions, studies and learning environments are."""
+    stereo, flights, learners = (480, 270, 3), 6, 8
+    rows: list[list[Value]] = [
+        ["first 15 s of voxdepth run city --seed 2", _factor(speeds.flight_of_the_readme(recorded=False))],
+        ["the same, recorded", _factor(speeds.flight_of_the_readme(recorded=True))],
+        ["a mission with two threads", f"{speeds.two_threads_against_one(*stereo):.2f} times as fast as with one"],
+        ["a study of one drone, two workers", f"{speeds.flights_a_minute(1, flights):.1f} flights a minute"],
+        ["a study of eight drones, two workers", f"{speeds.flights_a_minute(8, flights):.1f} flights a minute"],
+        [f"{learners} learners in two processes", f"{speeds.steps_of_eight_worlds_in_two_processes():.0f} steps/s"],
+        ["a step of one of four worlds", f"{speeds.four_worlds_against_one():.2f} times that of one alone"],
+    ]
+    options = {"default: stereo, temporal": {}, "fitted": {"depth": "fitted"}, "fitted, raw": speeds.TRAINING}
+    environments = [
+        [name, f"{speeds.steps_of_one(**given).per_s:.0f}", f"{speeds.steps_of_several(2, **given):.0f}"]
+        for name, given in options.items()
+    ]
+    size = f"stereo of {stereo[0]}x{stereo[1]}, reduced to a third, and corrector temporal"
+    return {
+        "missions": Table.of(f"Speed of missions, {size}", ["workload", "speed"], rows),
+        "environments": Table.of(
+            "Steps per second of LeaderFollower-v0, hovering",
+            ["depth and corrector", "one process [1/s]", "two processes [1/s]"],
+            environments,
+        ),
+    }
+
+
 def real(data: Data) -> Tables:
     """How many pixels of real cameras are filled right, beside the best baseline."""
     evaluation = _evaluated(_recorded(data, REAL), [*BASELINES, WHOLE], REAL_FRAMES, data)
@@ -156,7 +188,7 @@ def calibration(data: Data) -> Tables:
 
 
 def rendered(data: Data) -> Tables:
-    """How many pixels of rendered sequences in holes are right, beside the best baseline."""
+    """How many pixels of rendered sequences in holes are right, and how large the errors of the network are."""
     tables = {}
     for word in ("reference", "artefacts"):
         requested = [shipped(load_sequence(name, 0, {})) for name in GROUPS[word]]
@@ -167,7 +199,9 @@ def rendered(data: Data) -> Tables:
         ]
         title = f"Share of the pixels in holes within 5 % of the truth, {RENDERED_FRAMES} frames of each sequence"
         tables[word] = Table.of(title, ["sequence", "default [%]", "best baseline [%]"], rows)
-    return tables
+    unseen = [shipped(load_sequence(name, UNSEEN_SEED, {})) for name in GROUPS["reference"]]
+    evaluation = _evaluated(unseen, [WHOLE, f"{WHOLE}[fill=all]", "learned"], RENDERED_FRAMES, data)
+    return {**tables, "learned": method_table(evaluation, ERROR_IN_HOLES)}
 
 
 def odometry(_: Data) -> Tables:
@@ -216,7 +250,19 @@ def studies(_: Data) -> Tables:
 
 MAKERS: dict[str, Make] = {
     each.__name__: each
-    for each in (performance, real, learned, ablations, calibration, rendered, odometry, cameras, scenes, studies)
+    for each in (
+        performance,
+        missions,
+        real,
+        learned,
+        ablations,
+        calibration,
+        rendered,
+        odometry,
+        cameras,
+        scenes,
+        studies,
+    )
 }
 
 
@@ -231,6 +277,10 @@ def study_pictures() -> dict[str, bytes]:
 
 PICTURES: dict[str, Callable[[], dict[str, bytes]]] = {"studies": study_pictures}
 """Figures by the name of a result."""
+
+
+def _factor(flown: speeds.Flown) -> str:
+    return f"{flown.real_time_factor:.2f} times real time"
 
 
 def _recorded(data: Data, names: Sequence[str]) -> list[Requested]:

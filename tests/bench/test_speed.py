@@ -14,11 +14,7 @@ import pytest
 
 from scenarios.config import Run, images_of, load_run
 from scenarios.flight import fly
-from scenarios.runner import fly_and_write
 from scenarios.sequences import load_sequence, record
-from scenarios.study.design import Study, expand
-from scenarios.study.executors import Processes
-from scenarios.study.store import RunRecord
 from sim.camera_noise import photon_noise
 from sim.render import create_renderer
 from sim.scenes import CitySpec
@@ -28,6 +24,7 @@ from sim.world import World
 from swarm.config import MissionConfig
 from swarm.mapping_pilot import MappingPilot
 from swarm.mission import Mission
+from tests import speeds
 from tests.helpers import camera_at
 from voxdepth import TemporalCorrector
 from voxdepth.tools.table import Column, Table
@@ -74,43 +71,20 @@ def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("size", [(160, 120, 1), (320, 180, 1), (480, 270, 3)])
 def test_two_threads_against_one(size: tuple[int, int, int]) -> None:
-    changes = {"corrector": "temporal", **images_of(*size), "mission.duration_s": 3.0}
-    run = load_run("city", 0, changes)
-    fly(run, threads=2)
-    one_s, two_s = (min(fly(run, threads=threads).wall_s for _ in range(3)) for threads in (1, 2))
     what = f"mission, 8 drones, stereo {size[0]}x{size[1]} / {size[2]}, temporal, two threads"
-    show(what, f"{one_s / two_s:6.2f} times as fast")
+    show(what, f"{speeds.two_threads_against_one(*size):6.2f} times as fast")
 
 
 @pytest.mark.parametrize("recorded", [False, True], ids=["not recorded", "recorded"])
-def test_the_flight_of_the_readme(recorded: bool, tmp_path: Path) -> None:
-    """The first seconds of `voxdepth run city --seed 2`, by the wall clock and by the time of the processors."""
-    seconds = {"mission.duration_s": 15.0}
-    fly(load_run("city", 2, {"mission.duration_s": 1.0}))
-    busy_s = time.process_time()
-    finished = fly_and_write(load_run("city", 2, seconds), tmp_path, record=recorded)
-    busy_s = (time.process_time() - busy_s) / float(finished.result.metrics["sim_time_s"] or 0)
+def test_the_flight_of_the_readme(recorded: bool) -> None:
+    flown = speeds.flight_of_the_readme(recorded=recorded)
     what = f"city, 8 drones, stereo 480x270 / 3 at 10 Hz, temporal, {'' if recorded else 'not '}recorded"
-    show(what, f"real-time factor {finished.real_time_factor:6.2f}, {busy_s:.2f} s of processors a second")
+    show(what, f"real-time factor {flown.real_time_factor:6.2f}, {flown.busy_s:.2f} s of processors a second")
 
 
 @pytest.mark.parametrize(("drones", "flights"), [(1, 6), (8, 2)])
 def test_flights_of_a_study(drones: int, flights: int) -> None:
-    """Whole flights at the size of the studies in two workers, whose start counts."""
-    planned = Study.model_validate(
-        {
-            "name": "speed",
-            "description": "flights of a minute",
-            "scenarios": ["city"],
-            "seeds": {"count": flights},
-            "changes": {"mission.drones": drones},
-            "arms": [{"name": "seen", "depth": "stereo", "corrector": "temporal"}],
-        }
-    )
-    start_s = time.perf_counter()
-    ended = list(Processes(2, time_limit_s=1e4).run(expand(planned)))
-    assert all(isinstance(one, RunRecord) for one in ended)
-    figure = f"{60 * flights / (time.perf_counter() - start_s):6.1f} flights a minute"
+    figure = f"{speeds.flights_a_minute(drones, flights):6.1f} flights a minute"
     show(f"study, {flights} flights of {drones} drones in the city, 2 workers", figure)
 
 
