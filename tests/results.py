@@ -19,7 +19,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import pandas as pd
+from rich.console import Console
+
 from scenarios.evaluation import shipped
+from scenarios.experiments.catalogue import CATALOGUE
+from scenarios.experiments.runner import claim_table, find_experiment, run
 from scenarios.sensor_pictures import make_gallery
 from scenarios.sequences import GROUPS, load_sequence
 from scenarios.study.report import Findings
@@ -248,25 +253,28 @@ def studies(_: Data) -> Tables:
     }
 
 
-MAKERS: dict[str, Make] = {
-    each.__name__: each
-    for each in (
-        performance,
-        missions,
-        real,
-        learned,
-        ablations,
-        calibration,
-        rendered,
-        odometry,
-        cameras,
-        scenes,
-        studies,
-    )
-}
+def experiments(data: Data) -> Tables:
+    """Which claims of the paper hold on rendered sequences."""
+    restrict_opencv()
+    tables, claims = {}, []
+    for name in CATALOGUE:
+        experiment = find_experiment(name).asked(out=data.out, report=lambda what: None)
+        claims += [(name, claim) for claim in run(name, experiment, f"voxdepth experiment {name}", Console())]
+        tables[name] = Table.of_frame(experiment.question, pd.read_csv(data.out / name / "table.csv"))
+    return {"claims": claim_table(claims), **tables}
 
 
-def study_pictures() -> dict[str, bytes]:
+def experiment_pictures(data: Data) -> dict[str, bytes]:
+    """The figures of the paper's experiments."""
+    return {path.parent.name: path.read_bytes() for path in data.out.glob("*/figure.png")}
+
+
+OF_FRAMES = (performance, real, learned, ablations, calibration, rendered, experiments, odometry, cameras)
+OF_FLIGHTS = (missions, scenes, studies)
+MAKERS: dict[str, Make] = {make.__name__: make for make in (*OF_FRAMES, *OF_FLIGHTS)}
+
+
+def study_pictures(_: Data) -> dict[str, bytes]:
     """The figures of the studies whose stores are in docs/study."""
     return {
         f"{place.name.partition('.')[0]}-{figure.name}": figure.png
@@ -275,7 +283,10 @@ def study_pictures() -> dict[str, bytes]:
     }
 
 
-PICTURES: dict[str, Callable[[], dict[str, bytes]]] = {"studies": study_pictures}
+PICTURES: dict[str, Callable[[Data], dict[str, bytes]]] = {
+    "studies": study_pictures,
+    "experiments": experiment_pictures,
+}
 """Figures by the name of a result."""
 
 
@@ -382,17 +393,17 @@ def main() -> None:
     asked = parser.parse_args()
     if unknown := [name for name in asked.names if name not in MAKERS]:
         parser.error(no_such("result", unknown[0], MAKERS))
-    made, kept = {}, []
+    made, kept, data = {}, [], Data(asked.recordings)
     for name in asked.names or MAKERS:
         print(f"{name}: {MAKERS[name].__doc__}")
         try:
-            made[name] = to_json(name, MAKERS[name](Data(asked.recordings)))
+            made[name] = to_json(name, MAKERS[name](data))
         except MissingDataError as missing:
             kept.append(f"{name} stays as it was, without {missing}")
             continue
         write(RESULTS / f"{name}.json", f"{json.dumps(made[name], indent=1)}\n".encode())
         if shown := pictures_shown(name):
-            pictures = PICTURES[name]()
+            pictures = PICTURES[name](data)
             for key in shown:
                 write(RESULTS / f"{name}-{key}.png", pictures[key])
     for path in DOCUMENTS:

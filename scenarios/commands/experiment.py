@@ -51,7 +51,7 @@ def _run(names: Iterable[str], out: Path, **given: Any) -> None:
     import cv2
     from rich.console import Console
 
-    from ..experiments.runner import find_experiment, print_claims, run
+    from ..experiments.runner import claim_table, find_experiment, run
 
     cv2.setNumThreads(1)
     console, command = Console(), " ".join(["voxdepth", *sys.argv[1:]])
@@ -62,7 +62,7 @@ def _run(names: Iterable[str], out: Path, **given: Any) -> None:
             watched = experiment.asked(report=lambda what, name=name, status=status: status.update(f"{name}: {what}"))
             claims += [(name, claim) for claim in run(name, watched, command, console)]
     if len(asked) > 1:
-        print_claims(claims, console)
+        claim_table(claims).print(console)
 
 
 def _command(name: str, entry: Entry) -> Callable[..., None]:

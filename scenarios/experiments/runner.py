@@ -60,7 +60,7 @@ def run(name: str, experiment: Experiment, command: str, console: "Console") -> 
     return claims
 
 
-def print_claims(found: Sequence[tuple[str, Claim]], console: "Console") -> None:
-    """Print the verdicts on the claims of several experiments, each with the name of its experiment."""
+def claim_table(found: Sequence[tuple[str, Claim]]) -> Table:
+    """The verdicts on the claims of several experiments, each with the name of its experiment."""
     rows = [(name, claim.paper, claim.found, claim.verdict) for name, claim in found]
-    Table.of(summary([claim for _, claim in found]), ("experiment", "paper", "here", "verdict"), rows).print(console)
+    return Table.of(summary([claim for _, claim in found]), ("experiment", "the paper claims", "here", "verdict"), rows)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from scenarios.experiments.catalogue import CATALOGUE
 from tests import results
 from tests.results import (
     DOCUMENTS,
@@ -13,6 +14,7 @@ from tests.results import (
     PICTURES,
     RESULTS,
     SHOWN,
+    Data,
     markdown,
     pictures_shown,
     study_pictures,
@@ -42,7 +44,8 @@ def test_only_tables_name_a_commit(document: Path) -> None:
 def test_each_figure_of_a_result_is_shown_and_can_be_made() -> None:
     shown = {f"{name}-{key}.png" for name in PICTURES for key in pictures_shown(name)}
     assert shown == {path.name for name in PICTURES for path in RESULTS.glob(f"{name}-*.png")}
-    assert pictures_shown("studies") <= study_pictures().keys()
+    assert pictures_shown("studies") <= study_pictures(Data(None)).keys()
+    assert pictures_shown("experiments") <= CATALOGUE.keys()
 
 
 def test_each_result_is_shown_and_can_be_made() -> None:
