@@ -42,10 +42,10 @@ def checks() -> "Sequence[Finding]":
 
 def sequences(names: "Sequence[str]", seed: int | None) -> "Sequence[Requested]":
     """Find shipped sequences and groups of them by name; they are recorded when they are opened."""
-    from .evaluation import shipped
+    from .evaluation import Shipped
     from .sequences import load_sequence, names_of
 
-    return [shipped(load_sequence(name, seed, {})) for name in names_of(names)]
+    return [Shipped(load_sequence(name, seed, {})) for name in names_of(names)]
 
 
 def recorded(folder: "Path") -> "Requested | None":
@@ -55,9 +55,9 @@ def recorded(folder: "Path") -> "Requested | None":
     truth = folder / TRUE_DEPTHS
     if not truth.is_dir() or any(truth.glob("*.png")):
         return None
-    from .evaluation import existing
+    from .evaluation import Existing
 
-    return existing(folder)
+    return Existing(folder)
 
 
 EXTENSION = Extension(

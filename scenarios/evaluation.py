@@ -4,7 +4,7 @@ import tomllib
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -50,32 +50,77 @@ def _as_our_errors() -> Iterator[None]:
         raise ScenarioError(str(error)) from error
 
 
-def shipped(planned: "SeededSequence") -> Requested:
-    """Return a rendered sequence, which is recorded once below the folder of the results, see `recorded`."""
-    return _requested(planned.sequence.name, partial(recorded, planned), planned.seed)
+@dataclass(frozen=True)
+class Shipped:
+    """A rendered sequence, which is recorded once below the folder of the results, see `recorded` and `Requested`."""
+
+    planned: "SeededSequence"
+
+    @property
+    def name(self) -> str:
+        """The name of the sequence."""
+        return self.planned.sequence.name
+
+    recording = name
+
+    @_as_our_errors()
+    def open(self, out: Path, frames: int, tell: Tell) -> "SimulatedSource":
+        """See `Requested`."""
+        return SimulatedSource(self.name, recorded(self.planned, out, frames, tell), self.planned.seed)
 
 
-def existing(folder: Path) -> Requested:
-    """Return an existing recording of the simulator with the truth."""
-    return _requested(name_of(folder), lambda *_: Recording.open(folder), None)
+@dataclass(frozen=True)
+class Existing:
+    """An existing recording of the simulator with the truth, see `Requested`."""
+
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """The name of the folder."""
+        return name_of(self.folder)
+
+    recording = name
+
+    @_as_our_errors()
+    def open(self, out: Path, frames: int, tell: Tell) -> "SimulatedSource":
+        """See `Requested`."""
+        return SimulatedSource(self.name, Recording.open(self.folder), None)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A recording of a real camera with a true depth, whose holes count as occluded pixels; see `Requested`."""
+
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """The name of the folder."""
+        return name_of(self.folder)
+
+    recording = name
+
+    def open(self, out: Path, frames: int, tell: Tell) -> "HolesAreOccluded":
+        """See `Requested`."""
+        return HolesAreOccluded(self.name, open_dataset(self.folder), partial(TrueHoles, self.folder))
 
 
 def with_truth(folder: Path) -> Requested:
-    """Return a recording with the true depth of its frames; of a real one, holes count as occluded pixels.
+    """Return a recording with the true depth of its frames.
 
     Raises:
         ScenarioError: It has no true depth.
     """
     with suppress(RecordingError):
         Recording.open(folder)
-        return existing(folder)
+        return Existing(folder)
     if not true_depths(folder).files:
         raise ScenarioError(
             f"{folder} has no true depth: expected a recording of the simulator, a trajectory of Mid-Air with "
             f"stereo_disparity and depth, or a folder {TRUE_DEPTHS} with an image of each frame"
         )
-    name = name_of(folder)
-    return Requested(name, name, lambda *_: HolesAreOccluded(name, open_dataset(folder), partial(TrueHoles, folder)))
+    return Measured(folder)
 
 
 class HolesAreOccluded(RecordedSource):
@@ -86,14 +131,6 @@ class HolesAreOccluded(RecordedSource):
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
         """See `RecordedSource`."""
         return (replace(frame, occluded=frame.hidden) for frame in super().frames(frames))
-
-
-def _requested(name: str, recording: Callable[[Path, int, Tell], Recording], seed: int | None) -> Requested:
-    @_as_our_errors()
-    def opened(out: Path, frames: int, tell: Tell) -> SimulatedSource:
-        return SimulatedSource(name, recording(out, frames, tell), seed)
-
-    return Requested(name, name, opened)
 
 
 def recorded(planned: "SeededSequence", out: Path, frames: int, tell: Tell) -> Recording:

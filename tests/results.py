@@ -22,7 +22,7 @@ from typing import Any
 import pandas as pd
 from rich.console import Console
 
-from scenarios.evaluation import shipped
+from scenarios.evaluation import Shipped
 from scenarios.experiments.catalogue import CATALOGUE
 from scenarios.experiments.runner import claim_table, find_experiment, run
 from scenarios.sensor_pictures import make_gallery
@@ -196,7 +196,7 @@ def rendered(data: Data) -> Tables:
     """How many pixels of rendered sequences in holes are right, and how large the errors of the network are."""
     tables = {}
     for word in ("reference", "artefacts"):
-        requested = [shipped(load_sequence(name, 0, {})) for name in GROUPS[word]]
+        requested = [Shipped(load_sequence(name, 0, {})) for name in GROUPS[word]]
         evaluation = _evaluated(requested, [*BASELINES, WHOLE], RENDERED_FRAMES, data)
         rows = [
             [shares.recording, *_two_shares(shares.overall, _best_other(shares.overall))]
@@ -204,7 +204,7 @@ def rendered(data: Data) -> Tables:
         ]
         title = f"Share of the pixels in holes within 5 % of the truth, {RENDERED_FRAMES} frames of each sequence"
         tables[word] = Table.of(title, ["sequence", "default [%]", "best baseline [%]"], rows)
-    unseen = [shipped(load_sequence(name, UNSEEN_SEED, {})) for name in GROUPS["reference"]]
+    unseen = [Shipped(load_sequence(name, UNSEEN_SEED, {})) for name in GROUPS["reference"]]
     evaluation = _evaluated(unseen, [WHOLE, f"{WHOLE}[fill=all]", "learned"], RENDERED_FRAMES, data)
     return {**tables, "learned": method_table(evaluation, ERROR_IN_HOLES)}
 

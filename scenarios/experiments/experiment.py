@@ -16,7 +16,7 @@ from voxdepth.tools.evaluation.suite import Plan, Requested, evaluate
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
-from ..evaluation import recorded, shipped, with_truth
+from ..evaluation import Shipped, recorded, with_truth
 from ..sequences import SeededSequence, load_sequence
 
 ALIKE = 2.0
@@ -121,8 +121,9 @@ class Experiment:
     @property
     def requested(self) -> list[Requested]:
         """The sequences, or the recordings with the truth in their place."""
-        shipped_ones = [shipped(self.sequence(name)) for name in self.sequences]
-        return [with_truth(folder) for folder in self.data] or shipped_ones
+        if self.data:
+            return [with_truth(folder) for folder in self.data]
+        return [Shipped(self.sequence(name)) for name in self.sequences]
 
     def sources(self) -> Iterator[tuple[str, FrameSource]]:
         """Open each of them, with its name; one that has too few frames is a `ScenarioError`."""

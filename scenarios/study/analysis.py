@@ -231,19 +231,19 @@ def compare_arms(matched: "MatchedArms", study: Study, endpoint: EndpointName) -
     The declared comparisons come first; they are the primary ones if they were declared on this endpoint.
     """
     primary = matched.declared if endpoint == study.endpoint else ()
-    cells = {sides: _pairs_by_scenario(pairs, endpoint) for sides, pairs in matched.pairs.items()}
-    pooled = {sides: Pairs(*map(sum, zip(*own.values(), strict=True))) for sides, own in cells.items()}
+    pooled = {sides: _counted(pairs, endpoint) for sides, pairs in matched.pairs.items()}
     p_values = {sides: mcnemar(pairs.first_only, pairs.second_only) for sides, pairs in pooled.items()}
     adjusted = _adjusted(p_values, primary)
     return [
         Comparison(
-            *sides,
-            sides in matched.declared,
-            sides in primary,
-            cells[sides],
-            pairs,
-            p_values[sides],
-            adjusted.get(sides),
+            first=sides[0],
+            second=sides[1],
+            declared=sides in matched.declared,
+            primary=sides in primary,
+            cells=_counted_by_scenario(matched.pairs[sides], endpoint),
+            pairs=pairs,
+            p=p_values[sides],
+            p_holm=adjusted.get(sides),
         )
         for sides, pairs in pooled.items()
     ]
@@ -262,11 +262,18 @@ def _adjusted(p_values: Mapping[Sides, float], primary: Sequence[Sides]) -> dict
     }
 
 
-def _pairs_by_scenario(pairs: RunPairs, endpoint: EndpointName) -> dict[str, Pairs]:
-    """Count the pairs of each scenario by which of the two runs reached an endpoint."""
-    first, second = (runs[endpoint].to_numpy(bool) for runs in pairs)
-    kinds, scenarios = (first & second, first & ~second, ~first & second, ~first & ~second), pairs[0]["scenario"]
-    return {name: Pairs(*(int(kind[scenarios == name].sum()) for kind in kinds)) for name in dict.fromkeys(scenarios)}
+def _counted(pairs: RunPairs, endpoint: EndpointName) -> Pairs:
+    """Count the pairs by which of the two runs reached an endpoint."""
+    first, second = pairs
+    return Pairs.counted(first[endpoint].to_numpy(bool), second[endpoint].to_numpy(bool))
+
+
+def _counted_by_scenario(pairs: RunPairs, endpoint: EndpointName) -> dict[str, Pairs]:
+    """Count the pairs of each scenario."""
+    first, second = pairs
+    names = dict.fromkeys(first["scenario"])
+    is_in = {name: (first["scenario"] == name).to_numpy() for name in names}
+    return {name: _counted((first[is_in[name]], second[is_in[name]]), endpoint) for name in names}
 
 
 def difference_of_means(pairs: RunPairs, measure: Measure) -> Estimate | None:
@@ -284,27 +291,48 @@ class MatchedArms(NamedTuple):
     """The declared arms; none for a gain."""
 
 
+class ArmAtLevel(NamedTuple):
+    """An arm at a level of the axis, or without one."""
+
+    arm: str
+    level: float | None
+
+    @property
+    def label(self) -> str:
+        """The arm with its level."""
+        return arm_label(self.arm, self.level)
+
+    def is_comparable(self, other: "ArmAtLevel") -> bool:
+        """Whether this is another arm, and not at another level."""
+        return self.arm != other.arm and (None in (self.level, other.level) or self.level == other.level)
+
+
 def matched_arms(study: Study, runs: pd.DataFrame) -> MatchedArms:
     """Return the runs of every two arms; those at two different levels are not compared."""
     blocks = pd.MultiIndex.from_arrays([runs["scenario"].astype(str), runs["seed"]], names=["in", "of"])
     flown = dict(list(runs.set_index(blocks).groupby("label", observed=True)))
-    levels = [(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
-    sides = [(a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (None in (a[1], b[1]) or a[1] == b[1])]
-    declared: tuple[Sides, ...] = ()
-    if study.declared is not None:
-        first = [one for name in study.declared.arm for one in levels if one[0] == name]
-        second = [one for one in levels if one[0] == study.declared.against]
-        is_gain = study.declared.endpoint == GAIN
-        own = [(a, b) for a in first for b in second if not is_gain or a[1] == b[1]]
-        sides = [*own, *(pair for pair in sides if pair not in own and pair[::-1] not in own)]
-        declared = () if is_gain else tuple((arm_label(*a), arm_label(*b)) for a, b in own)
+    arms = [ArmAtLevel(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
+    declared = _declared_pairs(study, arms)
+    others = [(a, b) for a, b in combinations(arms, 2) if a.is_comparable(b)]
+    others = [(a, b) for a, b in others if (a, b) not in declared and (b, a) not in declared]
     matched = {}
-    for one, other in ((arm_label(*a), arm_label(*b)) for a, b in sides):
-        if one in flown and other in flown:
-            common = flown[one].index.intersection(flown[other].index, sort=False)
+    for first, second in ((a.label, b.label) for a, b in [*declared, *others]):
+        if first in flown and second in flown:
+            common = flown[first].index.intersection(flown[second].index, sort=False)
             if len(common):
-                matched[one, other] = flown[one].loc[common], flown[other].loc[common]
-    return MatchedArms(matched, declared)
+                matched[first, second] = flown[first].loc[common], flown[second].loc[common]
+    is_gain = study.declared is not None and study.declared.endpoint == GAIN
+    return MatchedArms(matched, () if is_gain else tuple((a.label, b.label) for a, b in declared))
+
+
+def _declared_pairs(study: Study, arms: Sequence[ArmAtLevel]) -> list[tuple[ArmAtLevel, ArmAtLevel]]:
+    """Return the pairs of arms that a study declares, those of a gain at every level."""
+    if study.declared is None:
+        return []
+    first = [one for name in study.declared.arm for one in arms if one.arm == name]
+    second = [one for one in arms if one.arm == study.declared.against]
+    is_gain = study.declared.endpoint == GAIN
+    return [(a, b) for a in first for b in second if not is_gain or a.level == b.level]
 
 
 class Gain(NamedTuple):
@@ -368,13 +396,14 @@ def gains(data: StudyData, runs: pd.DataFrame) -> list[Gain]:
     declared, (speeds, full) = data.study.declared, _speeds(data, runs)
     primary = declared.arms if declared is not None and declared.endpoint == GAIN else None
     found = []
-    for pair in combinations((place for place, own in speeds.items() if len(own.columns) > 2), 2):
-        (scenario, first), (other, second) = reversed(pair) if (pair[1][1], pair[0][1]) == primary else pair
-        a, b = speeds[scenario, first], speeds[other, second]
-        seeds = sorted({*a.index} & {*b.index} & full.get(scenario, {}).keys())
-        if scenario == other and seeds:
-            estimate = _gain(a, b, full[scenario], seeds)
-            found.append(Gain(scenario, first, second, (first, second) == primary, len(seeds), estimate))
+    for scenario in dict.fromkeys(scenario for scenario, _ in speeds):
+        curves_of = {arm: own for (where, arm), own in speeds.items() if where == scenario and len(own.columns) > 2}
+        for one, other in combinations(curves_of, 2):
+            first, second = (other, one) if (other, one) == primary else (one, other)
+            seeds = sorted({*curves_of[first].index} & {*curves_of[second].index} & full.get(scenario, {}).keys())
+            if seeds:
+                estimate = _gain(curves_of[first], curves_of[second], full[scenario], seeds)
+                found.append(Gain(scenario, first, second, (first, second) == primary, len(seeds), estimate))
     return sorted(found, key=lambda gain: not gain.declared)
 
 
@@ -382,7 +411,7 @@ def _speeds(data: StudyData, runs: pd.DataFrame) -> tuple[Curves, dict[str, dict
     """Return the curves of goal speed, and the reference's mean goal speed by scenario and seed."""
     speeds, axis = curves(data, runs, runs["goal_speed_m_s"]), data.study.axis
     reference = None if axis is None else axis.reference
-    return speeds, {place: own.mean(axis=1).to_dict() for (place, arm), own in speeds.items() if arm == reference}
+    return speeds, {where: own.mean(axis=1).to_dict() for (where, arm), own in speeds.items() if arm == reference}
 
 
 def _half_speed(speeds: pd.DataFrame, full: Mapping[int, float], seeds: Sequence[int]) -> SeedStatistic:
@@ -390,19 +419,20 @@ def _half_speed(speeds: pd.DataFrame, full: Mapping[int, float], seeds: Sequence
     levels, values = speeds.columns.to_numpy(float), speeds.loc[seeds].to_numpy()
     halves = np.array([full[seed] for seed in seeds]) / 2
 
-    def at(rows: IndexArray) -> FloatArray:
-        means = zip(values[rows].mean(axis=1), halves[rows].mean(axis=1), strict=True)
-        return np.array([crossing(levels, *own) for own in means])
+    def level_of(rows: IndexArray) -> FloatArray:
+        means, heights = values[rows].mean(axis=1), halves[rows].mean(axis=1)
+        return np.array([crossing(levels, mean, height) for mean, height in zip(means, heights, strict=True)])
 
-    return at
+    return level_of
 
 
 def _gain(
     first: pd.DataFrame, second: pd.DataFrame, full: Mapping[int, float], seeds: Sequence[int]
 ) -> Estimate | None:
-    a, b = (_half_speed(speeds, full, seeds) for speeds in (first, second))
-    for at, speeds in ((a, first), (b, second)):
-        if is_beyond(over_seeds(len(seeds), at), speeds.columns.to_numpy(float)):
+    """Return how much farther the first keeps half of the speed; None if one of them may do so beyond the levels."""
+    level_of_first, level_of_second = (_half_speed(speeds, full, seeds) for speeds in (first, second))
+    for level_of, speeds in ((level_of_first, first), (level_of_second, second)):
+        if is_beyond(over_seeds(len(seeds), level_of), speeds.columns.to_numpy(float)):
             return None
-    harder = np.sign(first.columns[-1] - first.columns[0])
-    return over_seeds(len(seeds), lambda rows: np.asarray(harder * (a(rows) - b(rows))))
+    harder = np.sign(first.columns[-1] - first.columns[0])  # 1 where levels grow towards the hard end, else -1.
+    return over_seeds(len(seeds), lambda rows: np.asarray(harder * (level_of_first(rows) - level_of_second(rows))))

@@ -15,7 +15,7 @@ Sources:
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -61,6 +61,12 @@ class Pairs(NamedTuple):
     second_only: int
     """c of McNemar's test."""
     neither: int
+
+    @classmethod
+    def counted(cls, first: MaskImage, second: MaskImage) -> Self:
+        """Count pairs by whether the run of the first and that of the second reached an endpoint, shape (n,) each."""
+        kinds = first & second, first & ~second, ~first & second, ~first & ~second
+        return cls(*(int(np.count_nonzero(kind)) for kind in kinds))
 
     @property
     def n(self) -> int:

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.evaluation import SimulatedSource, shipped
+from scenarios.evaluation import Shipped, SimulatedSource
 from scenarios.sequences import load_sequence
 from sim.recording import Recording, RecordingWriter
 from tests.commands import invoke
@@ -339,7 +339,7 @@ def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
                 progress(index + 1)
 
     monkeypatch.setattr("scenarios.sequences.record", record)
-    requested = shipped(load_sequence("sim-LN", 3, {}))
+    requested = Shipped(load_sequence("sim-LN", 3, {}))
     told: list[str] = []
     source = requested.open(tmp_path, 4, told.append)
     assert isinstance(source, SimulatedSource)
@@ -352,7 +352,7 @@ def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
         assert requested.open(tmp_path, 4, told.append).digest(4)
         assert made.pop() == 4, "it is made again"
     assert made == [4]
-    other = shipped(load_sequence("sim-LN", 4, {}))
+    other = Shipped(load_sequence("sim-LN", 4, {}))
     done = evaluate(Plan(sequences=[other], methods=[GOOD], frames=3, out=tmp_path), lambda what, n: None)
     assert (done.results[0].error, done.sequences["sim-LN"].seed) == (None, 4)
     assert requested.open(tmp_path, 4, told.append).seed == 3

@@ -139,10 +139,12 @@ def _planned(
 def requested_of(folder: Path, opened: "Opened") -> "list[Requested]":
     """Return what can be compared in a folder: a recording that an extension knows, or each kind of its pixels."""
     from .evaluation.recordings import kinds_of
-    from .evaluation.suite import judged
+    from .evaluation.suite import RecordedPixels, name_of
 
-    known = [found for extension in extensions() if (found := extension.recorded(folder)) is not None]
-    return known or [judged(folder, mask, kind, opened) for mask, kind in kinds_of(folder, opened).items()]
+    if known := [found for extension in extensions() if (found := extension.recorded(folder)) is not None]:
+        return known
+    name, kinds = name_of(folder), kinds_of(folder, opened)
+    return [RecordedPixels(name, folder, mask, kind, opened) for mask, kind in kinds.items()]
 
 
 def _shipped(names: Sequence[str], seed: int | None) -> "list[Requested]":

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -23,23 +23,49 @@ from .results import SEQUENCE, Result, SequenceInfo, load, store
 from .shares import Shares, shares_of
 
 
-@dataclass(frozen=True)
-class Requested:
+class Requested(Protocol):
     """A sequence to compare methods on. No two in a plan may have the same name."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """The name of the sequence."""
+
+    @property
+    def recording(self) -> str:
+        """The name of the recording, of which other sequences may judge other pixels of the same frames."""
+
+    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
+        """Open the first frames.
+
+        Args:
+            out: Folder of the results; frames that are rendered are stored below it.
+            frames: How many of the first frames are needed.
+            tell: Is called with what is being done.
+
+        Raises:
+            VoxDepthError: The sequence cannot be opened. When frames are read, it says why that fails.
+        """
+
+
+@dataclass(frozen=True)
+class RecordedPixels:
+    """One kind of pixels of an existing recording of any format; see `Requested`."""
+
     recording: str
-    """Name of the recording, of which other sequences may judge other pixels of the same frames."""
-    open: Callable[[Path, int, Callable[[str], None]], FrameSource]
-    """Opens its first frames, which may first be made below the folder of the results; the function that it is given
-    hears of it. Here and when frames are read, a `VoxDepthError` says why that fails."""
+    folder: Path
+    mask: str
+    """Name of the mask of the pixels."""
+    kind: Kind
+    opener: Opened
 
+    @property
+    def name(self) -> str:
+        """The names of the recording and of the mask."""
+        return f"{self.recording}-{self.mask}"
 
-def judged(path: Path, mask: str, kind: Kind, opened: Opened) -> Requested:
-    """Return one kind of pixels, with the name of their mask, of an existing recording of any format."""
-    recording = name_of(path)
-    name = f"{recording}-{mask}"
-    return Requested(name, recording, lambda out, frames, tell: RecordedSource(name, opened(path), kind))
+    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> RecordedSource:
+        """See `Requested`."""
+        return RecordedSource(self.name, self.opener(self.folder), self.kind)
 
 
 def name_of(folder: Path) -> str:
