@@ -16,8 +16,8 @@ from numba import float32, int16, int64, void
 
 from ..arithmetic import matmul
 from ..compiled import FLOAT_IMAGE, FLOAT_ROW, compiled, compiled_part
+from ..features import Features
 from ..geometry import inverse_rigid, transform
-from ..paper.registration import Features
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, MaskImage
 from .config import TemporalConfig
 from .memory import Memory
