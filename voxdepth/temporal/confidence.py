@@ -32,13 +32,13 @@ FILL_ERROR_PX = float32(0.1)
 UNANIMOUS_FILL, REMEMBERED_FILL = float32(0.9), float32(0.95)
 """Probability that a hole is filled with the right surface if all votes agree, right beside an end, or if the memory is
 one of the supporters."""
-DOUBT_SHARE = 0.02
-"""Distance of an end, as a share of the width of the image, that weighs as much as the doubt that any vote is right."""
+PRIOR_SHARE = 0.02
+"""Distance of an end, as a share of the width of the image, that weighs as much as the prior, that no vote is right."""
 
 
 @compiled_part(float32(float32, boolean))
 def fill_probability(share: float, is_remembered: bool) -> float:
-    """Probability in 0..1 that a hole is filled with the right surface, by the share of votes and doubt that is for it.
+    """Probability in 0..1 that a hole is filled with the right surface, by the share of votes and prior that is for it.
 
     The exponent of the share is 3/2, or 1/2 where the memory is one of the voters for it.
     """
