@@ -30,12 +30,15 @@ STATES = ("free", "unknown", "unobservable", "blacklisted", "occupied")
 MAX_IMAGE_S = 0.1
 """An image counts for the time since the one before, and for no more than this. So fast cameras live under the same
 rules as slow ones, whose images are errors of their own, and of which each counts in full."""
-HIT, OCCUPIED_MS, MAX_OCCUPANCY_MS = 8, 900, 6_000
-"""A hit, an image that shows a surface in a voxel, adds its time to the occupancy, as many times as the first says, and
-a miss, one that sees through it, takes its time away. From the second on the voxel is occupied. That is more than one
-image may add: two confirm a surface, and one alone in free space is an error of depth. The third is the largest
-occupancy. Errors of images come in episodes, so that a surface outlasts more images that see through it than showed
-it."""
+HIT = 8
+"""A hit, an image that shows a surface in a voxel, adds its time to the occupancy, as many times as this; a miss, one
+that sees through it, takes its time away. Errors of images come in episodes, so that a surface outlasts more images
+that see through it than showed it."""
+OCCUPIED_MS = 900
+"""Occupancy from which on a voxel is occupied. That is more than one image may add: two confirm a surface, and one
+alone in free space is an error of depth."""
+MAX_OCCUPANCY_MS = 6_000
+"""Largest occupancy."""
 MAX_MS = 20_000
 """Times that images add up end here."""
 BLACKLISTED_MS = MAX_MS + 1

@@ -32,9 +32,10 @@ from .masks import above
 from .rays import AXES, COLS, INFINITE, NUMBERS, PLACES, RAYS, ROWS, Numbers, Places, Rays, march, trace_rays
 from .working_resolution import WorkingResolution
 
-AGREEMENT_PX, AGREEMENT_SHARE = float32(1), float32(0.03)
-"""Difference of disparity up to which two votes, or two ends, are of one surface, and the fraction of the disparity
-that is added to it."""
+AGREEMENT_PX = float32(1)
+"""Difference of disparity up to which two votes, or two ends, are of one surface."""
+AGREEMENT_SHARE = float32(0.03)
+"""Fraction of the disparity that is added to it."""
 MAX_SLOPE = 0.15
 """Change of disparity per step along an axis, in pixels of the matched images, up to which two ends may be of one
 slanted surface. In an occlusion shadow it is 1."""
@@ -48,8 +49,10 @@ SPACING_PX = np.array([1, np.sqrt(2), 1, np.sqrt(2)], np.float32)
 """Distance of adjacent pixels along each axis."""
 MEMORY, PREVIOUS, N_VOTES = 4, 5, 6
 """Votes that follow those of the axes, and the number of all."""
-DEEP_KERNEL, DEEPER_KERNEL = np.ones((9, 9), np.uint8), np.ones((17, 17), np.uint8)
-"""If nothing is known within 4 pixels of a pixel, it votes in a block of two by two; within 12, of four by four."""
+DEEP_KERNEL = np.ones((9, 9), np.uint8)
+"""If nothing is known within 4 pixels of a pixel, it votes in a block of two by two."""
+DEEPER_KERNEL = np.ones((17, 17), np.uint8)
+"""If nothing is known within 12 pixels of a pixel, it votes in a block of four by four."""
 MEDIAN_PX = 3
 """Window of the median that removes votes which only one ray decided."""
 CHUNK = 512

@@ -17,9 +17,11 @@ from .memory import DRIFT_DECIMATION, MEMORY_TYPE, WEIGHT_UNIT, Memory
 
 WINDOW_PX = 5
 """Side of the neighbourhood over which differences of disparity and gray value are averaged."""
-TOLERANCE_PX, RELATIVE_TOLERANCE = float32(1), float32(0.02)
-"""Difference of disparity up to which memory and measurement may show one surface, and the fraction of the disparity
-that is added to it. More merges thin objects with their background."""
+TOLERANCE_PX = float32(1)
+"""Difference of disparity up to which memory and measurement may show one surface. More merges thin objects with their
+background."""
+RELATIVE_TOLERANCE = float32(0.02)
+"""Fraction of the disparity that is added to it."""
 MAX_BIAS_PX = float32(0.6)
 """Absolute mean difference in the window up to which they agree. It keeps a drone apart from the wall behind it."""
 MIN_COHERENT_SHARE = float32(0.2 * 255)
@@ -47,9 +49,10 @@ DECAY_FREE_SPACE = 2 * WEIGHT_UNIT
 """Weight that the memory loses per frame where the sensor sees through it."""
 DECAY_OUTLIER = WEIGHT_UNIT // 8
 """Weight that the memory loses per frame where it rejects a measurement, so that no memory lasts for ever."""
-MAX_GRAY_CHANGE, MAX_RELATIVE_GRAY_CHANGE = 8.0, 5.0
-"""Change of gray up to which a remembered surface is still there where nothing is measured: the larger of a number of
-levels and a factor of the median change over the image."""
+MAX_GRAY_CHANGE = 8.0
+"""Change of gray, in levels, up to which a remembered surface is still there where nothing is measured."""
+MAX_RELATIVE_GRAY_CHANGE = 5.0
+"""The same as a factor of the median change over the image; the larger one counts."""
 NOISE_STRIDE_PX = 4
 """Stride of the rows and columns that the gray noise is estimated from."""
 STEADY_PX = 0.02

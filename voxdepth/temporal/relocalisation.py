@@ -23,8 +23,10 @@ FAST_THRESHOLD = 10
 """Contrast of a corner, half of OpenCV's default, so that dim and blurred images have features, too."""
 GRID_PX = 8
 """Distance of the pixels at which the depth of memory and measurement is compared, in the tracking image."""
-DEPTH_TOLERANCE, DISPARITY_TOLERANCE_PX = 0.05, 0.5
-"""Memory and measurement agree if their disparities differ by at most this share or this many pixels."""
+DEPTH_TOLERANCE = 0.05
+"""Memory and measurement agree if their disparities differ by at most this share."""
+DISPARITY_TOLERANCE_PX = 0.5
+"""They also agree if their disparities differ by at most this."""
 MIN_DEPTH_AGREEMENT = 0.7
 """Share of the remembered surfaces whose depth the frame must confirm. Less accepts less exact motions."""
 MIN_COMPARED = 30
