@@ -181,9 +181,8 @@ class VoxelMap:
         first, last = floor((low_m - bottom_m) / VOXEL_M), ceil((high_m - bottom_m) / VOXEL_M)
         voxels = np.s_[max(first, 0) : last, *columns]
         vain_ms = self._unobserved_ms[voxels]
-        state = np.full(vain_ms.shape, UNKNOWN, np.uint8)
-        state[vain_ms >= self._vain_from_ms] = UNOBSERVABLE
-        state[vain_ms == BLACKLISTED_MS] = BLACKLISTED
+        # From unknown over unobservable to blacklisted, the numbers of the states count the conditions that hold.
+        state = np.uint8(UNKNOWN) + (vain_ms >= self._vain_from_ms) + (vain_ms == BLACKLISTED_MS)
         state[self._is_free(voxels, time_s)] = FREE
         state[self._occupancy_ms[voxels] >= OCCUPIED_MS] = OCCUPIED
         reaches = first >= 0 and last <= len(self._passed_ms)
