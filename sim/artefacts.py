@@ -23,8 +23,10 @@ STEP = 0.9
 """A depth of less than this share of another one belongs to a nearer surface."""
 PERSISTENCE = 0.85
 """Probability of a speck in each frame."""
-GLOSS_CELL_M, GLOSS_PATCH_PX = 0.04, 4.0
-"""Side of a place that may be glossy, and size of the patches that such places form, as the sigma of a Gaussian."""
+GLOSS_CELL_M = 0.04
+"""Side of a cell that may be glossy."""
+GLOSS_PATCH_PX = 4.0
+"""Size of the patches that such cells form, as the sigma of a Gaussian."""
 TABLE = 1 << 16
 CELLS_PER_AXIS = 1 << 20
 NEIGHBOURS = np.array([[0, 1], [1, 0], [0, -1], [-1, 0]])

@@ -23,7 +23,12 @@ MAX_SLOPE = math.tan(math.radians(30.0))
 MAX_THRUST_TO_WEIGHT = 2.0
 MOTOR_LAG_S = 0.04
 """Time constant with which thrust and torque follow the command."""
-VELOCITY_GAIN_PER_S, ATTITUDE_GAIN_PER_S2, RATE_GAIN_PER_S = 2.5, 90.0, 18.0
+VELOCITY_GAIN_PER_S = 2.5
+"""Acceleration that the controller asks for per error of the velocity."""
+ATTITUDE_GAIN_PER_S2 = 90.0
+"""Angular acceleration per error of the attitude."""
+RATE_GAIN_PER_S = 18.0
+"""Angular acceleration per error of the rates, which damps the turns."""
 DRAG_PER_S = 0.1
 """Linear air drag: deceleration per speed relative to the air."""
 

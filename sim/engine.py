@@ -2,10 +2,27 @@
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import Any, NamedTuple
 
-__all__ = ["pybullet", "silenced"]
+__all__ = ["ContactPoint", "contact_points", "pybullet", "silenced"]
+
+
+class ContactPoint(NamedTuple):
+    """A point at which two bodies touch, or where they are nearest to each other."""
+
+    body_a: int
+    body_b: int
+    on_b_m: tuple[float, float, float]
+    """The point on the second body, in the world frame."""
+    distance_m: float
+    """Distance of both bodies; negative where they overlap."""
+
+
+def contact_points(rows: Sequence[Sequence[Any]]) -> list[ContactPoint]:
+    """Name what PyBullet's `getContactPoints` and `getClosestPoints` return as tuples without names."""
+    return [ContactPoint(body_a=row[1], body_b=row[2], on_b_m=row[6], distance_m=float(row[8])) for row in rows]
 
 
 @contextmanager

@@ -27,16 +27,30 @@ from .types import Images, InvalidReason
 
 WHOLE_PX_SLOPE = 0.35
 """Slope of the measured over the true disparity between two whole ones; 1 would be no attraction."""
-NOISE_PX, FAR_NOISE_PX, FINE_NOISE_PX = 0.15, 0.35, 0.04
-"""Noise of a disparity before it is attracted, its growth towards disparity 0, and the noise afterwards."""
-FATTENED_SHARE, FATTENED_PX, FATTENED_SKY_PX = 0.4, 3, 13
-"""Share of the image where the nearest surface within so many pixels shows; more of them in front of the sky."""
+NOISE_PX = 0.15
+"""Noise of a disparity before it is attracted."""
+FAR_NOISE_PX = 0.35
+"""Growth of that noise towards disparity 0."""
+FINE_NOISE_PX = 0.04
+"""Noise of a disparity after it is attracted."""
+FATTENED_SHARE = 0.4
+"""Share of the image where the nearest surface of a window shows."""
+FATTENED_PX = 3
+"""Side of the window of which the nearest surface shows."""
+FATTENED_SKY_PX = 13
+"""Width of that window in front of the sky."""
 NO_TEXTURE = 0.1
 """Surfaces with less texture than this are those without."""
-HOLES_WITHOUT_TEXTURE, HOLES_IN_SKY = 0.75, 0.25
-"""Share of the pixels without depth on surfaces without texture, and in the sky."""
-NOISE_BLUR_PX, FATTENED_BLUR_PX, HOLE_BLUR_PX = 1.2, 1.0, 2.0
-"""Sizes of the patches that share an error."""
+HOLES_WITHOUT_TEXTURE = 0.75
+"""Share of the pixels without depth on surfaces without texture."""
+HOLES_IN_SKY = 0.25
+"""Share of the pixels without depth in the sky."""
+NOISE_BLUR_PX = 1.2
+"""Size of the patches that share an error of the noise."""
+FATTENED_BLUR_PX = 1.0
+"""Size of the patches that share a fattened edge."""
+HOLE_BLUR_PX = 2.0
+"""Size of the patches that share a hole."""
 HELD_FRAMES = 10
 """Frames for which matching fails in the same places of the image; its noise is new in each."""
 

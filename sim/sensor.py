@@ -1,9 +1,9 @@
 """A simulated stereo camera: it renders both images, adds camera noise and measures depth."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -16,7 +16,6 @@ from .alignment import aligned, hidden_from_pair
 from .artefacts import Artefacts
 from .bodies import Surface
 from .camera_noise import exposure_gain, low_light_noise, photon_noise
-from .cpu import Mapper
 from .decimation import decimated
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .fitted import FittedStereo
@@ -27,11 +26,12 @@ from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Rende
 if TYPE_CHECKING:
     from .world import World
 
-T = TypeVar("T")
-
-DOT_SHARE, DOT_SIGMA_PX, PROJECTOR_RANGE_M = 0.15, 0.7, 3.0
-"""Share of pixels with a dot, size of a dot, and the depth at which the light of a projector is half as strong."""
-
+DOT_SHARE = 0.15
+"""Share of the pixels with a dot of a projector."""
+DOT_SIGMA_PX = 0.7
+"""Standard deviation of a dot, which is a Gaussian."""
+PROJECTOR_RANGE_M = 3.0
+"""Depth at which the light of a projector is half as strong."""
 SUBFRAMES = 12
 """Images per frame of which blurred ones are made."""
 
@@ -240,8 +240,7 @@ class DepthSensor:
 class StereoSensor(DepthSensor):
     """A depth sensor that renders its images: from any pose in a world, or from its drones.
 
-    With `right`, there are right images even if the sensor model does not need them. `pool_map` maps over drones; a map
-    with several threads gives the same captures sooner.
+    With `right`, there are right images even if the sensor model does not need them.
     """
 
     def __init__(
@@ -253,26 +252,22 @@ class StereoSensor(DepthSensor):
         seed: int,
         gray: bool = True,
         right: bool = False,
-        pool_map: Mapper = map,
     ) -> None:
         super().__init__(config, world.surfaces, seed=seed, gray=gray)
         self._world = world
         self._renderer = renderer
         self._right = right or self.needs_right
-        self._map = pool_map
 
     def captures(self, drones: Sequence[int], frame: int) -> Iterator[Capture]:
-        """One capture for each of the drones, all at the present time of the world.
+        """Give one capture for each of the drones, all at the present time of the world.
 
-        The images are rendered at once. Noise and depth are computed when a capture is consumed, or ahead of that by
-        the threads of `pool_map`. Noise is keyed by drone and frame.
+        The images are rendered at once. Noise and depth are computed when a capture is consumed.
         """
-        return self.captures_and(lambda capture: capture, drones, frame)
+        return map(self.capture, self.render_drones(drones, frame))
 
-    def captures_and(self, process: Callable[[Capture], T], drones: Sequence[int], frame: int) -> Iterator[T]:
-        """The results of a function of each of these captures; several threads may call it for different drones."""
-        pairs = self.render([self._world.pose(drone) for drone in drones], frame)
-        return self._map(lambda pair: process(self.capture(pair)), pairs)
+    def render_drones(self, drones: Sequence[int], frame: int) -> list[RenderedPair]:
+        """Render the cameras of drones at the present time of the world; noise is keyed by drone and frame."""
+        return self.render([self._world.pose(drone) for drone in drones], frame)
 
     def render(self, poses: Sequence[BodyPose], frame: int) -> list[RenderedPair]:
         """Render the cameras of several carriers in one batch. Only one thread may render at a time."""

@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from voxdepth.types import FloatArray, MaskImage
 from . import frames
 from .bodies import Body, Cylinder, Heightfield, Mesh, Mover, Scene, Surface
 from .drone import GRAVITY_M_S2, AirframeConfig, VelocityController, Wind
-from .engine import pybullet
+from .engine import contact_points, pybullet
 from .errors import SceneError
 from .solids import apply_texture, create_body, create_shapes
 from .types import BodyPose, Contact, DroneState, VelocityCommand
@@ -64,35 +63,17 @@ class World:
         self.n_drones = len(starts_m)
         self._removed: dict[int, DroneState] = {}
         """Last position of each drone that was removed, at rest."""
+        self._moved_s: dict[int, float] = {}
+        """Time for which each mover has moved."""
+        self._mover_m: dict[int, FloatArray] = {}
+        self._mover_velocity: dict[int, FloatArray] = {}
+        self._controller = VelocityController(self.n_drones, self.airframe)
+        self._wind = Wind(scene.weather.wind, self.airframe, self.dt_s, seed=scene.seed)
+        self._desired_velocity = np.zeros((self.n_drones, 3))
+        self._desired_yaw = np.full(self.n_drones, start_yaw_rad, np.float64)
         self.client = pybullet.connect(pybullet.DIRECT)
         try:
-            pybullet.setGravity(0, 0, -GRAVITY_M_S2, physicsClientId=self.client)
-            pybullet.setTimeStep(self.dt_s, physicsClientId=self.client)
-            pybullet.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=self.client)
-            self.movers: dict[int, Mover] = {create_body(mover.body, self.client): mover for mover in scene.movers}
-            """The movers of the scene by their body ids."""
-            self._moved_s: dict[int, float] = {}
-            """Time for which each mover has moved."""
-            self._mover_m: dict[int, FloatArray] = {}
-            self._mover_velocity: dict[int, FloatArray] = {}
-            self.move_to(0.0)
-            self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
-            yaws_rad = np.full(self.n_drones, start_yaw_rad, np.float64)
-            shape = Cylinder(self.airframe.radius_m, DRONE_BODY_HEIGHT_M)
-            drones = [
-                Body(name=f"drone-{drone}", kind="drone", shape=shape, surface=DRONE_SURFACE)
-                for drone in range(self.n_drones)
-            ]
-            self.drone_ids = [self._add_drone(*start) for start in zip(drones, starts_m, yaws_rad, strict=True)]
-            self._drone_of_body = {body: drone for drone, body in enumerate(self.drone_ids)}
-            moving = [mover.body for mover in scene.movers] + drones
-            self.described = self.bodies | dict(zip([*self.movers, *self.drone_ids], moving, strict=True))
-            """All bodies by id: the fixed ones of the scene, its movers, and the drones."""
-            apply_texture(self.described, scene.seed, self.client)
-            self._controller = VelocityController(self.n_drones, self.airframe)
-            self._wind = Wind(scene.weather.wind, self.airframe, self.dt_s, seed=scene.seed)
-            self._desired_velocity = np.zeros((self.n_drones, 3))
-            self._desired_yaw = yaws_rad
+            self._create_bodies(starts_m)
             self._read_motion()
             self._require_free_starts()
         except BaseException:
@@ -213,12 +194,12 @@ class World:
 
     def nearest_point_m(self, drone: int, body: int, horizon_m: float = 5.0) -> FloatArray:
         """Point of a body that is nearest to a drone, world frame, shape (3,); both may touch."""
-        points: Any = pybullet.getClosestPoints(self.drone_ids[drone], body, horizon_m, physicsClientId=self.client)
-        if not points:
+        found = pybullet.getClosestPoints(self.drone_ids[drone], body, horizon_m, physicsClientId=self.client)
+        if not found:
             raise SceneError(
                 f"expected a body within {horizon_m} m of drone {drone}, got {body}, which is farther away"
             )
-        return np.array(min(points, key=lambda point: point[8])[6])
+        return np.array(min(contact_points(found), key=lambda point: point.distance_m).on_b_m)
 
     def clearance_at_m(self, position_m: Sequence[float], horizon_m: float = 5.0) -> float:
         """Distance from a point to the nearest body except drones, at most `horizon_m`; negative inside a body."""
@@ -262,6 +243,29 @@ class World:
         places_m = np.concatenate([*parts, way_m[-1:]])
         return all(self._apart_m(body, at_m, radius_m, 0.0) > 0 for at_m in places_m for body in bodies)
 
+    def _create_bodies(self, starts_m: FloatArray) -> None:
+        """Set physics up, and create all bodies: the movers first, then what is fixed, and last the drones."""
+        pybullet.setGravity(0, 0, -GRAVITY_M_S2, physicsClientId=self.client)
+        pybullet.setTimeStep(self.dt_s, physicsClientId=self.client)
+        pybullet.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=self.client)
+        self.movers: dict[int, Mover] = {create_body(mover.body, self.client): mover for mover in self.scene.movers}
+        """The movers of the scene by their body ids."""
+        self.move_to(0.0)
+        self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in self.scene.bodies}
+        """What is fixed, by body ids."""
+        shape = Cylinder(self.airframe.radius_m, DRONE_BODY_HEIGHT_M)
+        drones = [
+            Body(name=f"drone-{drone}", kind="drone", shape=shape, surface=DRONE_SURFACE)
+            for drone in range(self.n_drones)
+        ]
+        starts = zip(drones, starts_m, self._desired_yaw, strict=True)
+        self.drone_ids = [self._add_drone(*start) for start in starts]
+        self._drone_of_body = {body: drone for drone, body in enumerate(self.drone_ids)}
+        moving = [mover.body for mover in self.scene.movers] + drones
+        self.described = self.bodies | dict(zip([*self.movers, *self.drone_ids], moving, strict=True))
+        """All bodies by id: what is fixed, the movers, and the drones."""
+        apply_texture(self.described, self.scene.seed, self.client)
+
     @property
     def surfaces(self) -> dict[int, Surface]:
         """Surfaces of all bodies by id."""
@@ -287,10 +291,9 @@ class World:
 
     def _collect_contacts(self, velocity_before: FloatArray) -> list[Contact]:
         new: list[Contact] = []
-        for point in pybullet.getContactPoints(physicsClientId=self.client):
-            a, b, distance_m = point[1], point[2], point[8]
-            pair = (min(a, b), max(a, b))
-            if distance_m > 0 or pair in self._touched:
+        for point in contact_points(pybullet.getContactPoints(physicsClientId=self.client)):
+            pair = (min(point.body_a, point.body_b), max(point.body_a, point.body_b))
+            if point.distance_m > 0 or pair in self._touched:
                 continue
             self._touched.add(pair)
             if drones := sorted(self._drone_of_body.keys() & pair):
@@ -324,7 +327,7 @@ class World:
             self._probes[radius_m] = pybullet.createCollisionShape(
                 pybullet.GEOM_SPHERE, radius=radius_m, physicsClientId=self.client
             )
-        points: Any = pybullet.getClosestPoints(
+        found = pybullet.getClosestPoints(
             body,
             -1,
             horizon_m,
@@ -333,7 +336,7 @@ class World:
             collisionShapePositionB=at_m.tolist(),
             physicsClientId=self.client,
         )
-        return min((float(point[8]) for point in points), default=np.inf)
+        return min((point.distance_m for point in contact_points(found)), default=np.inf)
 
     def _require_free_starts(self) -> None:
         pybullet.performCollisionDetection(physicsClientId=self.client)

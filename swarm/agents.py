@@ -15,8 +15,10 @@ from .pilot import Decision, Pilot, Situation
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 """Places that a follower tries, as shares of the way from its slot to its place in single file behind the leader."""
-TRACK_STEP_M, LOOP_M = 0.2, 0.3
-"""Distance of the points of a track, and the one within which a later point closes a loop."""
+TRACK_STEP_M = 0.2
+"""Distance of the points of a track."""
+LOOP_M = 0.3
+"""Distance within which a later point of a track closes a loop."""
 
 
 def create_agent(role: Role, config: MissionConfig) -> Agent:

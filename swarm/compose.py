@@ -51,7 +51,7 @@ def composed_mission(
         ]
         gray = gray or any(corrector.uses_gray for corrector in correctors if corrector)
         renderer = create_renderer(setup.renderer, world, threads=threads)
-        rig = StereoSensor(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads))
+        rig = StereoSensor(world, renderer, rig_config, seed=seed, gray=gray)
         yield Mission(
             config,
             world,
@@ -63,4 +63,5 @@ def composed_mission(
             seed=seed,
             create_agent=make_agent or load_controller(config.controller),
             measured=measured,
+            pool_map=mapper(threads),
         )

@@ -4,8 +4,9 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from sim.cpu import Mapper
 from sim.sensor import StereoSensor
-from sim.types import Capture, Contact, DroneState, VelocityCommand
+from sim.types import Capture, Contact, DroneState, RenderedPair, VelocityCommand
 from sim.world import PHYSICS_HZ, World
 from voxdepth.types import DepthCorrector, FloatArray
 
@@ -30,7 +31,8 @@ class Mission:
     """Runs swarms in a world, tick by tick; `compose.composed_mission` describes the arguments.
 
     The world has one drone per member of the teams, at `config.starts_m()`. A drone without a corrector has no camera.
-    The number of captures per second, `camera_hz`, must divide `config.control_hz`.
+    The number of captures per second, `camera_hz`, must divide `config.control_hz`. `pool_map` maps over drones; a map
+    with several threads gives the same captures sooner.
 
     Raises:
         MissionError: The rates do not divide each other, or a start or a goal is inside of a body.
@@ -49,6 +51,7 @@ class Mission:
         seed: int,
         create_agent: Factory,
         measured: bool = True,
+        pool_map: Mapper = map,
     ) -> None:
         self._steps_per_tick = _whole_ratio(PHYSICS_HZ, config.control_hz, "control_hz", "the physics rate")
         self._ticks_per_frame = _whole_ratio(config.control_hz, camera_hz, "rate_hz", "control_hz")
@@ -56,7 +59,7 @@ class Mission:
         self._teams = config.teams()
         self._require_free_ends()
         self._config = config
-        self._rig = rig
+        self._rig, self._map = rig, pool_map
         self._recorder = recorder
         self._team_of = [team for team in self._teams for _ in team.members]
         leaders = [team.leader for team in self._team_of]
@@ -167,7 +170,7 @@ class Mission:
         self._dropped_frames += len(seeing) - len(ready)
         for drone in ready:
             self._perceptions[drone].begin(self.time_s)
-        images = self._rig.captures_and(self._see, ready, self._ticks // self._ticks_per_frame)
+        images = self._map(self._see, self._rig.render_drones(ready, self._ticks // self._ticks_per_frame))
         self._arriving, self._awaited = (self.world.steps, images), set(ready)
 
     def _receive(self, drone: int | None = None) -> None:
@@ -179,8 +182,9 @@ class Mission:
             if capture.drone == drone:
                 break
 
-    def _see(self, capture: Capture) -> tuple[Capture, Percept]:
-        """Process the image of one drone, which changes nothing that another drone's thread uses."""
+    def _see(self, pair: RenderedPair) -> tuple[Capture, Percept]:
+        """Capture and process the image of one drone, which changes nothing that another drone's thread uses."""
+        capture = self._rig.capture(pair)
         percept = self._perceptions[capture.drone].see(capture)
         self._metrics.add_depth(capture, percept.corrected)
         return capture, percept

@@ -13,8 +13,10 @@ from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
 from .types import Neighbours, Percept
 
-MIN_PIXELS, DETECTED_WITHIN_M = 6, 12.0
-"""Drones of fewer pixels, or farther away, are never found in an image and known by radio only."""
+MIN_PIXELS = 6
+"""Drones of fewer pixels are never found in an image, and known by radio only."""
+DETECTED_WITHIN_M = 12.0
+"""Drones farther away than this are never found in an image, and known by radio only."""
 SEEN_FOR_S = 0.5
 """Time for which a detected drone is assumed to keep its velocity when it is not detected again."""
 AGREED_M = 1.0

@@ -13,10 +13,9 @@ from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
 from .approach import ApproachLimits, clamp_to_limits, neighbour_limits
-from .cost_map import CostMap, PlannedPath
-from .evidence import MIN_CONFIDENCE, MIN_SURFACE_CONFIDENCE, Holes
-from .types import Motion, Neighbours, Percept
-from .voxel_map import MapConfig
+from .map.evidence import MIN_CONFIDENCE, MIN_SURFACE_CONFIDENCE, Holes
+from .map.voxel_map import MapConfig
+from .types import MapView, Motion, Neighbours, Percept
 
 TURNS_ABOVE_M_S = 0.4
 """A drone that wants to fly no faster than this, horizontally, keeps its heading."""
@@ -68,10 +67,11 @@ class Decision:
     """Unit vector along the straight or the planned way, before the drone gives way to what is near; shape (3,).
 
     It is 0 where the drone wants to stay, and None without a map."""
-    view: CostMap | None = None
+    view: MapView | None = None
     """What the pilot made of its images; None without a map."""
-    path: PlannedPath | None = None
-    """The way that it plans around what is in its way, in the frame of `view`; None where it needs none."""
+    path_m: FloatArray | None = None
+    """Points (x, y) of the way that it plans around what is in its way, in the frame of `view`, shape (n, 2); None
+    where it needs none."""
 
 
 class Pilot:

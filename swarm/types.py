@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -63,6 +63,29 @@ class Percept:
     """The gray image of the capture, shape (H, W), uint8; black if nothing asked for it."""
     detections: Mapping[int, FloatArray] = field(default_factory=dict)
     """Centres of the other drones that were found in the image, by their numbers: in the camera frame, shape (3,)."""
+
+
+class MapView(Protocol):
+    """What a drone knows of the air at its height; its places are in the frame of the drone's odometry."""
+
+    state: npt.NDArray[np.uint8]
+    """Worst state of each cell, shape (rows along y, columns along x): one of `map.voxel_map.STATES`."""
+    origin_m: FloatArray
+    """Corner (x, y) of the first cell, shape (2,)."""
+    T_odom_world: FloatArray
+    """Transform to the frame of the odometry from that of the world, shape (4, 4)."""
+
+    def place(self, world_m: FloatArray) -> FloatArray:
+        """Return places of the world, shape (..., 3), in the frame of the odometry."""
+        ...
+
+    def in_world(self, odom_m: FloatArray) -> FloatArray:
+        """Return places in the frame of the odometry, shape (..., 3), in that of the world."""
+        ...
+
+    def state_at(self, at_m: FloatArray) -> int:
+        """Return the state of the cell at a position (x, y); beyond the map, nothing is known."""
+        ...
 
 
 class Outcome(StrEnum):

@@ -16,8 +16,12 @@ BEYOND_SHARE = 0.02
 """Largest share of the depths beyond the blue end: some pixels are always wrong by far."""
 FAR_INDEX = 25
 """Index of the farthest depth in the colour map; lower ones look like the black of holes."""
-ERROR_END, ERROR_STEP, UNKNOWN_GRAY = 0.1, 0.02, 160
-"""Relative error at the ends of its colours, its step from one to the next, and the gray value where it is unknown."""
+ERROR_END = 0.1
+"""Relative error at the ends of its colours."""
+ERROR_STEP = 0.02
+"""Step of the relative error from one colour to the next."""
+UNKNOWN_GRAY = 160
+"""Gray value where the error is unknown."""
 SOURCE_COLORS = {
     Source.INVALID: (0, 0, 0),
     Source.SENSOR: (190, 190, 190),

@@ -300,8 +300,10 @@ class Reliability(Addable):
 
 EDGE_PX = 9
 """Width of the window around a pixel in which a depth edge is looked for."""
-EDGE_STEP_PX, EDGE_STEP_SHARE = 1.0, 0.03
-"""Disparities belong to one surface if they differ by at most this many pixels and this share."""
+EDGE_STEP_PX = 1.0
+"""Difference of disparities up to which they belong to one surface."""
+EDGE_STEP_SHARE = 0.03
+"""Share of the disparity that is added to that difference."""
 
 
 def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, focal_baseline_px_m: float) -> Share:

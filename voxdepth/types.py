@@ -44,8 +44,10 @@ LARGEST_SIDE_PX = 2**16
 """Largest width or height of an image."""
 LARGEST_LENS = 1000
 """Largest ratio of a focal length to the longer side of its image. The shortest is a pixel divided by that."""
-SHORTEST_BASELINE_M, LARGEST_BASELINE_M = 1e-3, 10.0
-"""Range of the baseline of a stereo pair [m]. One in millimetres lies beyond it."""
+SHORTEST_BASELINE_M = 1e-3
+"""Least baseline of a stereo pair."""
+LARGEST_BASELINE_M = 10.0
+"""Largest baseline of a stereo pair. One in millimetres lies beyond it."""
 SAME_LENS = 1e-3
 """Largest difference of the lenses of one camera, in longer sides of the image, and of its baselines, in baselines.
 
@@ -53,8 +55,10 @@ Drivers calibrate again while they run, and store numbers of 32 bits. At the bor
 than a pixel."""
 NEGLIGIBLE_DISTORTION = 1e-3
 """A coefficient of distortion below it moves no pixel by as much as one."""
-RIGID_TOLERANCE, LAST_ROW_TOLERANCE = 1e-3, 1e-6
-"""Largest error of the rotation of a pose, and of its last row, which 32 bits leave."""
+RIGID_TOLERANCE = 1e-3
+"""Largest error of the rotation of a pose, which 32 bits leave."""
+LAST_ROW_TOLERANCE = 1e-6
+"""Largest error of the last row of a pose."""
 LARGEST_POSITION_M = 1e9
 """Largest coordinate of a camera [m], beyond which 32 bits overflow."""
 LARGEST_DISPARITY_SCALE = 1000.0

@@ -10,10 +10,11 @@ import pandas as pd
 
 from sim.types import Capture
 from voxdepth.arithmetic import matmul
+from voxdepth.features import Features
 from voxdepth.geometry import back_project, inverse_rigid, transform
 from voxdepth.metrics import Sums, psnr_db
 from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.paper.registration import Features, OrbRegistration, warped
+from voxdepth.paper.registration import OrbRegistration, warped
 from voxdepth.types import FloatImage, GrayImage
 
 from .experiment import Experiment

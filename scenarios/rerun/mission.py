@@ -18,14 +18,13 @@ from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw, rotation_from_quat
 from sim.render.meshes import mesh_of_shape, moved, normals
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
-from swarm.cost_map import CostMap
+from swarm.map.voxel_map import STATES, VOXEL_M
 from swarm.metrics import EVALUATED_RANGE_M
 from swarm.mission import DROPPED, contact_text
 from swarm.pilot import Decision
 from swarm.recorder import Recorder
 from swarm.team import Team
-from swarm.types import Outcome
-from swarm.voxel_map import STATES, VOXEL_M
+from swarm.types import MapView, Outcome
 from voxdepth.arithmetic import length
 from voxdepth.colors import FAR_M
 from voxdepth.geometry import back_project, transform
@@ -118,7 +117,7 @@ class MissionRecorder(Recorder):
         """Whether the correctors are the paper's method, whose stages the layout shows."""
         self._seen: Counter[str] = Counter()
         """How often something was there that is recorded every n-th time."""
-        self._views: dict[int, CostMap] = {}
+        self._views: dict[int, MapView] = {}
         """Newest view of each drone."""
         self._states: dict[str, str] = {}
         """Newest state of each entity that has states."""
@@ -384,12 +383,12 @@ class MissionRecorder(Recorder):
         assert decision.view is not None, "a drone with a map has an odometry"
         at_m, way_m = decision.view.place(state.position_m), np.zeros((0, 3))
         self._columns.add(f"world/believed/{drone}", rr.Points3D, positions=[at_m])
-        if decision.path is not None:
-            level_m = decision.path.points_m
-            way_m = decision.view.in_world(np.column_stack([level_m, np.full(len(level_m), at_m[2])]))
+        if decision.path_m is not None:
+            heights_m = np.full(len(decision.path_m), at_m[2])
+            way_m = decision.view.in_world(np.column_stack([decision.path_m, heights_m]))
         self._stream.log(f"world/path/{drone}", rr.LineStrips3D([way_m], colors=[CHOICE_COLOR]))
 
-    def _log_map(self, drone: int, state: DroneState, costs: CostMap) -> None:
+    def _log_map(self, drone: int, state: DroneState, costs: MapView) -> None:
         """Record a map as the image of a camera that looks down on the world, with an arrow for the drone.
 
         The image is one metre before the camera, where a pixel is as large as a cell of the map.

@@ -8,11 +8,11 @@ import numpy as np
 
 from sim.types import Capture, Contact, DroneState
 from sim.world import World
-from swarm.cost_map import CostMap
+from swarm.map.voxel_map import STATES
 from swarm.pilot import Decision, PilotConfig
 from swarm.recorder import Recorder
 from swarm.team import Team
-from swarm.voxel_map import STATES
+from swarm.types import MapView
 from voxdepth.geometry import back_project
 from voxdepth.metrics import TOO_FAR
 from voxdepth.types import CorrectedDepth, FloatArray, MaskImage, Source
@@ -84,7 +84,7 @@ class CollisionProbe(Recorder):
         return replace(found, textureless=body.surface.is_blank, held_before=held)
 
 
-def held_at(view: CostMap | None, place_m: FloatArray) -> str | None:
+def held_at(view: MapView | None, place_m: FloatArray) -> str | None:
     """Return what a map holds at a place of the world, shape (3,); None without a map."""
     if view is None:
         return None

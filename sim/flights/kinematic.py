@@ -25,14 +25,20 @@ SWAY_HZ = (0.1, 0.8)
 NEAREST_JUMP = 0.25
 """Shortest jump between takes, as a fraction of the walk without its last take."""
 CUT_STREAM = 1
-REACH_M, REACH_DEG = 0.25, 24.0
-"""Distance and angle along each axis from the first pose of a robot, beyond half of which it moves back."""
+REACH_M = 0.25
+"""Distance along each axis from the first pose of a robot, beyond half of which it moves back."""
+REACH_DEG = 24.0
+"""Angle about each axis from that pose, beyond half of which it moves back."""
 HOLD_FRAMES = 3
 """Frames at each station."""
-JUMP_DEG, JUMP_M = (6.0, 16.0), (0.03, 0.09)
-"""Least and largest rotation, mostly of the heading, and distance between stations."""
-LARGE, LARGE_EVERY = 2.5, 6
-"""Every jump of this number is larger than the others by this factor."""
+JUMP_DEG = (6.0, 16.0)
+"""Least and largest rotation between stations, mostly of the heading."""
+JUMP_M = (0.03, 0.09)
+"""Least and largest distance between stations."""
+LARGE = 2.5
+"""Factor by which some jumps are larger than the others."""
+LARGE_EVERY = 6
+"""Number of jumps of which one is so large."""
 PITCH_SHARE = 0.4
 """Pitch relative to the heading in the direction of a jump."""
 

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from voxdepth.features import Features
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.epochs import EpochEnd, Epochs, Phase, Template
-from voxdepth.paper.registration import Features, Registration, RegistrationStatus
+from voxdepth.paper.registration import Registration, RegistrationStatus
 from voxdepth.paper.voxels import OccupiedVoxels, VoxelConfig
 from voxdepth.types import Frame
 

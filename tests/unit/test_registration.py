@@ -9,14 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.frames import textured
+from voxdepth.features import Features
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.registration import (
     ChainedRegistration,
-    Features,
     OrbRegistration,
     Registration,
     RegistrationStatus,
-    good_matches,
     resize_map,
 )
 from voxdepth.types import resized
@@ -155,17 +154,6 @@ def test_matches_that_contradict_each_other_are_degenerate(seed: int) -> None:
     registration = OrbRegistration(VoxDepthConfig(), SHAPE)
     points = rng.uniform(0, 200, (2, 8, 2))
     assert not registration.register(features(points[0]), features(points[1])).ok
-
-
-def test_good_matches_are_mutual_and_near() -> None:
-    a = np.zeros((3, 4), np.uint64)
-    a[1], a[2] = 2**64 - 1, 0xFFFF
-    b = a[[2, 0]].copy()
-    b[1, 0] |= np.uint64(0b111)  # three bits off
-    far = Features(points_px=np.zeros((3, 2), np.float32), descriptors=a)
-    near = Features(points_px=np.zeros((2, 2), np.float32), descriptors=b)
-    assert [list(side) for side in good_matches(far, near, 20)] == [[0, 2], [1, 0]]
-    assert [list(side) for side in good_matches(far, near, 2)] == [[2], [0]]
 
 
 def test_a_scene_follows_itself_and_the_dark_but_no_other() -> None:

@@ -69,8 +69,8 @@ def test_captures_of_the_same_seed_are_the_same_bytes_with_more_threads_and_of_s
     with ThreadPoolExecutor(2) as pool:
         for pool_map in (map, pool.map):
             with world_of(wall(4.0), starts_m=starts) as world:
-                rig = StereoSensor(world, create_renderer("raycast", world), config, seed=3, pool_map=pool_map)
-                captures.append(list(rig.captures([0, 1, 2], frame=5)))
+                rig = StereoSensor(world, create_renderer("raycast", world), config, seed=3)
+                captures.append(list(pool_map(rig.capture, rig.render_drones([0, 1, 2], frame=5))))
                 (alone,) = rig.captures([2], frame=5)
         np.testing.assert_array_equal(alone.depth_raw_m, captures[-1][2].depth_raw_m)
     for one, other in zip(*captures, strict=True):

@@ -12,10 +12,10 @@ from scenarios.study.diagnose import CollisionProbe, Image, diagnose
 from sim.bodies import Surface
 from sim.frames import pose
 from sim.types import Contact, VelocityCommand
-from swarm.cost_map import CostMap
-from swarm.evidence import Holes
+from swarm.map.cost_map import CostMap
+from swarm.map.evidence import Holes
+from swarm.map.voxel_map import FREE, OCCUPIED, UNOBSERVABLE
 from swarm.pilot import Decision, PilotConfig
-from swarm.voxel_map import FREE, OCCUPIED, UNOBSERVABLE
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import capture as capture_of
 from voxdepth.metrics import TOO_FAR

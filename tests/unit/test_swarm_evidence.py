@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swarm import evidence as module
-from swarm.evidence import MIN_CONFIDENCE, Evidence, InverseSensorModel
+from swarm.map import evidence as module
+from swarm.map.evidence import MIN_CONFIDENCE, Evidence, InverseSensorModel
 from tests.helpers import CAMERA
 from tests.swarm_scenes import flat, measured
 from voxdepth.types import FloatImage, Intrinsics

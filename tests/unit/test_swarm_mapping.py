@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 
 from sim.drone import AirframeConfig
 from sim.frames import R_BODY_CAM, pose
-from swarm import mapping_pilot
 from swarm.approach import RESPONSE_S, neighbour_limits
-from swarm.cost_map import CostMap
 from swarm.errors import MissionError
+from swarm.map import local_map
+from swarm.map.cost_map import CostMap
+from swarm.map.voxel_map import BLACKLISTED, FREE, HEIGHT_M, OCCUPIED
 from swarm.mapping_pilot import MappingPilot
 from swarm.pilot import Decision, PilotConfig, Situation
 from swarm.types import Motion, Percept
-from swarm.voxel_map import BLACKLISTED, FREE, HEIGHT_M, OCCUPIED
 from tests.helpers import CAMERA
 from tests.swarm_scenes import (
     AIRFRAME,
@@ -35,7 +35,7 @@ from tests.swarm_scenes import (
 from voxdepth.types import CorrectedDepth, FloatArray
 
 RATE_HZ = 20
-START_M = mapping_pilot.START_RADIUS_M
+START_M = local_map.START_RADIUS_M
 MOUNT_CAM_M = np.array([0.0, 0.0, 0.27])
 """Position of the camera, in its frame."""
 HOLES = measured(flat(0.0))
@@ -136,7 +136,7 @@ def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The camera before it does not show the sides of the place where it stands, which must be free, too."""
-    monkeypatch.setattr(mapping_pilot, "START_RADIUS_M", 0.8)
+    monkeypatch.setattr(local_map, "START_RADIUS_M", 0.8)
     flight = Flight(always(measured(flat(10.0))))
     flight.flies((2, 0, 0), 2.0)
     assert flight.farthest_m < 0.3
@@ -155,7 +155,7 @@ def test_a_drone_that_is_interrupted_while_it_looks_around_blacklists_what_is_un
 
 
 def test_a_drone_looks_around_once_where_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mapping_pilot, "START_RADIUS_M", 0.8)
+    monkeypatch.setattr(local_map, "START_RADIUS_M", 0.8)
     flight = Flight(always(HOLES)).flies((2, 0, 0), 18.0)
     headings_rad = [decision.command.yaw_rad for decision in flight.decisions]
     assert flight.farthest_m < 0.3
@@ -287,7 +287,8 @@ def test_surfaces_of_other_drones_are_left_out_where_these_were_when_the_image_w
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     flight, masked_m = Flight(always(HOLES)).flies((0, 0, 0), 0.1), []
-    monkeypatch.setattr(flight.pilot._voxels, "update", lambda evidence, T, drones_m, time_s: masked_m.append(drones_m))
+    voxels = flight.pilot._map._voxels
+    monkeypatch.setattr(voxels, "update", lambda evidence, T, drones_m, time_s: masked_m.append(drones_m))
     flight._look()
     flight.neighbours = neighbours_of({1: Motion(np.array([5.0, 0.0, 0.0]), np.array([0.0, 4.0, 0.0]))})
     now = flight._situation()
@@ -316,7 +317,7 @@ def test_it_stops_within_free_space_on_any_map(seed: int, angle: float, speed: f
     flight, rng = Flight(always(HOLES)), np.random.default_rng(seed)
     flight.flies((0, 0, 0), 0.1)
     costs = random_costs(seed)
-    flight.pilot._costs, flight.pilot._mapped_s = costs, np.inf
+    flight.pilot._map._costs, flight.pilot._map._mapped_s = costs, np.inf
     for _ in range(turns + 1):
         flight.flies((speed * np.cos(angle), speed * np.sin(angle), 0), 1.5)
         angle = rng.uniform(0, 2 * np.pi)

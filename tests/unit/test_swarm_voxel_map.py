@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose, quaternion_from_angles, rotation_from_quaternion
 from swarm.approach import ApproachLimits
-from swarm.cost_map import CostMap, _cheapest_path
-from swarm.evidence import InverseSensorModel
-from swarm.voxel_map import (
+from swarm.map.cost_map import CostMap
+from swarm.map.evidence import InverseSensorModel
+from swarm.map.planner import _cheapest_path
+from swarm.map.voxel_map import (
     BLACKLISTED,
     FREE,
     HIT,
@@ -128,7 +129,7 @@ def test_no_path_costs_less_than_the_planned_one(seed: int) -> None:
 
 @pytest.mark.parametrize("at_m", [(-30.0, 1.0), (1.0, -30.0), (30.0, 1.0), (1.0, 30.0)])
 def test_a_drone_beyond_the_map_begins_its_path_on_the_nearest_side(at_m: tuple[float, float]) -> None:
-    path = costs_of(np.full((96, 96), FREE, np.uint8), np.array([-12.0, -12.0])).plan(
+    path = costs_of(np.full((96, 96), FREE, np.uint8), np.array([-12.0, -12.0])).planner.plan(
         np.array([*at_m, 0.0]), np.zeros(3), None
     )
     np.testing.assert_allclose(path.points_m[0], np.clip(at_m, -11.75, 11.75), atol=0.26)
@@ -355,11 +356,11 @@ def test_the_path_goes_round_what_costs_much() -> None:
     costs.state[8:32, 18:22] = UNOBSERVABLE
     costs = costs_of(costs.state)
     start_m, target_m = np.array([2.0, 5.0]), np.array([8.0, 5.0])
-    path = costs.plan(start_m, target_m)
+    path = costs.planner.plan(start_m, target_m)
     np.testing.assert_allclose(path.points_m[[0, -1]], [start_m, target_m], atol=0.5)
     assert {costs.state_at(point) for point in path.points_m} == {FREE}
     assert np.linalg.norm(path.points_m[path.clear] - start_m) > 1.0
-    beyond = costs.plan(start_m, np.array([50.0, 5.0]))
+    beyond = costs.planner.plan(start_m, np.array([50.0, 5.0]))
     assert beyond.points_m[-1, 0] > 9.0
 
 
@@ -373,7 +374,7 @@ def test_the_path_is_clear_where_the_drone_fits(width_m: float) -> None:
     clear = fits.reshape(20, 2, 20, 2).all(axis=(1, 3))[2:-2, 2:-2]
     for row, col in np.ndindex(clear.shape[0], clear.shape[1] - 1):
         at_m = 0.5 * np.array([col + 2.5, row + 2.5])
-        path = costs.plan(at_m, at_m + np.array([0.5, 0.0]))
+        path = costs.planner.plan(at_m, at_m + np.array([0.5, 0.0]))
         if clear[row, col : col + 2].all():
             assert path.clear == 1
         else:
@@ -384,9 +385,9 @@ def test_the_path_keeps_the_side_that_it_chose() -> None:
     state = np.zeros((40, 40), np.uint8)
     state[14:26, 18:22] = OCCUPIED
     start_m, target_m = np.array([2.0, 5.0]), np.array([9.0, 5.0])
-    below = costs_of(state).plan(start_m - np.array([0, 0.6]), target_m)
+    below = costs_of(state).planner.plan(start_m - np.array([0, 0.6]), target_m)
     assert below.points_m[:, 1].min() < 3.5
-    kept = costs_of(state).plan(start_m + np.array([0, 0.6]), target_m, below)
+    kept = costs_of(state).planner.plan(start_m + np.array([0, 0.6]), target_m, below)
     assert kept.points_m[:, 1].min() < 3.5
 
 

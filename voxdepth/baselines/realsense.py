@@ -20,12 +20,16 @@ LARGEST_UNITS = 2**16 - 1
 """Depth has 16 bits in the SDK."""
 EDGE = 20
 """Step between neighbours, or between a mean and a new value, that is an edge [1/32 px of disparity]."""
-SPATIAL_ALPHA, TEMPORAL_ALPHA = np.float32(0.5), np.float32(0.4)
-"""Weight of a pixel against the smoothed one before it, along a line and in time."""
+SPATIAL_ALPHA = np.float32(0.5)
+"""Weight of a pixel against the smoothed one before it along a line."""
+TEMPORAL_ALPHA = np.float32(0.4)
+"""Weight of a pixel against the smoothed one before it in time."""
 SPATIAL_PASSES = 2
 """Number of passes over rows and columns."""
-LAST_FRAMES, LEAST_VALID = 0b1111, 2
-"""A hole takes the last mean if this many of the frames had a depth that agreed. A bit is a frame, the last lowest."""
+LAST_FRAMES = 0b1111
+"""The frames that count for a hole, a bit each, the last one lowest."""
+LEAST_VALID = 2
+"""A hole takes the last mean if this many of these frames had a depth that agreed."""
 
 
 def smooth_in_space(disparity: FloatImage) -> FloatImage:

@@ -5,9 +5,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from ..features import Features
 from ..types import FloatImage, Frame
 from .config import VoxDepthConfig
-from .registration import Features, Registration, RegistrationStatus, warped
+from .registration import Registration, RegistrationStatus, warped
 from .voxels import OccupiedVoxels
 
 

@@ -12,13 +12,14 @@ from numba import float32, uint8, void
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compile_all, compiled
 from ..corrector import StreamCorrector, checked_config
 from ..devices import DeviceName, require_device
+from ..features import Features
 from ..geometry import compose
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import VoxDepthConfig
 from .epochs import Epochs, Template, VoxDepthDiagnostics
 from .odometry import PhotometricOdometry, motion_between
-from .registration import ChainedRegistration, Features, OrbRegistration, Registration, RegistrationStatus, warped
+from .registration import ChainedRegistration, OrbRegistration, Registration, RegistrationStatus, warped
 from .voxels import VoxelConfig, VoxelGrid
 
 if TYPE_CHECKING:

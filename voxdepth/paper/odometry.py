@@ -25,8 +25,10 @@ MAX_WIDTH_PX = 320
 """Wider images are made smaller first. More is slower and, up to about 480, slightly more accurate: a pair of 640 x 360
 took 8 ms of CPU time at 160, 12 ms at 320, 17 ms at 480 and 21 ms at 640, with median errors of 3.4, 2.0, 1.5 and 1.8
 mm."""
-MAX_TRANSLATION_M, MAX_ROTATION_DEG = 1.0, 20.0
-"""Largest plausible motion between two frames."""
+MAX_TRANSLATION_M = 1.0
+"""Largest plausible translation between two frames."""
+MAX_ROTATION_DEG = 20.0
+"""Largest plausible rotation between two frames."""
 MAX_DEPTH_M = 20.0
 """Pixels farther away than this are left out: stereo depth says little there."""
 MAX_DEPTH_DIFFERENCE_M = 0.5

@@ -1,32 +1,21 @@
-"""Aligning the template with the current frame: ORB features and an affine map (paper, Sec. Template Registration)."""
+"""Aligning the template with the current frame by an affine map (paper, Sec. Template Registration)."""
 
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, float64, int64, types, uint64, void
+from numba import float32, float64, int64, void
 
 from ..arithmetic import matmul
-from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part
+from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled
+from ..features import Features, create_orb, detect, good_matches
 from ..geometry import solve_symmetric
 from ..types import FloatArray, FloatImage, GrayImage, resized
 from .config import VoxDepthConfig
 
-Indices = npt.NDArray[np.intp]
-Descriptors = npt.NDArray[np.uint64]
-DESCRIPTORS_TYPE = types.Array(uint64, 2, "C", readonly=True)
-UNMATCHED = np.iinfo(np.int64).max
-"""Distance that is larger than any, and the index of no descriptor."""
-
-PYRAMID_LEVELS = 6
-"""Sizes at which features are looked for, each 1.2 times smaller than the one before."""
-EDGE_PX = 15
-"""Border without features. OpenCV's default of 31 would leave out half of a 200 x 200 image, and a third of the good
-matches."""
 RANSAC_PX = 3.0
 """Distance up to which a match supports the affine map, in pixels of the resized image."""
 MAX_SCALE = 2.0
@@ -60,25 +49,12 @@ class Registration:
         return self.status is RegistrationStatus.OK
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Features:
-    """Key points in pixels of the resized image, shape (N, 2), and their descriptors of 256 bits, shape (N, 4)."""
-
-    points_px: npt.NDArray[np.float32]
-    descriptors: npt.NDArray[np.uint64]
-
-
 class OrbRegistration:
     """Finds the 2 x 3 affine map between two images of one size."""
 
     def __init__(self, config: VoxDepthConfig, shape: tuple[int, int]) -> None:
         self._config = config
-        self._orb = cv2.ORB_create(  # type: ignore[attr-defined]
-            nfeatures=config.n_features,
-            nlevels=PYRAMID_LEVELS,
-            edgeThreshold=EDGE_PX,
-            scoreType=cv2.ORB_FAST_SCORE,
-        )
+        self._orb = create_orb(config.n_features, scoreType=cv2.ORB_FAST_SCORE)
         (height, width), side = shape, config.registration_px
         self._small_from_full = resize_map(side / width, side / height)
         self._full_from_small = resize_map(width / side, height / side)
@@ -144,61 +120,6 @@ class ChainedRegistration(OrbRegistration):
             return Registration(status=RegistrationStatus.DEGENERATE, n_matches=step.n_matches)
         self._before, self._M_before = current, M
         return replace(step, M_frame_template=M[:2])
-
-
-def detect(orb: Any, gray: Any) -> Features:
-    """The ORB features of a gray image, in its pixels (Rublee et al. 2011)."""
-    key_points, descriptors = orb.detectAndCompute(gray, None)
-    if descriptors is None:
-        return Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
-    return Features(points_px=np.asarray(cv2.KeyPoint.convert(key_points)), descriptors=descriptors.view(np.uint64))
-
-
-def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, Indices]:
-    """Indices into `a` and `b` of mutual nearest neighbours at a Hamming distance of at most `max_distance`."""
-    if not (len(a.descriptors) and len(b.descriptors)):
-        return np.empty(0, np.intp), np.empty(0, np.intp)
-    a_of_b, distance_of_b = np.full((2, len(b.descriptors)), UNMATCHED)
-    b_of_a, distance = np.full((2, len(a.descriptors)), UNMATCHED)
-    _find_nearest(a.descriptors, b.descriptors, a_of_b, distance_of_b, b_of_a, distance)
-    in_a = np.arange(len(b_of_a))
-    good = (a_of_b[b_of_a] == in_a) & (distance <= max_distance)
-    return in_a[good], b_of_a[good]
-
-
-@compiled_part(uint64(uint64))
-def _count_bits(word: int) -> int:
-    """The number of set bits of a word, summed in parallel: of pairs of bits, of their pairs, and so on."""
-    word = word - ((word >> uint64(1)) & uint64(0x5555555555555555))
-    word = (word & uint64(0x3333333333333333)) + ((word >> uint64(2)) & uint64(0x3333333333333333))
-    word = (word + (word >> uint64(4))) & uint64(0x0F0F0F0F0F0F0F0F)
-    count: int = (word * uint64(0x0101010101010101)) >> uint64(56)
-    return count
-
-
-@compiled(void(DESCRIPTORS_TYPE, DESCRIPTORS_TYPE, *[int64[::1]] * 4))
-def _find_nearest(
-    a: Descriptors,
-    b: Descriptors,
-    # output
-    a_of_b: Indices,
-    distance_of_b: Indices,
-    b_of_a: Indices,
-    distance_of_a: Indices,
-) -> None:
-    """Index of the nearest descriptor in a for each in b, that in b for each in a, and both Hamming distances.
-
-    The distances begin as numbers that are larger than any.
-    """
-    for i in range(len(a)):
-        for j in range(len(b)):
-            distance = int64(0)
-            for word in range(4):
-                distance += int64(_count_bits(a[i, word] ^ b[j, word]))
-            if distance < distance_of_a[i]:
-                distance_of_a[i], b_of_a[i] = distance, j
-            if distance < distance_of_b[j]:
-                distance_of_b[j], a_of_b[j] = distance, i
 
 
 def fitted_map(source: npt.NDArray[np.float32], target: npt.NDArray[np.float32]) -> FloatArray:

@@ -23,22 +23,25 @@ from ..types import CORRECT_PX, CORRECT_SHARE, FloatImage, GrayImage
 from .fusion import PixelClass
 from .memory import WEIGHT_UNIT
 
-MEASURED_ODDS, FILL_ODDS = float32(2.4), float32(0.5)
-"""Factors of the odds, in 1 and in px."""
+MEASURED_ODDS = float32(2.4)
+"""Factor of the odds of a measurement."""
+FILL_ODDS = float32(0.5)
+"""Factor of the odds of a fill, in pixels."""
 SENSOR_NOISE_PX = float32(0.05)
 """Roughness of the best of sensors, so that no depth is certain."""
 FILL_ERROR_PX = float32(0.1)
 """Error of a filled disparity of the right surface: where the tolerance is as small, half of the fills are right."""
-UNANIMOUS_FILL, REMEMBERED_FILL = float32(0.9), float32(0.95)
-"""Probability that a hole is filled with the right surface if all votes agree, right beside an end, or if the memory is
-one of the supporters."""
-DOUBT_SHARE = 0.02
-"""Distance of an end, as a share of the width of the image, that weighs as much as the doubt that any vote is right."""
+UNANIMOUS_FILL = float32(0.9)
+"""Probability that a hole is filled with the right surface if all votes agree, right beside an end."""
+REMEMBERED_FILL = float32(0.95)
+"""The same if the memory is one of the supporters."""
+PRIOR_SHARE = 0.02
+"""Distance of an end, as a share of the width of the image, that weighs as much as the prior, that no vote is right."""
 
 
 @compiled_part(float32(float32, boolean))
 def fill_probability(share: float, is_remembered: bool) -> float:
-    """Probability in 0..1 that a hole is filled with the right surface, by the share of votes and doubt that is for it.
+    """Probability in 0..1 that a hole is filled with the right surface, by the share of votes and prior that is for it.
 
     The exponent of the share is 3/2, or 1/2 where the memory is one of the voters for it.
     """

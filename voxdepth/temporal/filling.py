@@ -27,14 +27,15 @@ from numba.types import Tuple, UniTuple
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compiled_part, named_tuple
 from ..types import FloatImage, GrayImage
-from .confidence import DOUBT_SHARE, fill_probability
+from .confidence import PRIOR_SHARE, fill_probability
 from .masks import above
 from .rays import AXES, COLS, INFINITE, NUMBERS, PLACES, RAYS, ROWS, Numbers, Places, Rays, march, trace_rays
 from .working_resolution import WorkingResolution
 
-AGREEMENT_PX, AGREEMENT_SHARE = float32(1), float32(0.03)
-"""Difference of disparity up to which two votes, or two ends, are of one surface, and the fraction of the disparity
-that is added to it."""
+AGREEMENT_PX = float32(1)
+"""Difference of disparity up to which two votes, or two ends, are of one surface."""
+AGREEMENT_SHARE = float32(0.03)
+"""Fraction of the disparity that is added to it."""
 MAX_SLOPE = 0.15
 """Change of disparity per step along an axis, in pixels of the matched images, up to which two ends may be of one
 slanted surface. In an occlusion shadow it is 1."""
@@ -48,8 +49,10 @@ SPACING_PX = np.array([1, np.sqrt(2), 1, np.sqrt(2)], np.float32)
 """Distance of adjacent pixels along each axis."""
 MEMORY, PREVIOUS, N_VOTES = 4, 5, 6
 """Votes that follow those of the axes, and the number of all."""
-DEEP_KERNEL, DEEPER_KERNEL = np.ones((9, 9), np.uint8), np.ones((17, 17), np.uint8)
-"""If nothing is known within 4 pixels of a pixel, it votes in a block of two by two; within 12, of four by four."""
+DEEP_KERNEL = np.ones((9, 9), np.uint8)
+"""If nothing is known within 4 pixels of a pixel, it votes in a block of two by two."""
+DEEPER_KERNEL = np.ones((17, 17), np.uint8)
+"""If nothing is known within 12 pixels of a pixel, it votes in a block of four by four."""
 MEDIAN_PX = 3
 """Window of the median that removes votes which only one ray decided."""
 CHUNK = 512
@@ -121,8 +124,8 @@ class Rules(NamedTuple):
     stereo camera, if the hole is at most twice as wide as the jump of disparity."""
     row_factor: float
     """Factor of the weight of a row whose ends agree."""
-    doubt: float
-    """Weight of the doubt that any vote is for the right surface."""
+    prior_weight: float
+    """Weight against all votes: that none is for the right surface."""
 
 
 KNOWN = named_tuple(Known, *[FLOAT_IMAGE] * 4)
@@ -158,11 +161,11 @@ class HoleFiller:
         median_px: int = MEDIAN_PX,
     ) -> None:
         self._resolution, self._median_px, decimation = resolution, median_px, resolution.decimation
-        doubt = 1 / (DOUBT_SHARE * decimation * resolution.width_px)
+        prior_weight = 1 / (PRIOR_SHARE * decimation * resolution.width_px)
 
         def rules_of(scale: int) -> Rules:
             matched_px, pixel_px = resolution.matched_px / scale, decimation / scale
-            values = max_slope * matched_px, matched_px, pixel_px, shadow_factor, row_factor, doubt
+            values = max_slope * matched_px, matched_px, pixel_px, shadow_factor, row_factor, prior_weight
             return Rules(scale, *(float32(value) for value in values))
 
         self._rules, self._pixel_rules = rules_of(1), rules_of(decimation)
@@ -218,8 +221,9 @@ def find_places(hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> Place
             is_first = (uint8(row | col) & side[col]) == 0
             votes[col] = uint8(is_first & ((is_hole[col] > 0) | (votes[col] == 0)))
         for col in range(width):
-            places[n, 0], places[n, 1] = row, col
-            n += np.uintp(votes[col])
+            if votes[col]:
+                places[n, 0], places[n, 1] = row, col
+                n += np.uintp(1)
     return places[:n].copy()
 
 
@@ -256,6 +260,12 @@ def continue_lone_ends(
 
     The disparity becomes at least half of that at the end, and at most twice. A lone end with nothing known beyond it
     is taken away: a speckle would paint a star.
+
+    Args:
+        known_px: Disparity of the measured working pixels, shape (h, w); 0 = hole.
+        place: Row and column of each place, shape (N, 2).
+        rules: What depends on the camera.
+        rays: The rays of the places, shape (8, N).
     """
     scale = rules.scale
     for ray in range(len(rays.steps)):
@@ -277,42 +287,102 @@ def continue_lone_ends(
                 rays.end_px[ray, k] = min(max(continued_px, end_px / float32(2)), end_px * float32(2))
 
 
-@compiled_part(UniTuple(float32, 2)(*[float32] * 4, int64, RULES))
-def vote_of(
-    before_px: float, after_px: float, to_before: float, to_after: float, axis: int, rules: Rules
-) -> tuple[float, float]:
-    """The vote of an axis and its weight, from both ends and the number of steps to them."""
-    spacing_px = SPACING_PX[axis] * rules.pixel_px
-    before_weight, after_weight = float32(1) / (to_before * spacing_px), float32(1) / (to_after * spacing_px)
-    both, length, jump_px = before_weight + after_weight, to_before + to_after, abs(before_px - after_px)
-    linear_px = (before_px * to_after + after_px * to_before) / length
-    if min(before_px, after_px) == 0:
-        return max(before_px, after_px), both
-    if is_one_surface(before_px, after_px):
-        return linear_px, float32(2) * both * (rules.row_factor if axis == 0 else float32(1))
-    if jump_px <= rules.max_slope * length:
-        return linear_px, both
-    if after_px < before_px:
-        return after_px, after_weight
-    is_shadow = axis == 0 and (length - float32(1)) * rules.matched_px <= float32(2) * jump_px
-    return before_px, before_weight * (rules.shadow_factor if is_shadow else float32(1))
+ONE_END, ONE_SURFACE, SLANTED, FAR_AFTER, FAR_BEFORE, SHADOW = (int32(k) for k in range(6))
+"""Situations of the ends of an axis: the rows of the table above for votes of axes. At a depth discontinuity, the end
+after or before the hole is the farther one; `SHADOW` is `FAR_BEFORE` in an occlusion shadow."""
+
+
+@compiled_part(int32(float32, float32, float32, boolean, RULES))
+def situation_of(before_px: float, after_px: float, length: float, is_row: bool, rules: Rules) -> int:
+    """Return the situation of the ends of an axis.
+
+    Args:
+        before_px: Disparity of the end before the hole; 0 = there is none.
+        after_px: Disparity of the end after it; 0 = there is none.
+        length: Number of steps from end to end.
+        is_row: Whether the axis is the row.
+        rules: What depends on the camera.
+    """
+    jump_px = abs(before_px - after_px)
+    is_shadow = is_row & ((length - float32(1)) * rules.matched_px <= float32(2) * jump_px)
+    situation: int = SHADOW if is_shadow else FAR_BEFORE
+    situation = FAR_AFTER if after_px < before_px else situation
+    situation = SLANTED if jump_px <= rules.max_slope * length else situation
+    situation = ONE_SURFACE if is_one_surface(before_px, after_px) else situation
+    situation = ONE_END if min(before_px, after_px) == 0 else situation
+    return situation
+
+
+@compiled_part(float32(int32, *[float32] * 4))
+def disparity_of(situation: int, before_px: float, after_px: float, to_before: float, to_after: float) -> float:
+    """Return the disparity that an axis votes for.
+
+    Args:
+        situation: Situation of its ends.
+        before_px: Disparity of the end before the hole; 0 = there is none.
+        after_px: Disparity of the end after it; 0 = there is none.
+        to_before: Number of steps to the end before the hole.
+        to_after: Number of steps to the end after it.
+    """
+    linear_px = (before_px * to_after + after_px * to_before) / (to_before + to_after)
+    is_linear = (situation == ONE_SURFACE) | (situation == SLANTED)
+    disparity_px: float = linear_px if is_linear else min(before_px, after_px)
+    disparity_px = max(before_px, after_px) if situation == ONE_END else disparity_px
+    return disparity_px
+
+
+@compiled_part(float32(int32, *[float32] * 5))
+def weight_of(
+    situation: int, to_before: float, to_after: float, spacing_px: float, row_factor: float, shadow_factor: float
+) -> float:
+    """Return the weight of the vote of an axis.
+
+    Args:
+        situation: Situation of its ends.
+        to_before: Number of steps to the end before the hole.
+        to_after: Number of steps to the end after it.
+        spacing_px: Length of a step in pixels of the image.
+        row_factor: Factor of the weight where both ends are of one surface.
+        shadow_factor: Factor of the weight in an occlusion shadow.
+    """
+    before, after = float32(1) / (to_before * spacing_px), float32(1) / (to_after * spacing_px)
+    both = before + after
+    weight: float = float32(2) * both * row_factor if situation == ONE_SURFACE else both
+    weight = after if situation == FAR_AFTER else weight
+    weight = before if situation == FAR_BEFORE else weight
+    weight = before * shadow_factor if situation == SHADOW else weight
+    return weight
 
 
 @compiled_part(UniTuple(FLOAT_IMAGE, 2)(KNOWN, PLACES, RAYS, int64, RULES))
 def cast_votes(known: Known, place: Places, rays: Rays, first: int, rules: Rules) -> tuple[FloatImage, FloatImage]:
-    """The votes and their weights, shape (6, CHUNK), of some places, of which the first has a number.
+    """Return the votes of some places and their weights, both of shape (6, CHUNK).
 
     Loops that write one array are such that the compiler can do their steps side by side.
+
+    Args:
+        known: What is known at the working resolution, shape (h, w).
+        place: Row and column of each place, shape (n, 2).
+        rays: The rays of all places, shape (8, N).
+        first: Number of the first place among all.
+        rules: What depends on the camera.
     """
     vote_px, weight = np.zeros((N_VOTES, CHUNK), np.float32), np.zeros((N_VOTES, CHUNK), np.float32)
+    situation = np.empty(CHUNK, np.int32)
     last = first + len(place)
     for axis in range(AXES):
         before_px, after_px = rays.end_px[axis, first:last], rays.end_px[AXES + axis, first:last]
         to_before, to_after = rays.steps[axis, first:last], rays.steps[AXES + axis, first:last]
+        is_row, spacing_px = axis == 0, SPACING_PX[axis] * rules.pixel_px
+        row_factor, axis_px, axis_weight = rules.row_factor if is_row else float32(1), vote_px[axis], weight[axis]
         for k in range(len(place)):
-            vote_px[axis, k] = vote_of(before_px[k], after_px[k], to_before[k], to_after[k], axis, rules)[0]
+            situation[k] = situation_of(before_px[k], after_px[k], to_before[k] + to_after[k], is_row, rules)
         for k in range(len(place)):
-            weight[axis, k] = vote_of(before_px[k], after_px[k], to_before[k], to_after[k], axis, rules)[1]
+            axis_px[k] = disparity_of(situation[k], before_px[k], after_px[k], to_before[k], to_after[k])
+        for k in range(len(place)):
+            axis_weight[k] = weight_of(
+                situation[k], to_before[k], to_after[k], spacing_px, row_factor, rules.shadow_factor
+            )
     for k in range(len(place)):
         row, col = place[k, 0] // rules.scale, place[k, 1] // rules.scale
         memory_px, previous_px = known.remembered_px[row, col], known.previous_px[row, col]
@@ -331,7 +401,14 @@ def find_support(
     # output
     support: Numbers,
 ) -> None:
-    """The weight of a vote of each place, and of those for the same surface."""
+    """Sum the weights of a vote of each place and of those for the same surface.
+
+    Args:
+        vote_px: The votes, shape (6, CHUNK).
+        weight: Their weights, shape (6, CHUNK).
+        one: Number of the vote.
+        support: The sum of each place, shape (CHUNK,).
+    """
     one_px, own = vote_px[one], weight[one]
     for i in range(CHUNK):
         support[i] = own[i]
@@ -344,25 +421,30 @@ def find_support(
 
 @compiled_part(UniTuple(NUMBERS, 3)(FLOAT_IMAGE, FLOAT_IMAGE))
 def count_votes(vote_px: FloatImage, weight: FloatImage) -> tuple[Numbers, Numbers, Numbers]:
-    """The mean of the supporters of the winning vote of each place, its support, and the weight of all votes."""
-    winner_px, most, total = np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32)
-    support, difference_px = np.empty(CHUNK, np.float32), np.zeros(CHUNK, np.float32)
-    for one in range(len(vote_px)):
-        one_px, own = vote_px[one], weight[one]
-        find_support(vote_px, weight, one, support)
+    """Count the votes of each place, both of shape (6, CHUNK).
+
+    Returns:
+        The mean of the supporters of the winner, their weight, and the weight of all votes, all of shape (CHUNK,).
+    """
+    winner_px, won, total = np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32), np.zeros(CHUNK, np.float32)
+    support, mean_px = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
+    for vote in range(len(vote_px)):
+        for_px, own = vote_px[vote], weight[vote]
+        find_support(vote_px, weight, vote, support)
         for i in range(CHUNK):
-            is_best = (support[i] > most[i]) & (own[i] > 0)
-            winner_px[i] = one_px[i] if is_best else winner_px[i]
-            most[i] = support[i] if is_best else most[i]
+            wins = (support[i] > won[i]) & (own[i] > 0)
+            winner_px[i] = for_px[i] if wins else winner_px[i]
+            won[i] = support[i] if wins else won[i]
             total[i] += own[i]
-    for one in range(len(vote_px)):
-        one_px, own = vote_px[one], weight[one]
+    off_px = np.zeros(CHUNK, np.float32)
+    for vote in range(len(vote_px)):
+        for_px, own = vote_px[vote], weight[vote]
         for i in range(CHUNK):
-            is_supporter = is_one_surface(one_px[i], winner_px[i])
-            difference_px[i] += own[i] * (one_px[i] - winner_px[i]) if is_supporter else float32(0)
+            is_supporter = is_one_surface(for_px[i], winner_px[i])
+            off_px[i] += own[i] * (for_px[i] - winner_px[i]) if is_supporter else float32(0)
     for i in range(CHUNK):
-        winner_px[i] += difference_px[i] / most[i] if most[i] > 0 else float32(0)
-    return winner_px, most, total
+        mean_px[i] = winner_px[i] + (off_px[i] / won[i] if won[i] > 0 else float32(0))
+    return mean_px, won, total
 
 
 @compiled(void(KNOWN, RAYS, RULES, FILLED))
@@ -373,17 +455,24 @@ def fill_places(
     # output
     filled: Filled,
 ) -> None:
-    """Fill the places with what wins their votes."""
+    """Fill the places with what wins their votes.
+
+    Args:
+        known: What is known at the working resolution, shape (h, w).
+        rays: The rays of the places, shape (8, N).
+        rules: What depends on the camera.
+        filled: What the places are filled with, shape (N,).
+    """
     for first in range(0, len(filled.place), CHUNK):
         here = filled.place[first : first + CHUNK]
         vote_px, weight = cast_votes(known, here, rays, first, rules)
-        winner_px, support, total = count_votes(vote_px, weight)
+        mean_px, won, total = count_votes(vote_px, weight)
         for k in range(len(here)):
             memory_px = vote_px[MEMORY, k]
-            is_remembered = memory_px > 0 and is_one_surface(memory_px, winner_px[k])
-            filled.disparity_px[first + k] = winner_px[k]
-            filled.share[first + k] = support[k] / total[k] if total[k] > 0 else float32(0)
-            filled.probability[first + k] = fill_probability(support[k] / (total[k] + rules.doubt), is_remembered)
+            is_remembered = memory_px > 0 and is_one_surface(memory_px, mean_px[k])
+            filled.disparity_px[first + k] = mean_px[k]
+            filled.share[first + k] = won[k] / total[k] if total[k] > 0 else float32(0)
+            filled.probability[first + k] = fill_probability(won[k] / (total[k] + rules.prior_weight), is_remembered)
             filled.remembered[first + k] = 255 if is_remembered else 0
 
 
@@ -395,7 +484,14 @@ def paste(
     # output
     inpainted: Inpainted,
 ) -> None:
-    """Write what is filled to the images of the working pixels without a measurement."""
+    """Write what is filled to the images of the working pixels without a measurement.
+
+    Args:
+        hole: Mask of the holes, shape (h, w).
+        block: Side of the block that each pixel votes in, less 1, shape (h, w).
+        filled: What the N places are filled with.
+        inpainted: The images, shape (h, w).
+    """
     inpainted.disparity_px[:], inpainted.probability[:], inpainted.remembered[:] = float32(0), float32(1), uint8(0)
     for k in range(len(filled.place)):
         v, u = np.uintp(filled.place[k, 0]), np.uintp(filled.place[k, 1])
@@ -417,10 +513,18 @@ def paste(
 def find_single_pixels(
     known_px: FloatImage, filled: Filled, rays: Rays, depth_m: FloatImage
 ) -> tuple[Places, npt.NDArray[np.int32]]:
-    """The pixels of the frame without a depth in and beside measured working pixels, and the number of the place of
-    each.
+    """Find the pixels of the frame without a depth in and beside measured working pixels.
 
     Where all votes are for one surface, and it is the measured one, the working pixel is enough.
+
+    Args:
+        known_px: Disparity of the measured working pixels, shape (h, w); 0 = hole.
+        filled: What the N places are filled with.
+        rays: The rays of the places, shape (8, N).
+        depth_m: Measured depth of the frame [m], shape (H, W).
+
+    Returns:
+        Row and column of each of these pixels, shape (M, 2), and the number of its place, shape (M,).
     """
     pixels, place_number = np.empty((4 * len(filled.place), 2), np.int32), np.empty(4 * len(filled.place), np.int32)
     n = 0
@@ -436,6 +540,7 @@ def find_single_pixels(
             continue
         for v in range(2 * row, 2 * row + 2):
             for u in range(2 * col, 2 * col + 2):
-                pixels[n, 0], pixels[n, 1], place_number[n] = v, u, k
-                n += own_px == 0 or depth_m[v, u] <= 0
+                if own_px == 0 or depth_m[v, u] <= 0:
+                    pixels[n, 0], pixels[n, 1], place_number[n] = v, u, k
+                    n += 1
     return pixels[:n].copy(), place_number[:n].copy()

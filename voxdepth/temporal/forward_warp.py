@@ -15,8 +15,10 @@ from .working_resolution import MAX_DISPARITY_PX, WorkingResolution
 
 UNITS_PER_PX = np.float32(2**14)
 """Steps of a disparity in the z-buffer: with 24 bits in all it covers 1024 px in steps of 0.00006 px."""
-WEIGHT_BITS, WEIGHT_MASK = np.uint32(8), np.uint32(255)
+WEIGHT_BITS = np.uint32(8)
 """The lower bits of a key of the z-buffer are the weight."""
+WEIGHT_MASK = np.uint32(255)
+"""These bits."""
 MAX_RESAMPLING_CHANGE_PX = np.float32(0.6)
 """A resampled value replaces the splatted one if it differs by less; otherwise it belongs to another surface."""
 MIN_DEPTH_RATIO = np.float32(1e-3)

@@ -17,9 +17,11 @@ from .memory import DRIFT_DECIMATION, MEMORY_TYPE, WEIGHT_UNIT, Memory
 
 WINDOW_PX = 5
 """Side of the neighbourhood over which differences of disparity and gray value are averaged."""
-TOLERANCE_PX, RELATIVE_TOLERANCE = float32(1), float32(0.02)
-"""Difference of disparity up to which memory and measurement may show one surface, and the fraction of the disparity
-that is added to it. More merges thin objects with their background."""
+TOLERANCE_PX = float32(1)
+"""Difference of disparity up to which memory and measurement may show one surface. More merges thin objects with their
+background."""
+RELATIVE_TOLERANCE = float32(0.02)
+"""Fraction of the disparity that is added to it."""
 MAX_BIAS_PX = float32(0.6)
 """Absolute mean difference in the window up to which they agree. It keeps a drone apart from the wall behind it."""
 MIN_COHERENT_SHARE = float32(0.2 * 255)
@@ -47,9 +49,10 @@ DECAY_FREE_SPACE = 2 * WEIGHT_UNIT
 """Weight that the memory loses per frame where the sensor sees through it."""
 DECAY_OUTLIER = WEIGHT_UNIT // 8
 """Weight that the memory loses per frame where it rejects a measurement, so that no memory lasts for ever."""
-MAX_GRAY_CHANGE, MAX_RELATIVE_GRAY_CHANGE = 8.0, 5.0
-"""Change of gray up to which a remembered surface is still there where nothing is measured: the larger of a number of
-levels and a factor of the median change over the image."""
+MAX_GRAY_CHANGE = 8.0
+"""Change of gray, in levels, up to which a remembered surface is still there where nothing is measured."""
+MAX_RELATIVE_GRAY_CHANGE = 5.0
+"""The same as a factor of the median change over the image; the larger one counts."""
 NOISE_STRIDE_PX = 4
 """Stride of the rows and columns that the gray noise is estimated from."""
 STEADY_PX = 0.02
@@ -75,14 +78,17 @@ class PixelClass(IntEnum):
 UNMEASURED, AGREEING, OCCLUDING, FREE_SPACE, OUTLIER, NEW = (uint8(k) for k in range(6))
 """Rules of fusion, of which the first that holds applies to a pixel:
 
-| rule       | holds where                                       | disparity shown | weight of the memory            |
-|------------|---------------------------------------------------|-----------------|---------------------------------|
-| unmeasured | there is no measurement                           | none            | stays                           |
-| agreeing   | both are of one surface                           | weighted mean   | plus that of the measurement    |
-| occluding  | another surface is in front of the remembered one | measured        | less `DECAY_OCCLUDED`           |
-| free space | the sensor sees through the remembered one        | measured        | less `DECAY_FREE_SPACE`         |
-| outlier    | the memory is reliable                            | remembered      | less `DECAY_OUTLIER`            |
-| new        | no other rule holds                               | measured        | that of the measurement instead |
+| rule       | holds where                                 | disparity     | class      | weight of the memory         |
+|------------|---------------------------------------------|---------------|------------|------------------------------|
+| unmeasured | there is no measurement                     | none          | unmeasured | stays                        |
+| agreeing   | both are of one surface                     | weighted mean | fused      | plus that of the measurement |
+| occluding  | a surface is in front of the remembered one | measured      | measured   | less `DECAY_OCCLUDED`        |
+| free space | the sensor sees through the remembered one  | measured      | measured   | less `DECAY_FREE_SPACE`      |
+| outlier    | the memory is reliable                      | remembered    | remembered | less `DECAY_OUTLIER`         |
+| new        | no other rule holds                         | measured      | measured   | none                         |
+
+The second column is `first_rule`; the others are `disparity_by`, `class_by` and `weight_by`. Where the measurement is
+shown and the memory has no weight any more, the measurement and its weight become the memory.
 """
 
 
@@ -140,9 +146,9 @@ class Rules(NamedTuple):
 
     rule: GrayImage
     """Number of the first rule that holds."""
-    memory_weight: GrayImage
-    """Weight of the memory before this frame."""
-    weight_left: GrayImage
+    weight_before: GrayImage
+    """Weight of the memory before this frame; 0 where its surface is gone."""
+    weight_after: GrayImage
     """Weight of the memory by the rule, at most `MAX_WEIGHT`."""
 
 
@@ -250,49 +256,114 @@ def _find_contradictions(
     return agreeing, nearer, farther
 
 
+@compiled_part(uint8(float32, float32, uint8, uint8))
+def contradiction_of(measured_px: float, remembered_px: float, nearer: int, farther: int) -> int:
+    """Return how a measurement contradicts the memory together with its neighbours.
+
+    Args:
+        measured_px: Measured disparity.
+        remembered_px: Disparity of the memory.
+        nearer: Share of the neighbours, 0..255, that contradict the memory with a nearer surface.
+        farther: Share of the neighbours, 0..255, that contradict it with a farther one.
+
+    Returns:
+        `OCCLUDING`, `FREE_SPACE`, or `NEW` where it does not.
+    """
+    is_occluding = (measured_px > remembered_px) & (float32(nearer) > MIN_COHERENT_SHARE)
+    is_free_space = (measured_px < remembered_px) & (float32(farther) > MIN_COHERENT_SHARE)
+    rule: int = OCCLUDING if is_occluding else FREE_SPACE if is_free_space else NEW
+    return rule
+
+
+@compiled_part(uint8(float32, uint8, uint8, uint8))
+def first_rule(measured_px: float, agreeing: int, contradiction: int, memory_weight: int) -> int:
+    """Return the first rule that holds.
+
+    Args:
+        measured_px: Measured disparity; 0 = hole.
+        agreeing: More than 0 where memory and measurement are of one surface.
+        contradiction: `OCCLUDING`, `FREE_SPACE`, or `NEW` for neither.
+        memory_weight: Weight of the memory; 0 = it is empty, so that nothing contradicts it.
+    """
+    rule = OUTLIER if memory_weight >= RELIABLE_WEIGHT else NEW
+    rule = contradiction if (contradiction != NEW) & (memory_weight > 0) else rule
+    rule = AGREEING if agreeing > 0 else rule
+    rule = UNMEASURED if measured_px == 0 else rule
+    return rule
+
+
+@compiled_part(boolean(uint8))
+def shows_measurement(rule: int) -> bool:
+    """Return whether the fused disparity of a pixel is the measured one."""
+    shows: bool = (rule == OCCLUDING) | (rule == FREE_SPACE) | (rule == NEW)
+    return shows
+
+
+@compiled_part(float32(uint8, float32, float32, float32))
+def disparity_by(rule: int, measured_px: float, remembered_px: float, mean_px: float) -> float:
+    """Return the fused disparity.
+
+    Args:
+        rule: Rule of the pixel.
+        measured_px: Measured disparity; 0 = hole.
+        remembered_px: Disparity of the memory.
+        mean_px: Mean of both by their weights.
+    """
+    disparity_px = remembered_px if rule == OUTLIER else measured_px
+    disparity_px = mean_px if rule == AGREEING else disparity_px
+    return disparity_px
+
+
+@compiled_part(uint8(uint8))
+def class_by(rule: int) -> int:
+    """Return the `PixelClass` of a pixel by its rule."""
+    pixel_class: int = uint8(PixelClass.MEASURED) if shows_measurement(rule) else uint8(PixelClass.UNMEASURED)
+    pixel_class = uint8(PixelClass.FUSED) if rule == AGREEING else pixel_class
+    pixel_class = uint8(PixelClass.REMEMBERED) if rule == OUTLIER else pixel_class
+    return pixel_class
+
+
+@compiled_part(uint8(uint8, uint8, uint8))
+def weight_by(rule: int, memory_weight: int, measured_weight: int) -> int:
+    """Return the weight of the memory after the frame, from those of memory and measurement."""
+    change = float32(measured_weight) if rule == AGREEING else float32(0)
+    change = float32(-DECAY_OCCLUDED) if rule == OCCLUDING else change
+    change = float32(-DECAY_FREE_SPACE) if rule == FREE_SPACE else change
+    change = float32(-DECAY_OUTLIER) if rule == OUTLIER else change
+    change = float32(-MAX_WEIGHT) if rule == NEW else change
+    weight: int = uint8(max(min(float32(memory_weight) + change, float32(MAX_WEIGHT)), float32(0)))
+    return weight
+
+
 @compiled(RULES_TYPE(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, float32))
 def _find_rules(memory: Memory, measurement: Measurement, comparison: Comparison, max_gray_change: float) -> Rules:
-    """The rules of all pixels. The memory of a hole has no weight where the gray value has changed."""
+    """Find the rules of all pixels.
+
+    Args:
+        memory: The memory in the pixels of this frame, shape (h, w).
+        measurement: What this frame measures, shape (h, w).
+        comparison: How both compare.
+        max_gray_change: Change of the gray value from which on the surface of the memory is gone where nothing is
+            measured.
+    """
     gray_change = comparison.gray_change
     rules = Rules(np.empty_like(gray_change), np.empty_like(gray_change), np.empty_like(gray_change))
     contradiction = np.empty(gray_change.shape[1], np.uint8)
     for row in range(gray_change.shape[0]):
-        rule, weight, left = rules.rule[row], rules.memory_weight[row], rules.weight_left[row]
-        measured_px, memory_px, change = measurement.disparity_px[row], memory.disparity_px[row], gray_change[row]
+        rule, before, after = rules.rule[row], rules.weight_before[row], rules.weight_after[row]
+        measured_px, remembered_px, change = measurement.disparity_px[row], memory.disparity_px[row], gray_change[row]
         memory_weight, measured_weight = memory.weight[row], measurement.weight[row]
         agreeing, nearer, farther = comparison.agreeing[row], comparison.nearer[row], comparison.farther[row]
         for col in range(len(rule)):
-            before, is_gone = memory_weight[col], (measured_px[col] == 0) & (float32(change[col]) > max_gray_change)
-            weight[col] = uint8(0) if is_gone else before
+            weight, is_gone = memory_weight[col], (measured_px[col] == 0) & (float32(change[col]) > max_gray_change)
+            before[col] = uint8(0) if is_gone else weight
         for col in range(len(rule)):
-            now_px, before_px = measured_px[col], memory_px[col]
-            is_occluding = (now_px > before_px) & (float32(nearer[col]) > MIN_COHERENT_SHARE)
-            is_free_space = (now_px < before_px) & (float32(farther[col]) > MIN_COHERENT_SHARE)
-            found = FREE_SPACE if is_free_space else NEW
-            contradiction[col] = OCCLUDING if is_occluding else found
+            contradiction[col] = contradiction_of(measured_px[col], remembered_px[col], nearer[col], farther[col])
         for col in range(len(rule)):
-            known, found, is_unmeasured = weight[col], contradiction[col], measured_px[col] == 0
-            is_outlier, is_agreeing = (found == NEW) & (known >= RELIABLE_WEIGHT), agreeing[col] > 0
-            found = found if known > 0 else NEW
-            found = OUTLIER if is_outlier else found
-            found = AGREEING if is_agreeing else found
-            rule[col] = UNMEASURED if is_unmeasured else found
+            rule[col] = first_rule(measured_px[col], agreeing[col], contradiction[col], before[col])
         for col in range(len(rule)):
-            known, added = float32(weight[col]), float32(measured_weight[col])
-            added = added if rule[col] == AGREEING else float32(0)
-            added = float32(-DECAY_OCCLUDED) if rule[col] == OCCLUDING else added
-            added = float32(-DECAY_FREE_SPACE) if rule[col] == FREE_SPACE else added
-            added = float32(-DECAY_OUTLIER) if rule[col] == OUTLIER else added
-            added = float32(-MAX_WEIGHT) if rule[col] == NEW else added
-            left[col] = uint8(max(min(known + added, float32(MAX_WEIGHT)), float32(0)))
+            after[col] = weight_by(rule[col], before[col], measured_weight[col])
     return rules
-
-
-@compiled_part(boolean(uint8))
-def _shows_measurement(rule: int) -> bool:
-    """Whether the fused disparity of a pixel is the measured one."""
-    shows: bool = (rule == OCCLUDING) | (rule == FREE_SPACE) | (rule == NEW)
-    return shows
 
 
 @compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, FLOAT_IMAGE, RULES_TYPE, FUSED_TYPE))
@@ -304,31 +375,35 @@ def _fuse_pixels(
     # output
     fused: Fused,
 ) -> None:
-    """Fuse every pixel by its rule."""
+    """Fuse every pixel by its rule.
+
+    Args:
+        memory: The memory in the pixels of this frame, shape (h, w).
+        measurement: What this frame measures, shape (h, w).
+        memory_factor: Factor 0..1 of the memory's weight in the mean, shape (h, w).
+        rules: The rules of the pixels.
+        fused: What the pixels are fused to, shape (h, w).
+    """
     gain = np.empty(memory_factor.shape[1], np.float32)
     for row in range(memory_factor.shape[0]):
-        rule, weight, left, age = rules.rule[row], rules.memory_weight[row], rules.weight_left[row], memory.age[row]
+        rule, before, after, age = rules.rule[row], rules.weight_before[row], rules.weight_after[row], memory.age[row]
         measured_px, memory_px, seen_px = measurement.disparity_px[row], memory.disparity_px[row], memory.seen_px[row]
         fused_px, pixel_class, fused_weight = fused.disparity_px[row], fused.pixel_class[row], fused.weight[row]
         remembered_px, magnification = fused.remembered_px[row], fused.magnification[row]
         measured_weight, factor = measurement.weight[row], memory_factor[row]
         for col in range(len(rule)):
-            measured = float32(measured_weight[col])
-            gain[col] = measured / max(measured + factor[col] * float32(weight[col]), float32(1))
+            of_measurement = float32(measured_weight[col])
+            gain[col] = of_measurement / max(of_measurement + factor[col] * float32(before[col]), float32(1))
         for col in range(len(rule)):
             now_px, before_px = measured_px[col], memory_px[col]
-            mean_px = before_px + gain[col] * (now_px - before_px)
-            shown_px = before_px if rule[col] == OUTLIER else now_px
-            fused_px[col] = mean_px if rule[col] == AGREEING else shown_px
+            fused_px[col] = disparity_by(rule[col], now_px, before_px, before_px + gain[col] * (now_px - before_px))
         for col in range(len(rule)):
-            shown = uint8(PixelClass.MEASURED) if _shows_measurement(rule[col]) else uint8(PixelClass.UNMEASURED)
-            shown = uint8(PixelClass.FUSED) if rule[col] == AGREEING else shown
-            pixel_class[col] = uint8(PixelClass.REMEMBERED) if rule[col] == OUTLIER else shown
+            pixel_class[col] = class_by(rule[col])
         for col in range(len(rule)):
-            of_measurement, of_memory = measured_weight[col], left[col]
-            fused_weight[col] = of_measurement if _shows_measurement(rule[col]) else of_memory
+            of_measured, of_remembered = measured_weight[col], after[col]
+            fused_weight[col] = of_measured if shows_measurement(rule[col]) else of_remembered
         for col in range(len(rule)):
-            before_px, known = memory_px[col], float32(weight[col])
+            before_px, known = memory_px[col], float32(before[col])
             filling_weight = min(np.rint(FILLING_WEIGHT_PER_FRAME * float32(age[col])), float32(RELIABLE_WEIGHT))
             is_filling = (rule[col] == UNMEASURED) & (known > 0) & (known >= filling_weight)
             remembered_px[col] = before_px if is_filling else float32(0)
@@ -347,24 +422,31 @@ def _update_pixels(
     # output
     updated: Memory,
 ) -> None:
-    """The memory of every pixel after this frame. Gray values and ages follow the measurements that enter it.
+    """Update the memory of every pixel. Gray values and ages follow the measurements that enter it.
 
-    A memory without weight left is replaced by the measurement that is shown.
+    A memory without weight after this frame is replaced by the measurement that is shown.
+
+    Args:
+        memory: The memory in the pixels of this frame, shape (h, w).
+        measurement: What this frame measures, shape (h, w).
+        fused_px: Fused disparity, shape (h, w).
+        rules: The rules of the pixels.
+        updated: The memory after this frame, shape (h, w).
     """
     kept, replaced, mixed = uint8(0), uint8(1), uint8(2)
     fate = np.empty(fused_px.shape[1], np.uint8)
     for row in range(fused_px.shape[0]):
-        rule, left, shown_px = rules.rule[row], rules.weight_left[row], fused_px[row]
+        rule, after, shown_px = rules.rule[row], rules.weight_after[row], fused_px[row]
         before_px, before_seen_px, before_age = memory.disparity_px[row], memory.seen_px[row], memory.age[row]
         before_gray, measured_gray, measured_weight = memory.gray[row], measurement.gray[row], measurement.weight[row]
         updated_px, updated_weight, seen_px = updated.disparity_px[row], updated.weight[row], updated.seen_px[row]
         gray, age = updated.gray[row], updated.age[row]
         for col in range(len(fate)):
-            is_replaced = _shows_measurement(rule[col]) & (left[col] == 0)
+            is_replaced = shows_measurement(rule[col]) & (after[col] == 0)
             found = replaced if is_replaced else kept
             fate[col] = mixed if rule[col] == AGREEING else found
         for col in range(len(fate)):
-            of_measurement, of_memory = measured_weight[col], left[col]
+            of_measurement, of_memory = measured_weight[col], after[col]
             updated_weight[col] = of_measurement if fate[col] == replaced else of_memory
         for col in range(len(fate)):
             old_px, new_px = before_px[col], shown_px[col]

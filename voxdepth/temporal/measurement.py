@@ -21,9 +21,12 @@ LEVELS_PER_PX = np.float32(32)
 """Levels per pixel of disparity in the image that speckles are searched in: 16 bits hold `MAX_DISPARITY_PX`."""
 MAX_SPECKLE_PX = 16
 """Largest number of working pixels of a speckle."""
-EXACT_STRIDE_PX, EXACT_PX, EXACT_SHARE = 24, 0.002, 0.9
-"""Stride of the rows in which noise is sought, largest second difference of disparity without noise, and how many have
-none. Of seven real recordings at most half are below 0.025 px."""
+EXACT_STRIDE_PX = 24
+"""Stride of the rows in which noise is sought."""
+EXACT_PX = 0.002
+"""Largest second difference of disparity without noise. Of seven real recordings at most half are below 0.025 px."""
+EXACT_SHARE = 0.9
+"""Share of the second differences that must be so small in an image without noise."""
 BEYOND_SHARE = 0.9
 """Share of the disparity of the farthest larger surface of the image below which a speckle is beyond the scene."""
 SPECKLE_REACH_PX = 3

@@ -16,8 +16,8 @@ from numba import float32, int16, int64, void
 
 from ..arithmetic import matmul
 from ..compiled import FLOAT_IMAGE, FLOAT_ROW, compiled, compiled_part
+from ..features import Features
 from ..geometry import inverse_rigid, transform
-from ..paper.registration import Features
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, MaskImage
 from .config import TemporalConfig
 from .memory import Memory
@@ -34,8 +34,10 @@ CELL_PX = 16
 """Side of the grid cells. The best corner of each cell is tracked, so smaller cells give more tracks."""
 WINDOW_PX = 11
 """Side of the window that is compared around a corner."""
-PYRAMID_LEVELS, NEAR_LEVELS = 2, 1
-"""Halvings of the tracking image, and those where a motion is predicted. Each one doubles the radius of the search."""
+PYRAMID_LEVELS = 2
+"""Halvings of the tracking image. Each one doubles the radius of the search."""
+NEAR_LEVELS = 1
+"""Halvings where a motion is predicted."""
 SLOPES, SLOPE_ROW = int16[:, ::1], int16[::1]
 CORNER_PX = 5
 """Side of the neighbourhood of a corner."""

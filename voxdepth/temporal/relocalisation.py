@@ -6,8 +6,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from ..features import Features, create_orb, detect, good_matches
 from ..geometry import transform
-from ..paper.registration import EDGE_PX, PYRAMID_LEVELS, Features, detect, good_matches
 from ..types import FloatArray, FloatImage, GrayImage, resized
 from .memory import Memory
 from .pose_fit import project
@@ -23,8 +23,10 @@ FAST_THRESHOLD = 10
 """Contrast of a corner, half of OpenCV's default, so that dim and blurred images have features, too."""
 GRID_PX = 8
 """Distance of the pixels at which the depth of memory and measurement is compared, in the tracking image."""
-DEPTH_TOLERANCE, DISPARITY_TOLERANCE_PX = 0.05, 0.5
-"""Memory and measurement agree if their disparities differ by at most this share or this many pixels."""
+DEPTH_TOLERANCE = 0.05
+"""Memory and measurement agree if their disparities differ by at most this share."""
+DISPARITY_TOLERANCE_PX = 0.5
+"""They also agree if their disparities differ by at most this."""
 MIN_DEPTH_AGREEMENT = 0.7
 """Share of the remembered surfaces whose depth the frame must confirm. Less accepts less exact motions."""
 MIN_COMPARED = 30
@@ -47,9 +49,7 @@ class Relocaliser:
     def __init__(self, camera: TrackingCamera) -> None:
         self._camera = camera
         self._reduced = camera.full.reduced(WIDTH_PX)
-        self._orb = cv2.ORB_create(  # type: ignore[attr-defined]
-            nfeatures=N_FEATURES, nlevels=PYRAMID_LEVELS, edgeThreshold=EDGE_PX, fastThreshold=FAST_THRESHOLD
-        )
+        self._orb = create_orb(N_FEATURES, fastThreshold=FAST_THRESHOLD)
         columns, rows = (np.arange(GRID_PX // 2, side, GRID_PX, dtype=np.float32) for side in camera.size)
         self._grid: Pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
 

@@ -37,6 +37,7 @@ SURFACE_SHARE = 0.08
 HOLE_RANGE_M = 40.0
 """Range up to which a hole is free where holes are free space."""
 
+FloatVector = npt.NDArray[np.float32]
 Holes = Literal["free", "evidenced"]
 
 
@@ -91,6 +92,11 @@ class InverseSensorModel:
     def range_of_error(self, error_m: float) -> float:
         """Return the range at which the error of the disparity is an error of the depth of `error_m` [m]."""
         return float(np.sqrt(error_m * self.camera.focal_baseline_px_m / max(self._disparity_error_px, 1e-6)))
+
+    def cells(self, row_px: FloatVector, col_px: FloatVector) -> npt.NDArray[np.int64]:
+        """Return the index of the cell, row by row, of each position in the image, in pixels from its corner."""
+        row, col = row_px.astype(np.int64), col_px.astype(np.int64)
+        return np.asarray(self.cell_of_row[row] * (self.cell_of_col[-1] + 1) + self.cell_of_col[col])
 
     def read(self, corrected: CorrectedDepth) -> Evidence:
         """Return the evidence of an image; where it has no depth and no confidence, nothing is proven."""

@@ -18,10 +18,10 @@ from voxdepth.model import Model
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 from .evidence import Evidence, InverseSensorModel
+from .frustum import FloatVector, Frustum
 
 Bytes = npt.NDArray[np.uint8]
 Indices = npt.NDArray[np.int64]
-FloatVector = npt.NDArray[np.float32]
 FREE, UNKNOWN, UNOBSERVABLE, BLACKLISTED, OCCUPIED = range(5)
 """States of a voxel, from the best to the worst. It is unobservable where images from nearby show neither free space
 nor a surface, and blacklisted where a drone did not get on although it knew that."""
@@ -30,20 +30,19 @@ STATES = ("free", "unknown", "unobservable", "blacklisted", "occupied")
 MAX_IMAGE_S = 0.1
 """An image counts for the time since the one before, and for no more than this. So fast cameras live under the same
 rules as slow ones, whose images are errors of their own, and of which each counts in full."""
-HIT, OCCUPIED_MS, MAX_OCCUPANCY_MS = 8, 900, 6_000
-"""A hit, an image that shows a surface in a voxel, adds its time to the occupancy, as many times as the first says, and
-a miss, one that sees through it, takes its time away. From the second on the voxel is occupied. That is more than one
-image may add: two confirm a surface, and one alone in free space is an error of depth. The third is the largest
-occupancy. Errors of images come in episodes, so that a surface outlasts more images that see through it than showed
-it."""
+HIT = 8
+"""A hit, an image that shows a surface in a voxel, adds its time to the occupancy, as many times as this; a miss, one
+that sees through it, takes its time away. Errors of images come in episodes, so that a surface outlasts more images
+that see through it than showed it."""
+OCCUPIED_MS = 900
+"""Occupancy from which on a voxel is occupied. That is more than one image may add: two confirm a surface, and one
+alone in free space is an error of depth."""
+MAX_OCCUPANCY_MS = 6_000
+"""Largest occupancy."""
 MAX_MS = 20_000
 """Times that images add up end here."""
 BLACKLISTED_MS = MAX_MS + 1
 """In place of the time of images that observed nothing."""
-NEAREST_M = 0.05
-"""Voxels whose depth is smaller are not in view."""
-SLACK = np.float32(0.01)
-"""Rounding of the distance to the sides of the view, times the focal length [m px]."""
 VOXEL_M = 0.25
 """Side of a voxel."""
 HEIGHT_M = 1.5
@@ -84,7 +83,7 @@ class VoxelMap:
 
     def __init__(self, config: MapConfig, sensor: InverseSensorModel) -> None:
         self._config = c = config
-        self._sensor = sensor
+        self._sensor, self._frustum = sensor, Frustum(sensor.camera)
         self._max_surface_m = sensor.range_of_error(MAX_ERROR_M)
         self._passed_from_ms, self._vain_from_ms = (round(1e3 * time_s) for time_s in (c.passed_s, c.vain_s))
         self._updated_s, self._counted_s = -np.inf, 0.0
@@ -100,8 +99,8 @@ class VoxelMap:
         `BLACKLISTED_MS`."""
         self._half = np.array(c.shape[::-1]) // 2
         """Numbers of voxels (x, y, z) from the corner of the map to its middle."""
-        self._slack = np.array([MARGIN_M, MARGIN_M, VOXEL_M]) / VOXEL_M
-        """Distance of the drone from the middle with which the map moves, in voxels."""
+        self._moves_from = np.array([MARGIN_M, MARGIN_M, VOXEL_M]) / VOXEL_M
+        """Distance (x, y, z) of the drone from the middle from which on the map moves, in voxels."""
         self._origin: Indices | None = None
         """Corner of the first voxel (x, y, z), in voxels."""
 
@@ -182,6 +181,7 @@ class VoxelMap:
         first, last = floor((low_m - bottom_m) / VOXEL_M), ceil((high_m - bottom_m) / VOXEL_M)
         voxels = np.s_[max(first, 0) : last, *columns]
         vain_ms = self._unobserved_ms[voxels]
+        # From unknown over unobservable to blacklisted, the numbers of the states count the conditions that hold.
         state = np.uint8(UNKNOWN) + (vain_ms >= self._vain_from_ms) + (vain_ms == BLACKLISTED_MS)
         state[self._is_free(voxels, time_s)] = FREE
         state[self._occupancy_ms[voxels] >= OCCUPIED_MS] = OCCUPIED
@@ -200,42 +200,47 @@ class VoxelMap:
         self._occupancy_ms[voxels] = self._unobserved_ms[voxels] = 0
 
     def _in_view(self, T_map_cam: FloatArray, farthest_m: float) -> tuple[Indices, Indices, FloatVector]:
-        """Find the voxels whose middle is in view, up to a range: their indices, cells and squared ranges [m^2].
+        """Find the voxels whose middle is in view.
 
-        Columns wholly to the left or to the right of the view, or beyond the range, are left out first. The distance of
-        a voxel to either side of the view, times the focal length, is linear in its height, so that the ends of a
-        column decide. All arithmetic is of 32 bits.
+        Columns of voxels wholly to the left or to the right of the view, or beyond the range, are left out first.
+
+        Args:
+            T_map_cam: Pose of the camera, shape (4, 4).
+            farthest_m: Range, in the horizontal plane.
+
+        Returns:
+            Of each voxel in view, shape (n,): its index, that of its cell in the image, and its squared range [m^2].
         """
-        c, side_m, (layers, rows, cols) = self._sensor.camera, np.float32(VOXEL_M), self._passed_ms.shape
-        fx, fy, cx, cy = (np.float32(px) for px in (c.fx_px, c.fy_px, c.cx_px + 0.5, c.cy_px + 0.5))
-        height, width = np.float32(c.height_px), np.float32(c.width_px)
-        # Axes of the camera, and middles of the voxels along the axes of the map, as seen from the camera.
-        T = T_map_cam[:3].astype(np.float32)
-        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = T[:, :3].T
-        corner_m = self.origin_m.astype(np.float32) - T[:, 3]
+        axes, camera_m = T_map_cam[:3, :3].T.astype(np.float32), T_map_cam[:3, 3].astype(np.float32)
+        east_m, north_m, up_m, ends_m = self._middles(camera_m)
+        level_m2 = east_m * east_m + north_m * north_m
+        # Each column is a line through its point at the height of the camera, in the frame of the camera.
+        x_m, y_m, z_m = (axis[0] * east_m + axis[1] * north_m for axis in axes)
+        upwards = axes[:, 2]
+        is_near = level_m2 <= np.float32(farthest_m**2)
+        column = np.flatnonzero(is_near & self._frustum.may_show(x_m, z_m, upwards, ends_m))
+        x_m, y_m, z_m = (
+            on_axis.ravel()[column, None] + up * up_m for on_axis, up in zip((x_m, y_m, z_m), upwards, strict=True)
+        )
+        u, v, is_in_view = self._frustum.project(x_m, y_m, z_m)
+        seen = np.flatnonzero(is_in_view)
+        _, rows, cols = self._passed_ms.shape
+        voxel = seen % len(up_m) * (rows * cols) + column[seen // len(up_m)]
+        squared_m2 = level_m2.ravel()[column, None] + up_m * up_m
+        return voxel, self._sensor.cells(v.ravel()[seen], u.ravel()[seen]), squared_m2.ravel()[seen]
+
+    def _middles(self, from_m: FloatVector) -> tuple[FloatVector, FloatVector, FloatVector, FloatVector]:
+        """Return the middles of the voxels along x (cols,), y (rows, 1) and z (layers,), from a position, shape (3,).
+
+        The last are bottom and top of the map.
+        """
+        corner_m, side_m = self.origin_m.astype(np.float32) - from_m, np.float32(VOXEL_M)
+        n_voxels = self._passed_ms.shape[::-1]
         east_m, north_m, up_m = (
             first_m + side_m * (np.arange(n, dtype=np.float32) + np.float32(0.5))
-            for first_m, n in zip(corner_m, (cols, rows, layers), strict=True)
+            for first_m, n in zip(corner_m, n_voxels, strict=True)
         )
-        north_m = north_m[:, None]
-        # Columns: their squared distance, and what their height does not change of their place in the camera's frame.
-        flat_m2 = east_m * east_m + north_m * north_m
-        x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
-        ends_m = corner_m[2] + side_m * np.array([0, layers], np.float32)
-        from_left = fx * x0 + cx * z0 + (ends_m * (fx * xz + cx * zz)).max()
-        from_right = (width - cx) * z0 - fx * x0 + (ends_m * ((width - cx) * zz - fx * xz)).max()
-        column = np.flatnonzero((flat_m2 <= np.float32(farthest_m**2)) & (from_left >= -SLACK) & (from_right >= -SLACK))
-        x0, y0, z0, flat_m2 = (values.ravel()[column, None] for values in (x0, y0, z0, flat_m2))
-        # Voxels of these columns, in pixels.
-        z = z0 + zz * up_m
-        with np.errstate(divide="ignore", invalid="ignore"):
-            per_z = 1 / z
-            u, v = fx * (x0 + xz * up_m) * per_z + cx, fy * (y0 + yz * up_m) * per_z + cy
-        seen = np.flatnonzero((z > NEAREST_M) & (u >= 0) & (u < width) & (v >= 0) & (v < height))
-        row_px, col_px = v.ravel()[seen].astype(np.int64), u.ravel()[seen].astype(np.int64)
-        voxel = seen % layers * (rows * cols) + column[seen // layers]
-        cell = self._sensor.cell_of_row[row_px] * (self._sensor.cell_of_col[-1] + 1) + self._sensor.cell_of_col[col_px]
-        return voxel, cell, (flat_m2 + up_m * up_m).ravel()[seen]
+        return east_m, north_m[:, None], up_m, corner_m[2] + side_m * np.array([0, n_voxels[2]], np.float32)
 
     def _surfaces(
         self, surface_m: FloatImage, T_odom_cam: FloatArray, drones_m: FloatArray
@@ -308,7 +313,7 @@ class VoxelMap:
         wanted = np.round(at_m / VOXEL_M).astype(np.int64) - self._half
         if self._origin is not None:
             moved = wanted - self._origin
-            if (np.abs(moved) < self._slack).all():
+            if (np.abs(moved) < self._moves_from).all():
                 return
             for values in (self._passed_ms, self._missed_s, self._occupancy_ms, self._unobserved_ms):
                 values[...] = _shifted(values, moved[::-1])
