@@ -36,7 +36,14 @@ class Requested:
 
 
 def judged(path: Path, mask: str, kind: Kind, opened: Opened) -> Requested:
-    """Return one kind of pixels, with the name of their mask, of an existing recording of any format."""
+    """Return one kind of pixels of an existing recording of any format as a sequence of its own.
+
+    Args:
+        path: Folder or bag of the recording, which is opened when its turn comes.
+        mask: Name of the kind, which ends the name of the sequence.
+        kind: Makes the references of these pixels.
+        opened: Opens the recording.
+    """
     recording = name_of(path)
     name = f"{recording}-{mask}"
     return Requested(name, recording, lambda out, frames, tell: RecordedSource(name, opened(path), kind))
