@@ -36,7 +36,14 @@ def turned(points_m: npt.NDArray[np.float32], center_m: npt.NDArray[np.float64])
 def drawn(
     depth_m: npt.NDArray[np.float32], colors: Image, camera: Intrinsics, center_m: npt.NDArray[np.float64]
 ) -> Image:
-    """Return the picture of the points of a depth image [m], shape (H, W), in their colours, shape (H, W, 3)."""
+    """Return a picture of the points of a depth image, shape (H, W, 3).
+
+    Args:
+        depth_m: Depth, shape (H, W); 0 = invalid, which is not drawn.
+        colors: Colours of its pixels, shape (H, W, 3).
+        camera: Intrinsics of the depth, and of the picture.
+        center_m: The point in the camera frame that the viewer walks around, shape (3,).
+    """
     known = depth_m > 0
     points, colors = turned(back_project(depth_m, camera), center_m), colors[known]
     order = np.argsort(-points[:, 2])  # what is nearer is drawn later

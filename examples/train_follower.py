@@ -132,7 +132,14 @@ def environment(depth: str, corrector: str, recorder: Recorder | None = None) ->
 
 
 def taught(model: nn.Module | None, seed: int, blind: bool, rng: np.random.Generator) -> list[tuple[Array, Array]]:
-    """Fly an episode by the network, or by the teacher without one; return inputs with the actions of the teacher."""
+    """Fly an episode, and return inputs of the network with the actions of the teacher.
+
+    Args:
+        model: The network that flies; None lets the teacher fly.
+        seed: Seed of the episode.
+        blind: Whether the network sees no image.
+        rng: Source of the errors in the actions that are flown.
+    """
     truth, eyes, steps = Truth(), Eyes(blind), []
     with closing(environment("fitted", "raw", truth)) as env:
         observation, info = env.reset(seed=seed)
@@ -180,7 +187,14 @@ def fitted(model: nn.Module | None, steps: Sequence[tuple[Array, Array]]) -> nn.
 
 
 def flown(model: nn.Module, env: LeaderFollowerEnv, seeds: Sequence[int], blind: bool) -> Counter[str]:
-    """Count how episodes of a follower end."""
+    """Count how episodes of a follower end.
+
+    Args:
+        model: The network that flies.
+        env: Its environment, which is closed at the end.
+        seeds: Seeds of the episodes.
+        blind: Whether the network sees no image.
+    """
     outcomes = Counter[str]()
     with closing(env):
         for seed in seeds:

@@ -134,7 +134,14 @@ class HolesAreOccluded(RecordedSource):
 
 
 def recorded(planned: "SeededSequence", out: Path, frames: int, tell: Tell) -> Recording:
-    """Return a sequence's recording, which is made if there is none of the same configuration with enough frames."""
+    """Return a sequence's recording, which is made if there is none of the same configuration with enough frames.
+
+    Args:
+        planned: The sequence with its seed.
+        out: Folder of the results, below which recordings are kept.
+        frames: Number of frames that are needed.
+        tell: Hears of the frames that are recorded.
+    """
     name, configuration = planned.sequence.name, to_toml(planned)
     folder = out / RECORDINGS / f"{name}-{sha256(configuration.encode()).hexdigest()[:12]}"
     with suppress(RecordingError):

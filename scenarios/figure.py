@@ -63,8 +63,12 @@ def panel_figure(
 ) -> Figure:
     """Draw one panel per function and return the figure.
 
-    There are `columns` panels side by side, or all of them if it is None, each with the width and height `panel_in`
-    [inch]. An empty title is left out. With `shared_legend` all panels share one legend below the figure.
+    Args:
+        title: Title of the figure; an empty one is left out.
+        draws: Draw the panels, row by row.
+        columns: Number of panels side by side; None for all of them.
+        panel_in: Width and height of a panel [inch].
+        shared_legend: Whether all panels share one legend below the figure.
     """
     columns = len(draws) if columns is None else min(columns, len(draws))
     rows = -(-len(draws) // columns)

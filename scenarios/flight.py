@@ -52,8 +52,11 @@ def flying(
 ) -> AbstractContextManager[Mission]:
     """Create a mission that is ready to fly. OpenCV uses one thread; the images of the drones are made in parallel.
 
-    `recorded` says whether gray images are needed even if nothing else needs them. `threads` is the number of threads
-    for the images; None takes one per processor.
+    Args:
+        run: The scenario with its seed.
+        recorder: Watches the mission.
+        recorded: Whether gray images are needed even if nothing else needs them.
+        threads: Number of threads for the images; None takes one per processor.
     """
     cv2.setNumThreads(1)
     scenario, threads = run.scenario, threads or os.cpu_count() or 1

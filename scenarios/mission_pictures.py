@@ -112,9 +112,17 @@ def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
 
 
 def take_picture(run: Run, path: Path, *, drone: int, at_s: float) -> None:
-    """Fly until `at_s` and write the gray image and true, raw and corrected depth of one drone side by side.
+    """Write the gray image and the true, raw and corrected depth of one drone side by side.
 
-    A mission that ends earlier or has no such drone is a `ScenarioError`; a file that cannot be written, a `ToolError`.
+    Args:
+        run: The scenario with its seed, which is flown for it.
+        path: The PNG or JPEG.
+        drone: Index of the drone; 0 is the leader.
+        at_s: Simulated time of the picture.
+
+    Raises:
+        ScenarioError: The mission ends earlier, or has no such drone.
+        ToolError: The file cannot be written.
     """
     require_picture(path)
     n_drones = len(run.scenario.mission.starts_m())

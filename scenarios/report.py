@@ -89,6 +89,12 @@ def write_page(path: Path, run: Run, finished: Finished, *, picture: Path) -> No
     """Write the page of a run with a PNG of its flight; a failure is a `ToolError`.
 
     The same run gives the same page.
+
+    Args:
+        path: The HTML file; a recording beside it is named.
+        run: The scenario with its seed.
+        finished: The run when it has ended.
+        picture: PNG of the flight.
     """
     overview, drones, depth = summary_tables(finished, run)
     metrics = list(finished.result.metrics.items())

@@ -32,13 +32,19 @@ LONGEST_CORRECTOR = 40
 def fly_and_write(
     run: Run, out: Path, *, record: bool, progress: Callable[[float], None] = lambda time_s: None
 ) -> Finished:
-    """Fly a mission and write its files to a new folder below `out`; `record` says whether they include a recording.
-
-    `progress` hears the simulated time [s] after every tick.
+    """Fly a mission and write its files to a new folder.
 
     Ctrl-C ends the mission after a tick with the outcome `interrupted`, and its files are written. A run that is killed
-    leaves `config.toml` and its recording up to some seconds before as `run.part.rrd`. A folder or a file that cannot
-    be written is a `ToolError`.
+    leaves `config.toml` and its recording up to some seconds before as `run.part.rrd`.
+
+    Args:
+        run: The scenario with its seed.
+        out: Folder in which the new folder is made.
+        record: Whether the files include a recording.
+        progress: Hears the simulated time [s] after every tick.
+
+    Raises:
+        ToolError: A folder or a file cannot be written.
     """
     with ExitStack() as until_written, _new_folder(out, run) as folder:
         recorder = Recorder()

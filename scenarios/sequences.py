@@ -95,6 +95,12 @@ def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress
 
     One thread renders ahead, and others measure depth and write images. The result does not depend on threads.
 
+    Args:
+        seeded: The sequence with its seed.
+        folder: A folder that is new or empty.
+        frames: Number of frames.
+        progress: Hears the number of complete frames.
+
     Raises:
         ScenarioError: The flight has fewer frames.
         RecordingError: The folder holds something, or cannot be written.
@@ -164,7 +170,14 @@ class Simulation:
 
 
 def exposures(flight: Flight, path_m: FloatArray, seed: int, rig: RigConfig) -> Iterator[list[BodyPose]]:
-    """Yield the poses of each frame: one, or those at the subframes at which the shutter is open."""
+    """Yield the poses of each frame: one, or those at the subframes at which the shutter is open.
+
+    Args:
+        flight: How the camera moves.
+        path_m: Way points of the scene, world frame, shape (n, 3).
+        seed: Master seed of the sequence.
+        rig: Its rate and its shutter.
+    """
     if rig.shutter is None:
         yield from ([pose] for pose in flight.poses(path_m, seed, rig.rate_hz))
         return

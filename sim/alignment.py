@@ -42,7 +42,15 @@ def aligned(
 
 
 def hidden_from_pair(color: Images, left: Images, right: Images, offset_m: float, intrinsics: Intrinsics) -> MaskImage:
-    """Pixels of the colour image whose surface the left or the right camera does not see, shape (H, W)."""
+    """Find the pixels of the colour image whose surface the left or the right camera does not see, shape (H, W).
+
+    Args:
+        color: Rendered images of the colour camera.
+        left: Those of the left camera.
+        right: Those of the right camera.
+        offset_m: Distance of the colour camera from the left camera, away from the right camera [m].
+        intrinsics: Intrinsics of each camera, with the baseline of left and right.
+    """
     baseline_m = focal_baseline_px_m(intrinsics) / intrinsics.fx_px
     to_right, to_left = (replace(intrinsics, baseline_m=apart_m) for apart_m in (baseline_m + offset_m, offset_m))
     by_right = occlusion_mask(color.depth_m, right.depth_m, to_right)

@@ -165,9 +165,15 @@ def shuttle(
     travelled_m: float = 0.0,
     waits_m: float = 0.0,
 ) -> Mover:
-    """A body that moves back and forth between two different places, shape (3,), at constant speed.
+    """Return a body that moves back and forth between two different places at constant speed.
 
-    At time 0 it has travelled `travelled_m` since it was at the first one.
+    Args:
+        body: The body; its own position is ignored.
+        from_m: One end of its way [m], shape (3,), in the frame that `Mover.position_m` of the result shall have.
+        to_m: The other end, in the same frame [m], shape (3,).
+        speed_m_s: Its speed.
+        travelled_m: Way since it was at `from_m`, at time 0.
+        waits_m: Distance of a drone within which it waits; see `Mover.waits_m`.
     """
     path_m = np.subtract(to_m, from_m)
     length_m = length(path_m)
@@ -183,7 +189,16 @@ def shuttle(
 def standing_body(
     name: str, shape: Box | Cylinder, x_m: float, y_m: float, surface: Surface, *, yaw_rad: float = 0.0
 ) -> Body:
-    """A box or cylinder that stands on flat ground at height 0."""
+    """Return a box or cylinder that stands on flat ground at height 0.
+
+    Args:
+        name: Its name in the scene.
+        shape: The box, or the cylinder along z.
+        x_m: World coordinate x of its centre.
+        y_m: World coordinate y of its centre.
+        surface: Its appearance.
+        yaw_rad: Rotation about the vertical, from the world's x axis towards y.
+    """
     height_m = shape.size_m[2] if isinstance(shape, Box) else shape.height_m
     return Body(name=name, shape=shape, position_m=(x_m, y_m, height_m / 2), yaw_rad=yaw_rad, surface=surface)
 

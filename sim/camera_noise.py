@@ -30,9 +30,14 @@ SETTLED = 4
 
 
 def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: float = 1.0) -> GrayImage:
-    """The image times `gain`, with Gaussian noise of `sigma` gray levels, rounded and clipped.
+    """Return the image times `gain`, with Gaussian noise of `sigma` gray levels, rounded and clipped.
 
-    The noise is keyed by the seed and by `key`, which is the drone, the frame and the camera.
+    Args:
+        gray: Image of 8 bits, shape (H, W).
+        sigma: Standard deviation of the noise [gray levels]; the gain does not change it.
+        *key: Drone, frame and camera, which make the noise of each image another one.
+        seed: Master seed of the run.
+        gain: Factor of the brightness.
     """
     noise = normal_numbers(counter_key(seed, Purpose.PHOTON, *key), gray.size, sigma).reshape(gray.shape)
     exposed = gray if gain == 1 else gray * np.float32(gain)
@@ -76,10 +81,17 @@ def low_light_noise(stops: float) -> float:
 
 
 def exposure_gain(sigma: float, drone: int, frame: int, *, seed: int, settling_frames: float = 0.0) -> float:
-    """Brightness of a frame relative to the mean, `exp(N(0, sigma))`, as automatic exposure varies it.
+    """Return the brightness of a frame relative to the mean, `exp(N(0, sigma))`, as automatic exposure varies it.
 
     Disturbances of this and the earlier frames add up with weights that fall to 1/e within `settling_frames`; the sum
     of their squares is 1 in every frame.
+
+    Args:
+        sigma: Standard deviation of the logarithm of the brightness; 0 returns 1.
+        drone: Index of the drone, whose brightness varies for itself.
+        frame: Index of the frame.
+        seed: Master seed of the run.
+        settling_frames: Number of frames after which 37 % of a disturbance is left; 0 makes frames independent.
     """
     if not sigma:
         return 1.0

@@ -102,7 +102,17 @@ def desired_thrust_n(airframe: Dynamics, velocity_m_s: Vector, desired_m_s: Vect
 def wanted_actuation(
     airframe: Dynamics, q_world_body_xyzw: Quaternion, rates_rad_s: Vector, wanted_n: Vector, wanted_yaw_rad: float
 ) -> tuple[float, Vector, Vector]:
-    """The thrust [N] and the torque [N m] for a wanted thrust and heading, and the direction up of the body."""
+    """Return the thrust [N] and the torque [N m] for a wanted thrust and heading, and the direction up of the body.
+
+    All vectors are in the world frame.
+
+    Args:
+        airframe: Mass, inertia and limits.
+        q_world_body_xyzw: Attitude, a unit quaternion (x, y, z, w).
+        rates_rad_s: Angular velocity.
+        wanted_n: Wanted thrust as a vector; only its part along the body's z axis is produced at once.
+        wanted_yaw_rad: Wanted heading, from the x axis towards y.
+    """
     x, y, z, w = q_world_body_xyzw
     up = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
     yaw_rad = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -130,7 +140,22 @@ def actuate(
     # output
     force_n: FloatArray,
 ) -> None:
-    """Let thrust and torque of each drone follow what it wants by a share, and find its force; one row per drone."""
+    """Let thrust and torque of each drone follow what it wants by a share, and find its force.
+
+    All vectors are in the world frame.
+
+    Args:
+        airframe: Mass, inertia and limits.
+        velocity_m_s: Shape (N, 3), a row per drone as in all that follow.
+        q_world_body_xyzw: Attitudes, unit quaternions (x, y, z, w), shape (N, 4).
+        rates_rad_s: Angular velocities, shape (N, 3).
+        desired_velocity_m_s: Commanded velocities, shape (N, 3).
+        desired_yaw_rad: Commanded headings, from the x axis towards y, shape (N,).
+        follow: Share, 0..1, of the difference to the wanted thrust and torque by which they change.
+        thrust_n: Thrust along the body's z axis, shape (N,); changed in place.
+        torque_n_m: Torque, shape (N, 3); changed in place.
+        force_n: Thrust and drag as a vector, shape (N, 3); written.
+    """
     for i in range(len(thrust_n)):
         velocity = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
         desired = desired_velocity_m_s[i, 0], desired_velocity_m_s[i, 1], desired_velocity_m_s[i, 2]
@@ -169,9 +194,15 @@ class VelocityController:
         desired_yaw_rad: FloatArray,
         dt_s: float,
     ) -> list[tuple[list[float], list[float]]]:
-        """Force [N] and torque [N m] of each drone in the world frame for the next step.
+        """Return the force [N] and the torque [N m] of each drone for the next step, both in the world frame.
 
-        All inputs have one row per drone.
+        Args:
+            velocity_m_s: Velocities in the world frame, shape (N, 3), a row per drone as in all that follow.
+            q_world_body_xyzw: Attitudes, unit quaternions (x, y, z, w), shape (N, 4).
+            rates_rad_s: Angular velocities in the world frame, shape (N, 3).
+            desired_velocity_m_s: Commanded velocities in the world frame, shape (N, 3).
+            desired_yaw_rad: Commanded headings, from the world's x axis towards y, shape (N,).
+            dt_s: Duration of the step.
         """
         velocity_m_s, q_world_body_xyzw, rates_rad_s, desired_velocity_m_s = (
             np.ascontiguousarray(rows, np.float64)
@@ -184,7 +215,14 @@ class VelocityController:
 
 
 class Wind:
-    """The force of moving air on every drone, step by step: a mean, and gusts as an Ornstein-Uhlenbeck process."""
+    """The force of moving air on every drone, step by step: a mean, and gusts as an Ornstein-Uhlenbeck process.
+
+    Args:
+        config: Mean and gusts of the air.
+        airframe: Its mass scales the drag.
+        dt_s: Duration of a step.
+        seed: Master seed of the run.
+    """
 
     def __init__(self, config: WindConfig, airframe: AirframeConfig, dt_s: float, *, seed: int) -> None:
         self._gust_m_s = config.gust_m_s

@@ -108,7 +108,15 @@ class StereoMatcher:
     def measure(
         self, left: GrayImage, right: GrayImage, depth_true_m: FloatImage, occluded: MaskImage
     ) -> tuple[FloatImage, GrayImage]:
-        """Depth [m], 0 = invalid, and one `InvalidReason` per pixel. The truth only names the reasons for holes."""
+        """Return depth [m], 0 = invalid, and one `InvalidReason` per pixel, each of shape (H, W).
+
+        Args:
+            left: Image of 8 bits of the left camera, shape (H, W).
+            right: Image of the right camera at the same time, shape (H, W).
+            depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W); it only names the reasons for
+                holes.
+            occluded: Pixels of the left image that the right camera does not see, shape (H, W); as `depth_true_m`.
+        """
         disparity, reason = self.match(left, right)
         return self.triangulate(disparity, depth_true_m, occluded, reason), reason
 
@@ -133,9 +141,15 @@ class StereoMatcher:
     def triangulate(
         self, disparity: Disparity, depth_true_m: FloatImage, occluded: MaskImage, reason: GrayImage
     ) -> FloatImage:
-        """Depth `z = f B / d` [m], limited to the largest depth; 0 for negative disparities [1/16 px].
+        """Return the depth `z = f B / d` [m], limited to the largest depth, shape (H, W); 0 for negative disparities.
 
-        Changes the reasons for holes that the truth explains, in place.
+        Args:
+            disparity: Of the left image [1/16 px], shape (H, W).
+            depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W); it only names the reasons for
+                holes.
+            occluded: Pixels of the left image that the right camera does not see, shape (H, W); as `depth_true_m`.
+            reason: One `InvalidReason` per pixel, shape (H, W); those for holes that the truth explains are changed in
+                place.
         """
         depth_m = np.empty(disparity.shape, np.float32)
         limits = DepthLimits(
@@ -148,6 +162,7 @@ class StereoMatcher:
 
     def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage, tolerance: float) -> MaskImage:
         """Whether a pixel has no disparity, or the matched pixel of the right image does not map back to it."""
+        # The matcher searches its second image only to the left, which is to the right in mirrored images.
         from_right = self._semi_global(right[:, ::-1], left[:, ::-1])[:, ::-1]
         col = np.arange(raw.shape[1])[None, :] - (raw + 8) // 16
         back = np.take_along_axis(from_right, np.clip(col, 0, raw.shape[1] - 1).astype(np.intp), axis=1)
@@ -193,7 +208,7 @@ def fail_one_to_one(
         for col in range(width):
             nearest[col] = -1
         for col in range(width):
-            target = col - ((disparity[row, col] + 8) >> 4)
+            target = col - ((disparity[row, col] + 8) >> 4)  # Rounded to whole pixels.
             if disparity[row, col] >= 0 and target >= 0:
                 nearest[target] = max(nearest[target], disparity[row, col])
         for col in range(width):
@@ -212,7 +227,16 @@ def reject(
     disparity: Disparity,
     reason: GrayImage,
 ) -> None:
-    """Disparities without those that are ambiguous or of too little texture, and the reasons."""
+    """Copy the disparities that are neither ambiguous nor of too little texture, and name the reasons for the rest.
+
+    Args:
+        raw: Disparities of the matcher [1/16 px], shape (H, W).
+        ambiguous: Pixels that fail the check of `StereoConfig.check`, shape (H, W).
+        texture: As `texture` returns it [gray levels], shape (H, W).
+        min_texture: Least texture of a pixel that is kept [gray levels].
+        disparity: [1/16 px], `INVALID` where it is rejected, shape (H, W); written.
+        reason: One `InvalidReason` per pixel, shape (H, W); written.
+    """
     height, width = raw.shape
     for row in range(height):
         for col in range(width):
@@ -259,7 +283,16 @@ def find_depth(
     # output
     depth_m: FloatImage,
 ) -> None:
-    """Depth of each disparity, and the reasons for holes that the truth explains; see `StereoMatcher.triangulate`."""
+    """Find the depth of each disparity, and the reasons for holes that the truth explains.
+
+    Args:
+        disparity: [1/16 px], negative = invalid, shape (H, W).
+        depth_true_m: True depth, +inf for the sky, shape (H, W).
+        occluded: Pixels that the right camera does not see, shape (H, W).
+        limits: The range of depth, and what turns disparities into it.
+        reason: One `InvalidReason` per pixel, shape (H, W); changed in place.
+        depth_m: Depth, 0 where there is no disparity, shape (H, W); written.
+    """
     height, width = disparity.shape
     for row in range(height):
         for col in range(width):

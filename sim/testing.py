@@ -48,10 +48,18 @@ BASELINE_M = (0.05, 0.095, 0.19)
 
 
 def noisy_sequence(term: Term, level: Level, seed: int = 0, *, frames: int = FRAMES) -> Iterator[Capture]:
-    """Captures with one noise term at one level, in order; all other terms are disabled.
+    """Return an iterator of captures with one noise term at one level, in order; all other terms are disabled.
 
-    The arguments determine every bit: the seed drives the scene, the camera motion and the noise. A term or level that
-    does not exist, or a number of frames outside of 1..300, raises a `SensorError`.
+    The arguments determine every bit.
+
+    Args:
+        term: The noise, one of `TERMS`.
+        level: Its strength, one of `LEVELS`.
+        seed: Drives the scene, the camera motion and the noise.
+        frames: Number of captures, 1..300.
+
+    Raises:
+        SensorError: There is no such term or level, or the number of frames is outside of 1..300.
     """
     if not 1 <= frames <= MAX_FRAMES:
         raise SensorError(f"a noisy sequence has 1 to {MAX_FRAMES} frames, got {frames}")

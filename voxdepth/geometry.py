@@ -153,9 +153,16 @@ def _find_cells(
     cell: npt.NDArray[np.int32],
     share: FloatImage,
 ) -> None:
-    """The positions along one side of an image moved into it, the pixel before each, and the share of the next one.
+    """Move positions along one side of an image into it, and find the pixel before each, and the share of the next one.
 
-    All have the shape (N,). The pixel before the end of the image is the last but one.
+    The pixel before the end of the image is the last but one.
+
+    Args:
+        position_px: Columns or rows, which may lie outside or be NaN, shape (N,).
+        side: Number of pixels along that side, at least 2.
+        inside_px: The positions moved into the image, shape (N,); written.
+        cell: Index of the pixel before each, shape (N,); written.
+        share: Weight of the pixel after it, 0..1, shape (N,); written.
     """
     last_px, last_cell_px = float32(side - 1), float32(side - 2)
     for k in range(len(position_px)):
@@ -177,10 +184,14 @@ def interpolate(
     # output
     values: FloatImage,
 ) -> None:
-    """Sample an image of shape (H, W) bilinearly at columns x and rows y of shape (h, w); H and W are at least 2.
+    """Sample an image bilinearly. OpenCV's `remap` rounds differently on each processor.
 
-    Beyond the centres of the outermost pixels the value is `outside`. OpenCV's `remap` rounds differently on each
-    processor.
+    Args:
+        image: Shape (H, W), both at least 2.
+        x_px: Columns of the samples, shape (h, w); the centre of the first pixel is 0.
+        y_px: Their rows, shape (h, w).
+        outside: Value beyond the centres of the outermost pixels.
+        values: The samples, shape (h, w); written.
     """
     (height, width), n = image.shape, x_px.shape[1]
     pixels, below = image.reshape(height * width), np.uintp(width)

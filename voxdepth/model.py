@@ -56,7 +56,14 @@ def changed(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, A
 def explained(
     model: type[BaseModel], raises: Callable[[str], Exception], where: str = "", field: str = ""
 ) -> Iterator[None]:
-    """Raise an error of ours, which begins with `where`, for what does not fit a model in the block; see `problems`."""
+    """Raise an error of ours for what does not fit a model in the block; see `problems`.
+
+    Args:
+        model: The model that the block validates.
+        raises: Makes the error from its message.
+        where: What the message begins with, as in `run.toml: `.
+        field: See `problems`.
+    """
     try:
         yield
     except ValidationError as error:

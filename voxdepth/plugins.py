@@ -119,8 +119,8 @@ class Plugin:
         kind: What it is, as in `controller`.
         name: Its name.
         method: The method that it must have.
-        make: Makes it.
         signature: How the factory is called and what it returns, for errors.
+        make: Makes it.
     """
 
     def __init__(self, kind: str, name: str, method: str, signature: str, make: Callable[[], Any]) -> None:

@@ -82,7 +82,13 @@ def encoding_of(message: Any) -> str:
 
 
 def frame_of(gray: Any, depth: Any, *, stamp_s: float | None = None, units_per_m: float | None = None) -> Frame:
-    """Make a frame of two images, see `depth_of`; `stamp_s` counts before the stamp of the depth.
+    """Make a frame of two images.
+
+    Args:
+        gray: An `Image` or a `CompressedImage`, gray or in colour, see `gray_of`.
+        depth: An `Image` or a `CompressedImage` of depth of the same size, see `depth_of`.
+        stamp_s: Time of capture; None for the stamp of the depth.
+        units_per_m: Steps of a metre in the depth, see `depth_of`.
 
     Raises:
         FrameError: An image is of another encoding, damaged, or they differ in size.

@@ -149,7 +149,14 @@ class Intrinsics:
     def from_hfov(
         cls, *, width_px: int, height_px: int, hfov_deg: float, baseline_m: float | None = None
     ) -> "Intrinsics":
-        """Centred camera with square pixels and a horizontal field of view of `hfov_deg` in (0, 180)."""
+        """Return a centred camera with square pixels and a horizontal field of view.
+
+        Args:
+            width_px: Width of the images.
+            height_px: Their height.
+            hfov_deg: Horizontal field of view, in (0, 180), between the outer edges of the outermost pixels.
+            baseline_m: Distance of the stereo cameras; None without a second one.
+        """
         _require_numbers(Integral, width_px=width_px, height_px=height_px)
         _require_numbers(Real, hfov_deg=hfov_deg)
         if not 0 < hfov_deg < 180:
@@ -255,7 +262,12 @@ class Frame:
     ) -> "Frame":
         """Create a frame from the 16-bit depth of a camera; 0 and 65535, a saturated depth, are invalid.
 
-        `units_per_m` are the steps of the depth in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
+        Args:
+            stamp_s: Time of capture; strictly increasing within a stream.
+            gray: Left image, shape (H, W), uint8.
+            depth_mm: Depth along the optical axis in steps, shape (H, W), uint16.
+            units_per_m: Steps in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
+            T_world_cam: Pose estimate of the caller, shape (4, 4); None without one.
 
         Raises:
             FrameError: The depth is not uint16, the images have different shapes, or `units_per_m` is not 1 to 1e6.
@@ -270,6 +282,12 @@ class Frame:
         cls, *, stamp_s: float, gray: GrayImage, depth_m: npt.NDArray[Any], T_world_cam: FloatArray | None = None
     ) -> "Frame":
         """Create a frame from depth in metres as in ROS (REP 117, REP 118): NaN, +inf and -inf are holes.
+
+        Args:
+            stamp_s: Time of capture; strictly increasing within a stream.
+            gray: Left image, shape (H, W), uint8.
+            depth_m: Depth along the optical axis, shape (H, W), of floating point; 0 is invalid, too.
+            T_world_cam: Pose estimate of the caller, shape (4, 4); None without one.
 
         Raises:
             FrameError: The depth is not of floating point, a finite one is negative, or the shapes differ.

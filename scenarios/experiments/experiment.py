@@ -170,7 +170,14 @@ def counted(holds: pd.Series) -> str:
 
 
 def pivot(table: pd.DataFrame, rows: str, columns: str, values: str) -> pd.DataFrame:
-    """The numbers of one column by the entries of two others, in the order of the table; NaN where undefined."""
+    """Return the numbers of one column by the entries of two others, in the order of the table; NaN where undefined.
+
+    Args:
+        table: A long table; no two rows have the same entries.
+        rows: Name of the column whose entries become rows.
+        columns: Name of the column whose entries become columns.
+        values: Name of the column of the numbers.
+    """
     found = table.pivot(index=rows, columns=columns, values=values).astype(float)
     return found.reindex(index=table[rows].unique(), columns=table[columns].unique())
 

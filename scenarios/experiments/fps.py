@@ -65,7 +65,14 @@ def _timed(asked: Experiment) -> Iterator[dict[str, Any]]:
 
 
 def frame_rate(create: Callable[[Intrinsics], Any], how: str, dataset: Dataset, frames: int) -> float:
-    """Throughput of a new corrector on the first frames of a dataset, reading included [frames/s]."""
+    """Return the throughput of a new corrector on the first frames of a dataset, reading included [frames/s].
+
+    Args:
+        create: Makes the corrector for a camera.
+        how: `PIPELINED` for the two stages side by side; otherwise one frame after the other.
+        dataset: The frames.
+        frames: Number of them that are corrected.
+    """
     corrector, read = create(dataset.intrinsics), (dataset[index] for index in range(frames))
     start = time.perf_counter()
     for _ in CorrectionPipeline(corrector, read) if how == PIPELINED else map(corrector.process, read):

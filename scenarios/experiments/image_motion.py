@@ -57,10 +57,17 @@ def pair_starts(frames: int, distance: int, max_pairs: int) -> list[int]:
 def score_pairs(
     asked: Experiment, name: str, estimators: Mapping[str, Estimator], distance: int, max_pairs: int
 ) -> pd.DataFrame:
-    """A row of scores for each estimator over pairs of frames of a sequence at a distance; a failure moves nothing.
+    """Score each estimator over pairs of frames of a sequence, a row each; a failure moves nothing.
 
     The gray image and the true depth of the earlier frame are warped to the later one. Times are of finding the motion
     and warping one depth image, on one thread; the earlier image is prepared before.
+
+    Args:
+        asked: Gives the recordings and their number of frames.
+        name: The sequence.
+        estimators: Estimators of the motion by name.
+        distance: Frames from the earlier to the later one of a pair.
+        max_pairs: Largest number of pairs, which are spread evenly.
     """
     recording = asked.recording(name)
     list(judged(estimators, recording[0], recording[1]))  # before the clock counts

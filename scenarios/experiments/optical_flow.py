@@ -87,7 +87,14 @@ def _enlarged(flow_px: FlowImage, shape: tuple[int, ...]) -> FlowImage:
 def followed(
     image: FloatImage, to_image_px: FlowImage, interpolation: int = cv2.INTER_NEAREST, border: int = cv2.BORDER_CONSTANT
 ) -> FloatImage:
-    """Each pixel of what its flow leads to in an image, shape (h, w); by default the nearest one, 0 outside of it."""
+    """Return each pixel of what its flow leads to in an image, shape (h, w).
+
+    Args:
+        image: Image that the flow leads to, shape (h, w).
+        to_image_px: Flow from the result to the image, along columns and rows, shape (h, w, 2).
+        interpolation: Constant of OpenCV; by default the nearest pixel is taken.
+        border: Constant of OpenCV for what lies outside of the image; by default 0.
+    """
     height, width = image.shape
     col = np.arange(width, dtype=np.float32) + to_image_px[..., 0]
     row = np.arange(height, dtype=np.float32)[:, None] + to_image_px[..., 1]

@@ -17,7 +17,15 @@ def picture(title: str, panels: Sequence[Draw], **style: Any) -> bytes:
 
 
 def plotted(frame: pd.DataFrame, title: str, x: str, y: str, **style: Any) -> Draw:
-    """A panel with a line for every column of a frame, or a bar with `kind="bar"`; `style` is that of `plot`."""
+    """Return a panel with a line for every column of a frame, or with bars.
+
+    Args:
+        frame: A row per place on the axis x, which its index has; a column per line.
+        title: Title of the panel.
+        x: Label of the axis x, with its unit.
+        y: Label of the axis y, with its unit.
+        **style: Arguments of `DataFrame.plot`, as in `kind="bar"`.
+    """
 
     def draw(axes: Axes) -> None:
         looks = {"width": 0.84, "rot": 0} if "bar" in style.get("kind", "") else {"marker": "o", "ms": 4}
@@ -30,7 +38,14 @@ def plotted(frame: pd.DataFrame, title: str, x: str, y: str, **style: Any) -> Dr
 
 
 def bars(frame: pd.DataFrame, title: str, y: str, number: str) -> Draw:
-    """A panel with a group of bars for every row of a frame, each with its value; the legend is that of the figure."""
+    """Return a panel with a group of bars for every row of a frame; the legend is that of the figure.
+
+    Args:
+        frame: A row per group, a column per bar in it.
+        title: Title of the panel.
+        y: Label of the axis y, with its unit.
+        number: Format of the value above each bar, as in `%.2f`.
+    """
 
     def draw(axes: Axes) -> None:
         frame.plot(ax=axes, kind="bar", rot=0, width=0.84, fontsize=7, legend=False)
@@ -43,7 +58,14 @@ def bars(frame: pd.DataFrame, title: str, y: str, number: str) -> Draw:
 
 
 def labelled(axes: Axes, title: str, x: str, y: str) -> None:
-    """Set the title, both labels with their units, and a grid behind the marks."""
+    """Set the title, both labels, and a grid behind the marks.
+
+    Args:
+        axes: The panel.
+        title: Its title, in which `$` means itself.
+        x: Label of the axis x, with its unit.
+        y: Label of the axis y, with its unit.
+    """
     axes.set_title(title, fontsize=9, parse_math=False)
     axes.set(xlabel=x, ylabel=y)
     axes.grid(alpha=0.3)

@@ -32,6 +32,12 @@ def run(name: str, experiment: Experiment, command: str, console: "Console") -> 
     """Answer a question, write the results below `out` and print them; a file that cannot be written is a `ToolError`.
 
     See `Experiment.answer` for what else it raises.
+
+    Args:
+        name: Name of the experiment in the catalogue, and of the folder of its results.
+        experiment: The question, with the data and options by which it is answered.
+        command: The command line, which is kept with the results.
+        console: Where the results are printed.
     """
     findings = experiment.answer(experiment)
     claims = experiment.claims(findings.table)

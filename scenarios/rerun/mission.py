@@ -416,9 +416,15 @@ def drone_name(drone: int, leaders: set[int]) -> str:
 
 
 def blueprint(n_drones: int, leaders: set[int], has_stages: bool, first: Contact | None = None) -> rrb.Blueprint:
-    """Return the layout that is saved with the recording; `has_stages` adds the stages of the paper's method.
+    """Return the layout that is saved with the recording.
 
     With a first contact it opens at the drone that had it, and repeats the seconds before and after it.
+
+    Args:
+        n_drones: Number of all drones.
+        leaders: Indices of the leaders.
+        has_stages: Whether the stages of the paper's method are shown.
+        first: The first contact of the mission; None without any.
     """
     drones = range(n_drones)
     curves = [

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from swarm.voxel_map import STATES
+from swarm.map.voxel_map import STATES
 from voxdepth.tools.table import Table, Value
 
 

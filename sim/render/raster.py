@@ -115,10 +115,19 @@ def project(
     # output
     corners: FloatArray,
 ) -> None:
-    """Place successive vertices in the camera frame and in the image, as `Buffers.corners`."""
+    """Place successive vertices in the camera frame and in the image, as `Buffers.corners`.
+
+    Args:
+        view: The camera.
+        vertices_m: Vertices in the world frame, shape (V, 3).
+        start: Index of the first vertex that is placed.
+        end: Index after the last one.
+        corners: As `Buffers.corners`, shape (V, 5); the rows from `start` to `end` are written.
+    """
     R, at_m = view.R_cam_world, view.origin_m
     for i in range(start, end):
         p = (vertices_m[i, 0] - at_m[0], vertices_m[i, 1] - at_m[1], vertices_m[i, 2] - at_m[2])
+        # A vertex at or behind the image plane gets a place without meaning, which `box_of` does not use.
         x, y = dot((R[0, 0], R[0, 1], R[0, 2]), p), dot((R[1, 0], R[1, 1], R[1, 2]), p)
         z = dot((R[2, 0], R[2, 1], R[2, 2]), p)
         corners[i, 0], corners[i, 1], corners[i, 2] = x, y, z
@@ -141,7 +150,16 @@ def choose(
     # output
     chosen: IdImage,
 ) -> int:
-    """List successive triangles, if one-sided only those turned towards the camera, and return their number."""
+    """List successive triangles, if one-sided only those turned towards the camera, and return their number.
+
+    Args:
+        faces: Planes of all triangles in the world frame, as `Bodies.faces`, shape (T, 4).
+        start: Index of the first triangle.
+        end: Index after the last one.
+        origin_m: Position of the camera in the world frame, shape (3,).
+        is_one_sided: Whether triangles that are turned away from the camera are left out.
+        chosen: Indices of the triangles, of which as many are written as are returned.
+    """
     n = 0
     x, y, z = origin_m[0], origin_m[1], origin_m[2]
     for t in range(start, end):
@@ -162,7 +180,18 @@ def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
 
 @compiled_part(BOX(CORNER, CORNER, CORNER, int64, int64))
 def box_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> Box:
-    """The pixels that a triangle may cover."""
+    """Return the pixels that a triangle may cover.
+
+    Args:
+        a: A corner as a row of `Buffers.corners`: its place in the camera frame [m], and its column and row [px].
+        b: The next corner.
+        c: The last corner.
+        height: Rows of the image.
+        width: Columns of the image.
+
+    Returns:
+        First and last row, and first and last column.
+    """
     if min(a[2], b[2], c[2]) <= NEAR_M:
         return (0, height - 1, 0, width - 1) if max(a[2], b[2], c[2]) > 0 else (0, -1, 0, -1)
     left, right = min(a[3], b[3], c[3]) - EDGE_TOLERANCE_PX, max(a[3], b[3], c[3]) + EDGE_TOLERANCE_PX
@@ -174,7 +203,14 @@ def box_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> Box:
 
 @compiled_part(types.boolean(BOX, float64, int64, FLOATS))
 def is_hidden(box: Box, least_depth_m: float, width: int, inverse_depth: FloatArray) -> bool:
-    """Whether something nearer than a triangle has been drawn in all pixels of its box, if there are any."""
+    """Return whether something nearer than a triangle has been drawn in all pixels of its box, if there are any.
+
+    Args:
+        box: First and last row, and first and last column, as `box_of` returns them.
+        least_depth_m: Depth of its nearest corner; one behind the camera hides nothing.
+        width: Columns of the image.
+        inverse_depth: What has been drawn [1/m], 0 where there is nothing, shape (H * W,).
+    """
     inverse = (1 + DEPTH_TOLERANCE) / least_depth_m if least_depth_m > NEAR_M else np.inf
     for row in range(box[0], box[1] + 1):
         for col in range(box[2], box[3] + 1):
@@ -192,7 +228,15 @@ def set_up(
     # output
     buffers: Buffers,
 ) -> int:
-    """Find the edge functions and rows of those chosen triangles that may be seen, and return their number."""
+    """Find the edge functions and rows of those chosen triangles that may be seen, and return their number.
+
+    Args:
+        view: The camera.
+        triangles: Vertex indices of all triangles, shape (T, 3).
+        n_chosen: Number of triangles that `choose` has listed.
+        inverse_depth: What has been drawn [1/m], 0 where there is nothing, shape (H * W,).
+        buffers: `corners` and `chosen` are read, and as many rows of `planes` and `rows` are written as are returned.
+    """
     n, corners, planes, rows = 0, buffers.corners, buffers.planes, buffers.rows
     for i in range(n_chosen):
         t = buffers.chosen[i]
@@ -218,10 +262,16 @@ def set_up(
 
 @compiled_part(BOUNDS(float64, float64, float64, int64))
 def bounds_of(at_origin: float, by_col: float, by_row: float, width: int) -> Bounds:
-    """The two lines `c + d row` that bound the columns where an edge function is not negative, as (c, d, c, d).
+    """Return the two lines `c + d row` that bound the columns where an edge function is not negative, as (c, d, c, d).
 
     The function is `at_origin + by_col * column + by_row * row`. The bound that it does not set is outside of the
     image.
+
+    Args:
+        at_origin: The function at column 0 and row 0 [1/m].
+        by_col: Its growth by column [1/m/px].
+        by_row: Its growth by row [1/m/px].
+        width: Columns of the image.
     """
     slope = 1 / (by_col if by_col != 0 else FLAT)
     zero_at, shift = -at_origin * slope, -by_row * slope
@@ -241,11 +291,22 @@ def draw(
     inverse_depth: FloatArray,
     nearest: IdImage,
 ) -> None:
-    """Draw the first n triangles of the buffers where they are seen and nearer than those before them."""
+    """Draw the first n triangles of the buffers where they are seen and nearer than those before them.
+
+    Args:
+        planes: Edge functions as `Buffers.planes` [1/m], shape (n or more, 9).
+        rows: As `Buffers.rows`, shape (n or more, 3).
+        n: Number of triangles.
+        width: Columns of the image.
+        near_clip: As `View.near_clip` [1/m].
+        inverse_depth: What has been drawn [1/m], 0 where there is nothing, shape (H * W,); changed in place.
+        nearest: Index of the triangle that has been drawn, shape (H * W,); changed in place.
+    """
     for i in range(n):
         e = bounds_of(planes[i, 0], planes[i, 1], planes[i, 2], width)
         f = bounds_of(planes[i, 3], planes[i, 4], planes[i, 5], width)
         g = bounds_of(planes[i, 6], planes[i, 7], planes[i, 8], width)
+        # The sum of the three edge functions is the inverse depth; the fourth bound is where the near plane cuts it.
         start = planes[i, 0] + planes[i, 3] + planes[i, 6]
         step = planes[i, 1] + planes[i, 4] + planes[i, 7]
         step_row = planes[i, 2] + planes[i, 5] + planes[i, 8]
@@ -277,10 +338,19 @@ def rasterise(
     depth_m: FloatImage,
     nearest: IdImage,
 ) -> None:
-    """Depth [m] and index of the nearest triangle of each pixel of a camera; +inf and their number where there is none.
+    """Find depth and index of the nearest triangle of each pixel of a camera; +inf and T where there is none.
 
     One-sided bodies are drawn without the faces that are turned away from the camera. It is fastest with bodies in the
     order of their distances.
+
+    Args:
+        view: The camera.
+        bodies: All bodies, B, where they are.
+        order: Indices of the bodies that are drawn, shape (up to B,).
+        is_one_sided: Whether a body is drawn one-sided, shape (B,).
+        buffers: Room for intermediate results; the content does not matter.
+        depth_m: Depth, shape (H * W,); written.
+        nearest: Index of the triangle, shape (H * W,); written.
     """
     first_vertex, first_triangle = bodies.first_vertex, bodies.first_triangle
     inverse_depth = buffers.inverse_depth[: len(depth_m)]
@@ -292,7 +362,7 @@ def rasterise(
         n = choose(bodies.faces, start, end, view.origin_m, is_one_sided[body], buffers.chosen)
         n = set_up(view, bodies.triangles, n, inverse_depth, buffers)
         draw(buffers.planes, buffers.rows, n, view.width, view.near_clip, inverse_depth, nearest)
-    for pixel in range(len(depth_m)):
+    for pixel in range(len(depth_m)):  # Where nothing was drawn, 1 / 0 is +inf.
         depth_m[pixel] = 1 / inverse_depth[pixel]
 
 

@@ -63,9 +63,17 @@ def locate(
     # output
     points: FloatImage,
 ) -> None:
-    """Points (x, y, z) [m] in the frames of their bodies, and the sharpness, the inverse of a pixel's size there [1/m].
+    """Find each pixel's point in the frame of its body [m], and its sharpness, the inverse of its size there [1/m].
 
-    `T_body_cam` has the pose of the camera in the frame of each body. Pixels without a surface see a plane of clouds.
+    Pixels without a surface see a plane of clouds.
+
+    Args:
+        spans: The spans of the image, shape (n, 4).
+        depth_m: Depth of each pixel, shape (H * W,); unused where there is no surface.
+        projection: The camera.
+        materials: Those of all triangles and bodies.
+        T_body_cam: Pose of the camera in the frame of each body, shape (B, 4, 4).
+        points: Rows x, y, z and sharpness, a column per place in the buffers, shape (4, H * W); written.
     """
     width, fx, fy, cx, cy, R = projection
     for i in range(len(spans)):
@@ -83,6 +91,7 @@ def locate(
                 points[2, at + np.uint64(k)] = ZERO
                 points[3, at + np.uint64(k)] = fx / (THREE * CLOUDS_M)
             continue
+        # The ray of a pixel is `x * right + ahead`, where only x changes along a row.
         T, n = T_body_cam[materials.body_of_triangle[triangle]], materials.normals[triangle]
         x0, y0, z0 = T[0, 3], T[1, 3], T[2, 3]
         right_x, right_y, right_z = T[0, 0], T[1, 0], T[2, 0]
@@ -122,9 +131,19 @@ def shade(
     # output
     gray: GrayImage,
 ) -> None:
-    """Brightness of surfaces behind haze; `sunlit` is 0 in a shadow and 1 elsewhere.
+    """Find the brightness of surfaces behind haze.
 
     The sky is brighter at the horizon, with clouds at infinity.
+
+    Args:
+        spans: The spans of the image, shape (n, 4).
+        depth_m: Depth of each pixel, shape (H * W,).
+        detail: Deviation of the brightness by texture, windows or clouds, by the places in the buffers, shape (H * W,).
+        sunlit: 1 where the sun reaches a pixel's surface and 0 in a shadow, shape (H * W,).
+        projection: The camera.
+        materials: Those of all triangles and bodies, with light.
+        atmosphere: Haze and sky.
+        gray: Image of 8 bits, shape (H * W,); written.
     """
     width, fx, fy, cx, cy, R = projection
     for i in range(len(spans)):
@@ -180,7 +199,14 @@ def find_spans(
     spans: Spans,
     place_of_body: IdImage,
 ) -> None:
-    """Find the spans in the order of the image, and their places in the buffers, where each body's are successive."""
+    """Find the spans in the order of the image, and their places in the buffers, where each body's are successive.
+
+    Args:
+        triangle: Index of the triangle of each pixel, shape (H, W); T is the sky.
+        body_of_triangle: Index of its body, shape (T + 1,); B is the sky.
+        spans: As `Spans`, shape (n, 4), with a row per span as `count_spans` counts them; written.
+        place_of_body: See `spans_of`, shape (B + 2,); zeros that are written.
+    """
     height, width = triangle.shape
     n = 0
     for row in range(height):

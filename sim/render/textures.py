@@ -3,6 +3,10 @@
 A texture moves with the body, needs no images and is the same in both cameras. Octaves of noise fade out before they
 become finer than the footprint of a pixel, which avoids aliasing. The points of a body lie behind each other in the
 buffers, so the loops over octaves of noise run over many pixels at a time.
+
+The buffers have a place for each of the P pixels of an image. `points`, shape (4, P), has the coordinates x, y and z of
+its surface in the frame of the body [m], and the sharpness, which is the inverse of the pixel's footprint there [1/m].
+`detail`, shape (P,), has the deviation of its brightness from the mean of the body, as a share of the mean.
 """
 
 from typing import NamedTuple
@@ -119,7 +123,14 @@ def draw_windows(
     # output
     detail: FloatImage,
 ) -> None:
-    """Dark window panes on the sides of facades, each with its own brightness; the rest keeps its value."""
+    """Draw dark window panes on the sides of facades, each with its own brightness; the rest keeps its value.
+
+    Args:
+        spans: The spans of the image, shape (n, 4).
+        points: See the module, shape (4, P).
+        materials: Those of all triangles and bodies.
+        detail: See the module, shape (P,); changed in place.
+    """
     for i in range(len(spans)):
         size, triangle, at = spans[i, 1], spans[i, 2], np.uint64(spans[i, 3])
         body = materials.body_of_triangle[triangle]
@@ -155,10 +166,22 @@ def add_octave(
     # output
     detail: FloatImage,
 ) -> None:
-    """Add value noise about 0 on a lattice with frequencies `across` and `along` the axis z [1/m].
+    """Add value noise about 0 on a lattice.
 
     It fades out where the footprint of a pixel, the inverse of the sharpness, grows from a half of `reach_m` to all of
     it.
+
+    Args:
+        x_m: Coordinate x of successive points, shape (n,).
+        y_m: Their y, shape (n,).
+        z_m: Their z, shape (n,).
+        sharpness: Inverse of the footprint of a pixel there [1/m], shape (n,).
+        across: Lattice points per metre along the axes x and y.
+        along: Lattice points per metre along the axis z.
+        reach_m: Footprint of a pixel at which the noise is gone.
+        weight: Difference between the largest and the smallest value.
+        seed: Its number; each octave has another one.
+        detail: Of these points, shape (n,); the noise is added in place.
     """
     seed_key = np.uint32(seed * STEP_SEED)
     for i in range(len(detail)):
@@ -187,7 +210,16 @@ def add_pattern(
     # output
     detail: FloatImage,
 ) -> None:
-    """Add the noise of a pattern to successive points, down to octaves of the smallest footprint of a pixel."""
+    """Add the noise of a pattern to successive points, down to octaves of the smallest footprint of a pixel.
+
+    Args:
+        points: See the module, shape (4, P).
+        first: Place of the first point.
+        end: Place after the last one.
+        pattern: Index into `PATTERNS`.
+        seed: That of the body.
+        detail: See the module, shape (P,); changed in place from `first` to `end`.
+    """
     x_m, y_m, z_m, sharpness = points[0, first:end], points[1, first:end], points[2, first:end], points[3, first:end]
     sharpest = ZERO
     for i in range(len(sharpness)):
@@ -213,7 +245,14 @@ def add_textures(
     # output
     detail: FloatImage,
 ) -> None:
-    """Add the relative deviation of the brightness of each point from the mean of its textured body."""
+    """Add the relative deviation of the brightness of each point from the mean of its textured body.
+
+    Args:
+        points: See the module, shape (4, P).
+        place_of_body: First place of each body and of the sky, and the number of all, shape (B + 2,).
+        materials: Those of all bodies and of the sky.
+        detail: See the module, shape (P,); changed in place.
+    """
     for body in range(len(materials.pattern)):
         pattern, seed = materials.pattern[body], materials.seed[body]
         low, high = LIMITS[pattern, 0], LIMITS[pattern, 1]

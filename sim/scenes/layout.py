@@ -38,10 +38,16 @@ class Layout:
         """Centre (x, y) and radius of each reserved circle."""
 
     def place(self, name: str, candidates_m: FloatArray, *, reach_m: float, apart_m: float) -> tuple[float, float]:
-        """Reserve the first free of several candidate places (x, y), shape (n, 2).
+        """Reserve the first free of several candidate places, and return its x and y in the world frame [m].
 
-        The clearance of the path stays free of an obstacle that extends by `reach_m`. Circles of radius `apart_m`
-        around the places of obstacles do not overlap. The lack of a free place raises a `SceneError`.
+        Args:
+            name: What is placed, for the error.
+            candidates_m: Places (x, y), world frame, shape (n, 2).
+            reach_m: Extent of the obstacle towards the path, whose clearance stays free of it.
+            apart_m: Radius of the circle around the obstacle that overlaps with no circle of another one.
+
+        Raises:
+            SceneError: No place is free.
         """
         beside_path = distance_to_path_m(candidates_m, self._path_m) >= reach_m + PATH_CLEARANCE_M
         gap = np.linalg.norm(candidates_m[:, None] - self._circles_m[:, :2], axis=2) - self._circles_m[:, 2]
@@ -76,7 +82,14 @@ def winding_path(rng: np.random.Generator, length_m: float, swing_m: float) -> F
 
 
 def places_beside(rng: np.random.Generator, path_m: FloatArray, x_m: tuple[float, float], side_m: float) -> FloatArray:
-    """Places (x, y), shape (n, 2), in a range of x and up to `side_m` from a path, with a higher density near it."""
+    """Draw `TRIES` places (x, y), shape (n, 2), in a range of x beside a path, with a higher density near it.
+
+    Args:
+        rng: Source of randomness.
+        path_m: Way points, world frame, shape (m, 2) or (m, 3), in ascending order of x.
+        x_m: Least and largest x.
+        side_m: Largest distance from the path along y.
+    """
     x = rng.uniform(*x_m, TRIES)
     side = rng.uniform(-1, 1, TRIES)
     y = np.interp(x, path_m[:, 0], path_m[:, 1]) + side_m * side * side * side
@@ -90,7 +103,14 @@ def flat_ground(x_m: float, surface: Surface) -> Body:
 
 
 def with_changed_share(bodies: list[Body], share: float, rng: np.random.Generator, **surface: float) -> list[Body]:
-    """The bodies, of which a random share has other values of its surface."""
+    """Return the bodies, of which a random share has other values of its surface.
+
+    Args:
+        bodies: The bodies, whose order is kept.
+        share: Share of them that is changed, 0..1.
+        rng: Source of randomness.
+        **surface: The other values, by the names of the fields of `Surface`.
+    """
     chosen = random_share(share, len(bodies), rng)
     pairs = zip(bodies, chosen, strict=True)
     return [with_surface(body, **surface) if is_chosen else body for body, is_chosen in pairs]

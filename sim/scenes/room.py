@@ -76,7 +76,15 @@ class RoomSpec(SceneSpec):
 
 
 def assembled(name: str, parts: list[Part], at_m: tuple[float, float], yaw_rad: float, surface: Surface) -> list[Body]:
-    """Furniture of boxes that stands at (x, y) and is turned by its yaw."""
+    """Return furniture of boxes, a body each, that stands on the floor.
+
+    Args:
+        name: Name of the furniture; those of the bodies count on from `name-0`.
+        parts: Sizes and centres of the boxes, in the frame of the furniture.
+        at_m: Place (x, y) in the world frame.
+        yaw_rad: Rotation about the vertical, from the world's x axis towards y.
+        surface: Appearance of all boxes.
+    """
     rotation = frames.rotation_from_yaw(yaw_rad)
     bodies = []
     for k, (size_m, center_m) in enumerate(parts):
@@ -87,7 +95,14 @@ def assembled(name: str, parts: list[Part], at_m: tuple[float, float], yaw_rad: 
 
 
 def slats(width_m: float, low_m: float, high_m: float, *, upright: bool) -> list[Part]:
-    """A frame of slats around x = 0, across y from -width/2 to width/2, and from a low to a high edge."""
+    """Return a frame of slats around x = 0, as its parts.
+
+    Args:
+        width_m: Extent along y, half on each side of 0.
+        low_m: Height of the low edge.
+        high_m: Height of the high edge.
+        upright: Whether the slats are upright, rather than level.
+    """
     pitch_m = SLAT_M + SLAT_GAP_M
     across_m, height_m = width_m - 2 * LEG_M, high_m - low_m - 2 * LEG_M
     n = int(((across_m if upright else height_m) - SLAT_GAP_M) / pitch_m)

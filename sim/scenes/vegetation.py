@@ -75,7 +75,14 @@ class Garden:
     """Height of the ground at a place (x, y)."""
 
     def trees(self, count: int, key: int, ranges: TreeRanges, *, apart_m: float) -> list[Body]:
-        """Trunks and crowns of trees. Circles of radius `apart_m` around the trunks overlap no other plant's circle."""
+        """Plant trees, and return their trunks and crowns in turn.
+
+        Args:
+            count: Number of trees.
+            key: Key of their random streams, another one for each kind of plant in a scene.
+            ranges: Ranges of their dimensions.
+            apart_m: Radius of the circle around each trunk that overlaps with no circle of another plant.
+        """
         bodies = []
         for index in range(count):
             rng, name = stream(self.seed, Purpose.SCENE, key, index), f"tree-{index}"
@@ -87,7 +94,15 @@ class Garden:
     def bushes(
         self, count: int, key: int, radius_m: tuple[float, float], *, apart_m: Callable[[float], float]
     ) -> list[Body]:
-        """Bushes with radii from a range; `apart_m` gives the radius of the circle of a bush from its own radius."""
+        """Plant bushes.
+
+        Args:
+            count: Number of bushes.
+            key: Key of their random streams, another one for each kind of plant in a scene.
+            radius_m: Least and largest radius.
+            apart_m: Gives, by the radius of a bush, the radius of the circle around it that overlaps with no circle of
+                another plant.
+        """
         bodies = []
         for index in range(count):
             rng, name = stream(self.seed, Purpose.SCENE, key, index), f"bush-{index}"
@@ -98,7 +113,14 @@ class Garden:
 
 
 def tree(rng: np.random.Generator, name: str, base_m: tuple[float, float, float], size: TreeSize) -> list[Body]:
-    """Trunk and crown of a tree with its base at `base_m`; the trunk ends in the middle of the crown."""
+    """Return trunk and crown of a tree; the trunk ends in the middle of the crown.
+
+    Args:
+        rng: Source of randomness.
+        name: Name of the tree, from which those of its parts are made.
+        base_m: Where it stands on the ground, world frame.
+        size: Its dimensions.
+    """
     x, y, z = base_m
     crown_half = (size.height_m - size.crown_start_m) / 2
     crown_middle = size.crown_start_m + crown_half
@@ -114,7 +136,14 @@ def tree(rng: np.random.Generator, name: str, base_m: tuple[float, float, float]
 
 
 def bush(rng: np.random.Generator, name: str, base_m: tuple[float, float, float], radius_m: float) -> Body:
-    """A bush with its centre at `base_m`, so that its lower half is in the ground."""
+    """Return a bush whose lower half is in the ground.
+
+    Args:
+        rng: Source of randomness.
+        name: Its name in the scene.
+        base_m: Its centre, on the ground, world frame.
+        radius_m: Its largest horizontal extent from the centre.
+    """
     shape = blob(rng, radius_m, squash=rng.uniform(1.0, 2.0), fineness=BUSH_FINENESS)
     leaves = Surface(albedo=rng.uniform(0.22, 0.5), pattern="foliage")
     return Body(name=name, shape=shape, position_m=base_m, surface=leaves)
@@ -123,10 +152,14 @@ def bush(rng: np.random.Generator, name: str, base_m: tuple[float, float, float]
 def blob(
     rng: np.random.Generator, radius_m: float, *, squash: float = 1.0, roughness: float = 0.5, fineness: int = 4
 ) -> Mesh:
-    """A closed surface around the origin that bulges in random directions, as foliage does.
+    """Return a closed surface around the origin that bulges in random directions, as foliage does.
 
-    No vertex is farther than `radius_m` from the origin before the height is scaled by `squash`. The dents are up to
-    `roughness` radii deep, at least 0 and below 1. `fineness` is that of `geodesic`.
+    Args:
+        rng: Source of randomness.
+        radius_m: Distance of the farthest vertex from the origin, before `squash`.
+        squash: Factor of the heights.
+        roughness: Depth of the deepest dents as a share of the radius, at least 0 and below 1.
+        fineness: That of `geodesic`.
     """
     directions, triangles = geodesic(fineness)
     lobes = rng.normal(size=(LOBES, 3))
@@ -148,8 +181,10 @@ def geodesic(fineness: int) -> tuple[FloatArray, npt.NDArray[np.uint32]]:
     points: list[FloatArray] = []
     triangles: list[tuple[int, int, int]] = []
     for face in combinations(corners, 3):
+        # The edges of the icosahedron have the length 2; other triples of its corners are no face.
         if any(length(p - q) > 2.01 for p, q in combinations(face, 2)):
             continue
+        # In the order in which the triangle is counter-clockwise when seen from outside.
         a, b, c = face if np.linalg.det(face) > 0 else face[::-1]
         at = {step: len(points) + k for k, step in enumerate(steps)}
         points += [(fineness - i - j) * a + i * b + j * c for i, j in steps]

@@ -170,6 +170,12 @@ def network_input(measurement: Measurement, previous: Result, gray_change: GrayI
 
     They are measured disparity in units of the scale, validity, gray value, the previous disparity and its confidence,
     the change of gray value, and the disparities that are measured next along the row and the column.
+
+    Args:
+        measurement: That of the frame, images of shape (h, w).
+        previous: The previous result as seen from this frame, images of shape (h, w).
+        gray_change: Absolute change of the gray value since the previous frame, shape (h, w), uint8.
+        scale_px: Unit of the disparities, see `typical_disparity`; above 0.
     """
     height, width = measurement.gray.shape
     padded = (-(-height // MULTIPLE_PX) * MULTIPLE_PX, -(-width // MULTIPLE_PX) * MULTIPLE_PX)
@@ -203,13 +209,20 @@ def next_measured(disparity_px: FloatImage) -> FloatImage:
 def interpreted(
     disparity: Images, log_scale: Images, scale_px: np.float32, measured_px: FloatImage, previous_px: FloatImage
 ) -> Result:
-    """The outputs of the network as disparity within that of the inputs, and as the probability that it is right.
+    """Return the outputs of the network as disparity within that of the inputs, and the probability that it is right.
 
     A measured pixel keeps its measurement where the scale exceeds `LARGEST_OVERRULING_SCALE`. Its confidence is then
     still that of the prediction, which is low.
 
     The logarithm of disparity errs as a Laplace distribution of scale b, so that the probability of an error of at most
     t is 1 - exp(-t / b).
+
+    Args:
+        disparity: Output of the network in units of the scale, shape (1, 1, h', w').
+        log_scale: Its logarithm of the scale b of the error, shape (1, 1, h', w').
+        scale_px: Unit of the disparities, as for `network_input`.
+        measured_px: Measured disparity, shape (h, w); 0 = invalid.
+        previous_px: Previous disparity as seen from this frame, shape (h, w); 0 = unknown.
     """
     height, width = measured_px.shape
     log_scale = log_scale[0, 0, :height, :width]

@@ -92,6 +92,14 @@ def bag_in(path: Path) -> Path | None:
 class BagDataset:
     """The frames of one camera in a bag, or in a folder with one; it is made as `open_dataset` does.
 
+    Args:
+        path: A bag, or a folder with one.
+        intrinsics: Those of the caller; None for those of `calibration.toml` or of the bag.
+        depth_topic: Topic of the depth; None for the only one.
+        gray_topic: Topic of the gray or colour image; None for the only one of the same camera.
+        within_s: Largest difference of the times of a depth and a gray image of one frame.
+        units_per_m: Steps of a metre in the depth; None for what `calibration.toml` or the bag says.
+
     Raises:
         DatasetError: The bag is damaged, has no or several images of depth or gray of one camera, no camera or several,
             or no two images of one time.

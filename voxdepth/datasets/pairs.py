@@ -47,6 +47,12 @@ class PairedImages(ABC):
 
     It is made as `open_dataset` does.
 
+    Args:
+        folder: The folder of the dataset.
+        intrinsics: Those of the caller; None for those of `calibration.toml` or of the format.
+        within_s: Largest difference of the times of a depth and a gray image of one frame.
+        units_per_m: Steps of a metre in the depth; None for what `calibration.toml` or the format says.
+
     Raises:
         DatasetError: The folder is not of this format, a list or calibration in it is missing or damaged, there is no
             frame, or the times do not increase.
@@ -165,10 +171,16 @@ def require_increasing(stamps_s: Sequence[float], source: str) -> None:
 def matched(
     depth: Stream[T], gray: Stream[T], depth_source: str, gray_source: str, *, within_s: float
 ) -> list[tuple[float, T, T]]:
-    """The times [s] of depth images, in order, with the depth and the gray image of nearest time.
+    """Return the times [s] of depth images, in order, with the depth and the gray image of nearest time.
 
-    Depth images without a gray image within `within_s` are left out with a warning. The sources say where the images
-    come from.
+    Depth images without a gray image of nearly the same time are left out with a warning.
+
+    Args:
+        depth: Times [s] and depth images.
+        gray: Times [s] and gray images.
+        depth_source: Where the depth images come from, for errors and warnings.
+        gray_source: Where the gray images come from.
+        within_s: Largest difference of the times of two images of one frame.
 
     Raises:
         DatasetError: The times of a stream run backwards or repeat, or no two images are of one time.

@@ -147,11 +147,17 @@ def combine(
     # output
     source: GrayImage,
 ) -> None:
-    """Replace the invalid pixels of a frame by those of the template, and write one `Source` per pixel: paper, Eq.
-    depthcor.
+    """Replace the invalid pixels of a frame by those of the template, and write one `Source` per pixel: Eq. depthcor.
 
-    Images have shape (H, W) and depth in metres, 0 = invalid. A pixel is kept within the bounds of the
-    configuration, and where the template is empty. That is in the pixels of the frame, and overwritten by the result.
+    A pixel is kept within the bounds, and where the template is empty.
+
+    Args:
+        raw_m: Measured depth, shape (H, W); 0 = invalid.
+        low: Share of the measured depth below which that of the template replaces it; see `VoxDepthConfig.bounds`.
+        high: Multiple of it above which that of the template replaces it.
+        empty_from_m: Measured depth from which on a pixel counts as empty.
+        depth_m: The template in the pixels of the frame, shape (H, W), 0 = empty; overwritten by the result.
+        source: One `Source` per pixel, shape (H, W); written.
     """
     for row in range(raw_m.shape[0]):
         for col in range(raw_m.shape[1]):
@@ -172,7 +178,14 @@ def _label(
     source: GrayImage,
     confidence: FloatImage,
 ) -> None:
-    """Source and confidence of each pixel after the median filter, by its source before: the filter fills some."""
+    """Find source and confidence of each pixel after the median filter, which empties some pixels and fills others.
+
+    Args:
+        depth_m: Filtered depth, shape (H, W); 0 = invalid.
+        source_before: One `Source` per pixel before the filter, shape (H, W).
+        source: One `Source` per pixel, shape (H, W); written.
+        confidence: Confidence, 0..1, shape (H, W); written.
+    """
     for row in range(depth_m.shape[0]):
         for col in range(depth_m.shape[1]):
             before = source_before[row, col]
@@ -209,9 +222,16 @@ def fuse_window(
     odometry: PhotometricOdometry,
     inpaint: Inpaint,
 ) -> Template:
-    """Fuse successive frames into a template in the camera of the last one, which has these features.
+    """Fuse successive frames into a template in the camera of the last one.
 
-    Frames without a pose are left out: they would smear. The grid is for one window at a time.
+    Frames without a pose are left out: they would smear.
+
+    Args:
+        window: The frames, at least one, in the order of time.
+        features: Features of the last one.
+        grid: A voxel grid, whose former content does not matter; it is for one window at a time.
+        odometry: Finds the motion between the first two frames.
+        inpaint: Makes the projection of the voxels dense.
     """
     timer = StepTimer()
     with timer("motion"):

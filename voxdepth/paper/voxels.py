@@ -110,7 +110,17 @@ def _mark(
     # output
     words: Words,
 ) -> None:
-    """Set the bit of the cell of each valid pixel; the arrays of a `RayMap` give its coordinates in cells."""
+    """Set the bit of the cell of each valid pixel.
+
+    Args:
+        depth_m: Measured depth, shape (H, W); 0 = invalid.
+        rows: What each row adds per metre of depth to the three coordinates in cells, shape (3, H); see `RayMap`.
+        cols: What each column adds, shape (3, W).
+        offset: The coordinates of the camera in cells, shape (3,).
+        shape: Number of cells along x, y and z.
+        words: Bits of the grid, 32 cells each, x fastest and z slowest, shape (`VoxelConfig.n_words`,); changed in
+            place.
+    """
     for row in range(depth_m.shape[0]):
         for col in range(depth_m.shape[1]):
             z_m = depth_m[row, col]
@@ -162,7 +172,16 @@ def _draw(
     # output
     depth_m: FloatImage,
 ) -> None:
-    """Draw the centres of the marked cells. They come in the order of their depth, so the first in a pixel stays."""
+    """Draw the centres of the marked cells. They come in the order of their depth, so the first in a pixel stays.
+
+    Args:
+        words: Bits of the grid, see `_mark`.
+        cell_m: Size of a cell along x, y and z.
+        shape: Number of cells along x, y and z.
+        focal_px: Focal lengths along columns and rows.
+        centre_px: Column and row of the principal point.
+        depth_m: Depth in the camera of the grid, shape (H, W), zeros before; changed in place.
+    """
     half = float32(0.5)
     for at in range(len(words)):
         if words[at] == 0:

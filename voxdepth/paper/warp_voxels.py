@@ -27,7 +27,16 @@ def set_bits_of_image(
     # output
     words: wp.array(dtype=wp.uint32),
 ):
-    """Mark the cell of each valid pixel: paper, Algorithm 1, one thread per pixel."""
+    """Mark the cell of each valid pixel: paper, Algorithm 1, one thread per pixel.
+
+    Args:
+        depth_m: Measured depth, shape (H, W); 0 = invalid.
+        rows: What each row adds per metre of depth to the three coordinates in cells, shape (3, H); see `RayMap`.
+        cols: What each column adds, shape (3, W).
+        offset: The coordinates of the camera in cells.
+        shape: Number of cells along x, y and z.
+        words: Bits of the grid as those of `VoxelGrid`, shape (`VoxelConfig.n_words`,); changed in place.
+    """
     v, u = wp.tid()
     depth = depth_m[v, u]
     x = (rows[0, v] + cols[0, u]) * depth + offset[0]
@@ -51,7 +60,16 @@ def splat_voxels(
     # output
     depth_m: wp.array2d(dtype=wp.float32),
 ):
-    """Z-buffer of the centres of all marked cells, one thread per word. `depth_m` starts at infinity."""
+    """Keep the nearest centre of all marked cells in each pixel, as a z-buffer, one thread per word.
+
+    Args:
+        words: Bits of the grid as those of `VoxelGrid`, shape (`VoxelConfig.n_words`,).
+        cell_m: Size of a cell along x, y and z.
+        shape: Number of cells along x, y and z.
+        focal_px: Focal lengths along columns and rows.
+        centre_px: Column and row of the principal point.
+        depth_m: Depth in the camera of the grid, shape (H, W), infinite before; changed in place.
+    """
     at = wp.tid()
     word = words[at]
     if word == wp.uint32(0):

@@ -121,7 +121,14 @@ def _find_inverse_ratios(
     # output
     inverse: FloatImage,
 ) -> None:
-    """The inverse of the last row of the map for the pixels of a row, shape (w,); 0 for points behind the camera."""
+    """Find the inverse of the last row of the map for the pixels of a row; 0 for points behind the camera.
+
+    Args:
+        disparity_px: Disparity of the row, shape (w,).
+        reprojection: The map to the other camera.
+        row: Index of the row.
+        inverse: Depth before by depth after the motion, shape (w,); written.
+    """
     of_col, of_row, epipole = reprojection.of_col[2], reprojection.of_row[2, row], reprojection.epipole[2]
     for col in range(len(inverse)):
         ratio = epipole * disparity_px[col] + of_col[col] + of_row
@@ -139,7 +146,16 @@ def _move(
     # output
     position_px: FloatImage,
 ) -> None:
-    """The column (axis 0) or row (axis 1) that the pixels of a row move to, shape (w,)."""
+    """Find the column or the row that the pixels of a row move to.
+
+    Args:
+        disparity_px: Disparity of the row, shape (w,).
+        inverse: What `_find_inverse_ratios` found for it, shape (w,).
+        reprojection: The map to the other camera.
+        axis: 0 for the column, 1 for the row.
+        row: Index of the row.
+        position_px: The place in the other image, shape (w,); written.
+    """
     of_col, of_row, epipole = reprojection.of_col[axis], reprojection.of_row[axis, row], reprojection.epipole[axis]
     for col in range(len(position_px)):
         position_px[col] = (epipole * disparity_px[col] + of_col[col] + of_row) * inverse[col]
@@ -167,10 +183,16 @@ def _splat(
     keys: npt.NDArray[np.uint32],
     marked_px: FloatImage,
 ) -> None:
-    """Write each pixel to the z-buffer, whose keys are disparity first and weight second, and start at 0.
+    """Write each pixel to the z-buffer, whose keys are disparity first and weight second.
 
-    The second output is the disparity with `HOLE_PX` in holes. The places and keys of a row are known before any of
-    them is written.
+    The places and keys of a row are known before any of them is written.
+
+    Args:
+        disparity_px: Disparity in the source camera, shape (h, w); 0 = no surface.
+        weight: Weight, shape (h, w); the larger one wins between equal disparities.
+        forward: The map from the source to the target camera.
+        keys: The z-buffer with a margin of one pixel, shape (h + 2, w + 2), zeros before; changed in place.
+        marked_px: The disparity with `HOLE_PX` in holes, shape (h, w); written.
     """
     height, width = disparity_px.shape
     inverse, position_px = np.empty(width, np.float32), np.empty(width, np.float32)
@@ -192,6 +214,7 @@ def _splat(
             known = units if target_px <= MAX_DISPARITY_PX else int32(0)
             key[col] = (uint32(known) << WEIGHT_BITS) | uint32(row_weight[col])
         for col in range(width):
+            # The largest key is that of the nearest surface; beyond the image, it lands in the margin.
             v, u = np.uintp(target_row[col] + 1), np.uintp(target_col[col] + 1)
             keys[v, u] = max(keys[v, u], key[col])
 
@@ -220,7 +243,14 @@ def _trace_back(
     # input and output
     warped: Warped,
 ) -> None:
-    """Fill the cracks, and find the position of each pixel in the source image."""
+    """Fill the cracks, and find the position of each pixel in the source image.
+
+    Args:
+        closed_px: Morphological closing of the disparity of `warped`, shape (h, w).
+        closed_weight: That of its weight, shape (h, w).
+        backward: The map from the target to the source camera.
+        warped: Disparity and weight are changed in cracks, and the positions in the source image are written.
+    """
     inverse = np.empty(closed_px.shape[1], np.float32)
     for row in range(closed_px.shape[0]):
         near_px, near_weight, weight = closed_px[row], closed_weight[row], warped.weight[row]

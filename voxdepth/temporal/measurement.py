@@ -92,10 +92,16 @@ def _decimate(
     disparity_px: FloatImage,
     n_valid: GrayImage,
 ) -> None:
-    """Disparity and number of valid pixels of each block of two by two, shape (h, w), of a depth image, shape (H, W).
+    """Find disparity and number of valid pixels of each block of two by two of a depth image.
 
     The disparity is the mean of a block that shows one surface. Of a block that shows two, it is that of the surface
     with more pixels, or else of the farther one.
+
+    Args:
+        depth_m: Measured depth, shape (H, W); 0 = invalid.
+        focal_baseline_px_m: Depth [m] times disparity [px of the matched images].
+        disparity_px: Of each block, shape (h, w); 0 = invalid; written.
+        n_valid: Number of its pixels with a depth, 0..4, shape (h, w); written.
     """
     width = disparity_px.shape[1]
     upper_px, lower_px = np.empty(2 * width, np.float32), np.empty(2 * width, np.float32)
@@ -110,6 +116,7 @@ def _decimate(
             n = float32(a_px > 0) + float32(b_px > 0) + float32(c_px > 0) + float32(d_px > 0)
             mean_px = (a_px + b_px + c_px + d_px) / max(n, float32(1))
             near_px = max(a_px, b_px, c_px, d_px)
+            # Invalid pixels take the nearest disparity, so that the least one is that of a valid pixel.
             a_px, b_px = (a_px if a_px > 0 else near_px), (b_px if b_px > 0 else near_px)
             c_px, d_px = (c_px if c_px > 0 else near_px), (d_px if d_px > 0 else near_px)
             far_px = min(a_px, b_px, c_px, d_px)
@@ -134,7 +141,14 @@ def without_speckles(disparity_px: FloatImage) -> FloatImage:
 
 @compiled_part(float32(FLOAT_IMAGE, BYTE_IMAGE, int64, int64))
 def _farthest_around(disparity_px: FloatImage, is_speckle: GrayImage, row: int, col: int) -> float:
-    """Disparity of the farthest surface around a pixel that is no speckle; infinite if there is none."""
+    """Return the disparity of the farthest surface around a pixel that is no speckle; infinite if there is none.
+
+    Args:
+        disparity_px: Disparity, shape (h, w); 0 = invalid.
+        is_speckle: 255 for the pixels of speckles, else 0, shape (h, w).
+        row: Row of the pixel.
+        col: Its column.
+    """
     height, width = disparity_px.shape
     farthest_px: float = float32(np.inf)
     for v in range(max(row - SPECKLE_REACH_PX, 0), min(row + SPECKLE_REACH_PX + 1, height)):

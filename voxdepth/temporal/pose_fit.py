@@ -61,9 +61,16 @@ def fit_pose(
     """Minimise the reprojection error by Gauss-Newton steps with the weights of Geman and McClure.
 
     The estimate is deterministic: there is no random sampling. The scale of the residuals is estimated in every
-    iteration, and never grows. The points are in the source camera, shape (N, 3), N >= 3, and their observed pixels in
-    the target camera, shape (N, 2). A motion that is known counts as one more measurement, with the same weights: it
-    decides where the points leave a direction uncertain, and loses its weight where they contradict it.
+    iteration, and never grows. A motion that is known counts as one more measurement, with the same weights: it decides
+    where the points leave a direction uncertain, and loses its weight where they contradict it.
+
+    Args:
+        points_m: Points in the source camera, shape (N, 3), N >= 3.
+        observed_px: Column and row of each in the image of the target camera, shape (N, 2).
+        camera: Intrinsics of the target camera.
+        T_initial: Pose of the source in the target camera that the iteration starts from, shape (4, 4).
+        inlier_px: Reprojection error below which a point is an inlier.
+        known: A motion that something else has measured; None without one.
     """
     lens, T = lens_of(camera), np.ascontiguousarray(T_initial)
     points_m, observed_px = np.ascontiguousarray(points_m), np.ascontiguousarray(observed_px)
@@ -101,7 +108,15 @@ def lens_of(camera: Intrinsics) -> Lens:
 def _project_point(
     points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens, k: int
 ) -> tuple[float, float, float, float, float]:
-    """Residual of a point along columns and rows [px], its position divided by its depth, and its depth [m]."""
+    """Return the residual of a point along columns and rows [px], its position divided by its depth, and its depth [m].
+
+    Args:
+        points_m: Points in the source camera, shape (N, 3).
+        observed_px: Column and row of each in the target image, shape (N, 2).
+        T: Pose of the source in the target camera, shape (4, 4).
+        lens: That of the target camera.
+        k: Index of the point.
+    """
     fx, fy, cx, cy = lens
     X, Y, Z = points_m[k]
     x = T[0, 0] * X + T[0, 1] * Y + T[0, 2] * Z + T[0, 3]
@@ -113,7 +128,14 @@ def _project_point(
 
 @compiled_part(float64[::1](MATRIX, MATRIX, MATRIX, LENS_TYPE))
 def _residual_lengths(points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens) -> FloatArray:
-    """Reprojection error of each point [px], shape (N,)."""
+    """Return the reprojection error of each point [px], shape (N,).
+
+    Args:
+        points_m: Points in the source camera, shape (N, 3).
+        observed_px: Column and row of each in the target image, shape (N, 2).
+        T: Pose of the source in the target camera, shape (4, 4).
+        lens: That of the target camera.
+    """
     length_px = np.empty(len(points_m))
     for k in range(len(points_m)):
         col_px, row_px, _, _, _ = _project_point(points_m, observed_px, T, lens, k)
@@ -125,10 +147,17 @@ def _residual_lengths(points_m: FloatArray, observed_px: FloatArray, T: FloatArr
 def _normal_equations(
     points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens, scale_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Hessian, shape (6, 6), and gradient, shape (6,), of the weighted squares of the linearised residuals.
+    """Return Hessian, shape (6, 6), and gradient, shape (6,), of the weighted squares of the linearised residuals.
 
     They are for a translation and a rotation vector, which move the points in the target camera. Only the lower
     triangle of the Hessian is set, and its diagonal is damped slightly.
+
+    Args:
+        points_m: Points in the source camera, shape (N, 3).
+        observed_px: Column and row of each in the target image, shape (N, 2).
+        T: Pose of the source in the target camera, shape (4, 4).
+        lens: That of the target camera.
+        scale_px: Scale of the residuals, with which the weights fall.
     """
     fx, fy, _, _ = lens
     H, gradient = np.zeros((6, 6)), np.zeros(6)
@@ -138,6 +167,7 @@ def _normal_equations(
         if z <= MIN_DEPTH_M:
             continue
         weight = 1 / (1 + (col_px * col_px + row_px * row_px) / (KERNEL_WIDTH * scale_px) ** 2) ** 2
+        # Derivatives of column and row by the translation and the rotation vector; x and y are divided by the depth.
         J_col[0], J_col[2], J_col[3], J_col[4], J_col[5] = fx / z, -fx * x / z, -fx * x * y, fx * (1 + x * x), -fx * y
         J_row[1], J_row[2], J_row[3], J_row[4], J_row[5] = fy / z, -fy * y / z, -fy * (1 + y * y), fy * x * y, fy * x
         for i in range(6):
@@ -160,9 +190,17 @@ def _add_known(
     H: FloatArray,
     gradient: FloatArray,
 ) -> None:
-    """Add a known motion to the normal equations; it is given by its inverse and the inverse of its variances.
+    """Add a known motion to the normal equations.
 
     The normal equations of the points lack the factor of their own variance, `1 / point_sigma_px**2`.
+
+    Args:
+        T: Present estimate of the pose of the source in the target camera, shape (4, 4).
+        T_source_target: Inverse of the known motion, shape (4, 4).
+        information: Inverse variances of its translation [1/m^2] and rotation [1/rad^2], shape (6,).
+        point_sigma_px: Standard deviation of the residuals of the points.
+        H: Hessian of the points, shape (6, 6); its diagonal is changed in place.
+        gradient: Their gradient, shape (6,); changed in place.
     """
     difference = log_se3(compose(T, T_source_target))
     squared = 0.0
@@ -185,10 +223,18 @@ def _fit(
     T_source_target: FloatArray,
     information: FloatArray,
 ) -> tuple[FloatArray, float, int]:
-    """The motion, shape (4, 4), the median reprojection error [px], and the number of inliers.
+    """Return the motion, shape (4, 4), the median reprojection error [px], and the number of inliers.
 
-    `distance_m` is the median distance of the points. The last two arguments are the inverse of a known motion and the
-    inverse of its variances, which are 0 if none is known.
+    Args:
+        points_m: Points in the source camera, shape (N, 3).
+        observed_px: Column and row of each in the target image, shape (N, 2).
+        distance_m: Median depth of the points.
+        T: Pose of the source in the target camera that the iteration starts from, shape (4, 4).
+        lens: That of the target camera.
+        inlier_px: Reprojection error below which a point is an inlier.
+        T_source_target: Inverse of a known motion, shape (4, 4); unused if none is known.
+        information: Inverse variances of its translation [1/m^2] and rotation [1/rad^2], shape (6,); 0 if none is
+            known.
     """
     length_px, scale_px = _residual_lengths(points_m, observed_px, T, lens), np.inf
     for _ in range(MAX_ITERATIONS):

@@ -128,7 +128,17 @@ def march(
     # output
     rays: Rays,
 ) -> None:
-    """Follow the rays of single pixels through the frame, from shortly before the ends of those of their place."""
+    """Follow the rays of single pixels through the frame, from shortly before the ends of those of their place.
+
+    Args:
+        known_px: Disparity of the working pixels, shape (h, w); 0 = unknown.
+        depth_m: Measured depth of the frame, shape (2 h or one more, 2 w or one more); 0 = invalid.
+        focal_baseline_px_m: Depth [m] times disparity [px of the matched images].
+        pixels: Row and column in the frame, shape (N, 2).
+        place_number: Number of the working place that each pixel lies in, shape (N,).
+        working_steps: `Rays.steps` of all M working places [working pixels], shape (8, M).
+        rays: Those of the pixels, with steps of a pixel of the frame, shape (8, N); written.
+    """
     height, width = 2 * known_px.shape[0], 2 * known_px.shape[1]
     for ray in range(len(rays.steps)):
         sign = 1 if ray < AXES else -1
@@ -138,6 +148,7 @@ def march(
             v, u, end_px = pixels[k, 0] + steps * down, pixels[k, 1] + steps * right, float32(0)
             while 0 <= v < height and 0 <= u < width:
                 surface_px, surface_m = known_px[np.uintp(v >> 1), np.uintp(u >> 1)], depth_m[np.uintp(v), np.uintp(u)]
+                # A working pixel of the same surface has less noise than the pixel that is hit.
                 if surface_px > 0 and surface_m > 0:
                     end_px = disparity_of(surface_m, focal_baseline_px_m)
                     end_px = surface_px if abs(end_px - surface_px) < 1 else end_px

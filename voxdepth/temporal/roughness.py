@@ -48,10 +48,17 @@ def _sample(
     sample_px: FloatImage,
     known: FloatImage,
 ) -> tuple[float, float]:
-    """Second differences of disparity, and 1 where all three depths are known; both are 0 elsewhere.
+    """Find second differences of disparity, and 1 where all three depths are known; both are 0 elsewhere.
+
+    Args:
+        depth_m: Measured depth, shape (H, W); 0 = invalid.
+        focal_baseline_px_m: Depth [m] times disparity [px of the matched images].
+        stride: Pixels of the depth from one sample to the next, along rows and columns.
+        sample_px: Absolute second difference along the row, up to `MAX_ROUGHNESS_PX`, shape (m, n); written.
+        known: 1 where there is one, else 0, shape (m, n); written.
 
     Returns:
-        The sums of both.
+        The sums of `sample_px` and of `known`.
     """
     total_px, n_known, disparity_px = 0.0, 0.0, np.empty(depth_m.shape[1], np.float32)
     for row in range(sample_px.shape[0]):

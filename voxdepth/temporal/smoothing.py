@@ -37,6 +37,16 @@ def _smooth(
     # output
     smoothed_px: FloatImage,
 ) -> None:
+    """Move each pixel towards the mean of its window, the more the smaller the variance there.
+
+    This is the linear model of He et al. 2013 for an image that guides itself, without the mean over the windows.
+
+    Args:
+        disparity_px: Disparity, shape (h, w); 0 = unknown.
+        mean_px: Mean of the window around each pixel, shape (h, w).
+        mean_square_px2: Mean of the squares, shape (h, w).
+        smoothed_px: Smoothed disparity, 0 where it is unknown, shape (h, w); written.
+    """
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):
             variance_px2 = max(mean_square_px2[row, col] - mean_px[row, col] * mean_px[row, col], float32(0))

@@ -57,6 +57,14 @@ class TrackingCamera:
 
 @compiled(boolean[::1](READABLE_MATRIX, LENS_TYPE, int64, int64))
 def _sees(points_m: FloatArray, lens: Lens, width_px: int, height_px: int) -> MaskImage:
+    """Return whether points are in front of the camera and inside the image, shape (N,).
+
+    Args:
+        points_m: Points in the camera frame, shape (N, 3).
+        lens: Focal lengths and principal point.
+        width_px: Width of the image.
+        height_px: Height of the image.
+    """
     pixels, is_seen = pixels_of(points_m, lens), np.empty(len(points_m), np.bool_)
     for k in range(len(points_m)):
         col, row = pixels[k, 0], pixels[k, 1]
@@ -67,7 +75,14 @@ def _sees(points_m: FloatArray, lens: Lens, width_px: int, height_px: int) -> Ma
 
 @compiled(FLOAT_ROW(READABLE_IMAGE, READABLE_MATRIX, float64, float64))
 def _sample(image: FloatImage, pixels: FloatArray, scale_x: float, scale_y: float) -> FloatImage:
-    """Nearest values, shape (N,), of an image at pixels of another one that is as many times its size."""
+    """Return the nearest values, shape (N,), of an image at pixels of another one.
+
+    Args:
+        image: Image that is sampled, shape (H, W).
+        pixels: Column and row in the other image, shape (N, 2).
+        scale_x: Columns of the other image by those of this one.
+        scale_y: Its rows by those of this one.
+    """
     values = np.empty(len(pixels), np.float32)
     for k in range(len(pixels)):
         col, row = np.rint((pixels[k, 0] + 0.5) / scale_x - 0.5), np.rint((pixels[k, 1] + 0.5) / scale_y - 0.5)
@@ -81,7 +96,14 @@ def _sample(image: FloatImage, pixels: FloatArray, scale_x: float, scale_y: floa
 def _points(
     pixels: Pixels, disparity_px: FloatImage, focal_baseline_px_m: float, lens: Lens
 ) -> tuple[FloatArray, MaskImage]:
-    """Points of the pixels of a disparity above 0, shape (N,); see `TrackingCamera.points`."""
+    """Return points [m] in the camera frame, shape (M, 3), and which pixels they are of; see `TrackingCamera.points`.
+
+    Args:
+        pixels: Column and row in the tracking image, shape (N, 2).
+        disparity_px: Disparity of each, shape (N,); 0 = unknown, which gives no point.
+        focal_baseline_px_m: Depth [m] times disparity [px of the matched images].
+        lens: Focal lengths and principal point of the tracking image.
+    """
     fx, fy, cx, cy = lens
     points_m, n = np.empty((len(pixels), 3)), 0
     for k in range(len(pixels)):

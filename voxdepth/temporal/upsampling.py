@@ -163,7 +163,15 @@ def _separate(
     # input and output
     disparity_px: FloatImage,
 ) -> None:
-    """Keep the surfaces apart at depth discontinuities, and the measurement where it is the estimate."""
+    """Keep the surfaces apart at depth discontinuities, and the measurement where it is the estimate.
+
+    Args:
+        measured_m: Measured depth of the frame, shape (H, W); 0 = invalid.
+        estimate: What is known of the working pixels, shape (h, w).
+        span_px: Span of the estimated disparity in 3 x 3 working pixels, shape (h, w).
+        focal_baseline_px_m: Depth [m] times disparity [px of the matched images].
+        disparity_px: Interpolated disparity of the pixels of the frame, shape (2 h, 2 w); changed in place.
+    """
     for row in range(span_px.shape[0]):
         for col in range(span_px.shape[1]):
             is_measurement = estimate.pixel_class[row, col] == PixelClass.MEASURED
@@ -186,7 +194,14 @@ def _double(
     doubled_class: GrayImage,
     doubled_confidence: FloatImage,
 ) -> None:
-    """Repeat each pixel of a row."""
+    """Repeat each pixel of a row.
+
+    Args:
+        pixel_class: One `PixelClass` per working pixel, shape (w,).
+        confidence: Its confidence, shape (w,).
+        doubled_class: The class of the pixels of the frame, shape (2 w,); written.
+        doubled_confidence: Their confidence, shape (2 w,); written.
+    """
     for col in range(len(pixel_class)):
         left = np.uintp(2 * col)
         right = left + np.uintp(1)
@@ -204,7 +219,16 @@ def _show(
     # output
     shown: Shown,
 ) -> None:
-    """The output for the disparity of the pixels of the frame, each of which is in a working pixel."""
+    """Find the output for the disparity of the pixels of the frame, each of which is in a working pixel.
+
+    Args:
+        measured_m: Measured depth of the frame, shape (H, W); 0 = invalid.
+        disparity_px: Disparity of its pixels, shape (h, w) or (2 h, 2 w); 0 = unknown.
+        estimate: What is known of the working pixels, shape (h, w).
+        focal_baseline_px_m: Depth [m] times disparity [px of the matched images].
+        min_fill_confidence: Least confidence of an inpainted pixel that is shown.
+        shown: Images of shape (H, W); written, except for a last odd row or column.
+    """
     height, width = disparity_px.shape
     is_halved, least_m = width > estimate.confidence.shape[1], focal_baseline_px_m / MAX_DISPARITY_PX
     class_row, confidence_row = np.empty(width, np.uint8), np.empty(width, np.float32)
@@ -235,7 +259,15 @@ def show_pixels(
     # input and output
     shown: Shown,
 ) -> None:
-    """Show the estimates of single pixels, shape (1, N), none of which is measured, instead of what is shown."""
+    """Show the estimates of single pixels, none of which is measured, instead of what is shown.
+
+    Args:
+        place: Row and column in the frame, shape (N, 2).
+        estimate: What is known of these pixels, images of shape (1, N).
+        focal_baseline_px_m: Depth [m] times disparity [px of the matched images].
+        min_fill_confidence: Least confidence of an inpainted pixel that is shown; others become invalid.
+        shown: Images of shape (H, W); changed in place.
+    """
     for k in range(len(place)):
         depth_m, confidence = depth_of(estimate.disparity_px[0, k], focal_baseline_px_m), estimate.confidence[0, k]
         _, source = _sources(estimate.pixel_class[0, k], confidence, min_fill_confidence)

@@ -76,7 +76,14 @@ class SoftwareCamera:
 
 
 def video_frame(rs: Any, profile: Any, pixels: npt.NDArray[Any], index: int) -> Any:
-    """A frame of a stream with an image, which is the one with that number."""
+    """Return a frame of a stream of librealsense with an image.
+
+    Args:
+        rs: The module `pyrealsense2`.
+        profile: Profile of the stream.
+        pixels: Its image in C order, shape (H, W).
+        index: Number of the frame, from which its time follows.
+    """
     frame = rs.software_video_frame()
     frame.stride, frame.bpp, frame.pixels = pixels.strides[0], pixels.itemsize, pixels
     frame.timestamp, frame.frame_number = 1000 * (1 + PERIOD_S * index), index
@@ -86,7 +93,17 @@ def video_frame(rs: Any, profile: Any, pixels: npt.NDArray[Any], index: int) -> 
 
 
 def video_stream(rs: Any, camera: Intrinsics, uid: int, kind: Any, index: int, pixel_format: Any, n_bytes: int) -> Any:
-    """A stream of images of a camera at 30 Hz, with that many bytes a pixel."""
+    """Return a stream of librealsense of images of a camera at 30 Hz.
+
+    Args:
+        rs: The module `pyrealsense2`.
+        camera: Intrinsics of the images.
+        uid: Number of the stream, another one for each.
+        kind: Its `rs.stream`, as in `rs.stream.depth`.
+        index: Number of the stream among those of its kind.
+        pixel_format: Its `rs.format`, as in `rs.format.z16`.
+        n_bytes: Bytes of a pixel.
+    """
     stream = rs.video_stream()
     stream.type, stream.index, stream.uid, stream.fmt, stream.bpp, stream.fps = (
         kind,

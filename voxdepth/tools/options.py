@@ -77,7 +77,14 @@ def use_one_thread() -> None:
 
 @contextmanager
 def counter(console: "Console", activity: str, total: int, unit: str = "frames") -> Iterator[Callable[..., None]]:
-    """Show a progress bar and give the function that takes the number of finished units and the activity."""
+    """Show a progress bar and give the function that takes the number of finished units and the activity.
+
+    Args:
+        console: Where the bar is shown.
+        activity: What is done at first, in words.
+        total: Number of units.
+        unit: Name of the units.
+    """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     activity_column = TextColumn("{task.description}")

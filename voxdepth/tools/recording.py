@@ -78,7 +78,14 @@ def recording(
 def stream_into(
     path: Path, application: str, recording_id: str, blueprint: rrb.Blueprint
 ) -> Iterator[rr.RecordingStream]:
-    """Give a stream into a new `.rrd` file, which appears when it is complete and replaces an existing one."""
+    """Give a stream into a new `.rrd` file, which appears when it is complete and replaces an existing one.
+
+    Args:
+        path: The file.
+        application: Name of the application that Rerun shows.
+        recording_id: Identifier by which Rerun tells recordings apart.
+        blueprint: Layout of the viewer.
+    """
     with atomic(path) as temporary:
         recording = RecordingFile(application, temporary, recording_id, blueprint)
         try:

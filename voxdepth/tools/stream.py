@@ -140,7 +140,15 @@ def layout(content: Any, timeline: str, **time: Any) -> rrb.Blueprint:
 
 
 def log_frame(log: Log, gray: GrayImage, raw_m: FloatImage, corrected: CorrectedDepth, far_m: float = FAR_M) -> None:
-    """Record a frame, its gray image and measured depth [m] of the shape (H, W), and what a corrector made of it."""
+    """Record a frame and what a corrector made of it.
+
+    Args:
+        log: Takes the path of an entity, and what is recorded of it.
+        gray: Left image, shape (H, W), uint8.
+        raw_m: Measured depth, shape (H, W); 0 = invalid.
+        corrected: The result, images of shape (H, W).
+        far_m: Depth from which on the colours are blue.
+    """
     log("gray", jpeg(gray))
     log_depth(log, "raw", raw_m, far_m)
     log_depth(log, "corrected", corrected.depth_m, far_m)
@@ -149,7 +157,14 @@ def log_frame(log: Log, gray: GrayImage, raw_m: FloatImage, corrected: Corrected
 
 
 def log_depth(log: Log, name: str, depth_m: FloatImage, far_m: float = FAR_M) -> None:
-    """Record a depth image [m], shape (H, W), as values and in colours, which are blue from `far_m` on."""
+    """Record a depth image as values and in colours.
+
+    Args:
+        log: Takes the path of an entity, and what is recorded of it.
+        name: Last part of the paths, below `depth` and `colors`.
+        depth_m: Depth, shape (H, W); 0 = invalid.
+        far_m: Depth from which on the colours are blue.
+    """
     log(f"depth/{name}", rr.EncodedDepthImage(blob=depth_png(depth_m), media_type="image/png", meter=CENTIMETRE))
     log(f"colors/{name}", depth_colors(depth_m, far_m))
 

@@ -71,9 +71,16 @@ class Table:
     def of(
         cls, title: str, columns: Sequence[Column | str], rows: Sequence[Sequence[Value]], *, note: str = ""
     ) -> Self:
-        """Build a table from rows of values; a row that is not as long as `columns` is a `ValueError`.
+        """Build a table from rows of values.
 
-        A plain name stands for a column without a unit.
+        Args:
+            title: What the table is about.
+            columns: Its columns; a plain name stands for a column without a unit.
+            rows: Values in the order of the columns.
+            note: What a reader must know beside the title.
+
+        Raises:
+            ValueError: A row is not as long as `columns`.
         """
         named = tuple(Column(column) if isinstance(column, str) else column for column in columns)
         for row in rows:

@@ -30,7 +30,14 @@ REPORT_STEPS = 50
 
 
 def stream_loss(network: Corrector, samples: Sequence[Sample], rng: np.random.Generator, device: str) -> Tensor:
-    """The mean loss of the frames; each sees the last result of the network, through which no gradient flows."""
+    """Return the mean loss of frames; each sees the last result of the network, through which no gradient flows.
+
+    Args:
+        network: The network that is trained.
+        samples: Samples, of which random parts are taken.
+        rng: Source of randomness.
+        device: Where the network is, `cpu` or `cuda`.
+    """
     parts = [samples[k].cropped(rng, FRAMES, HEIGHT_PX, WIDTH_PX) for k in rng.integers(len(samples), size=PARTS)]
 
     def stacked(name: str, kind: Any = np.float32) -> Tensor:
@@ -86,9 +93,16 @@ def confidence(disparity_px: Tensor, log_scale: Tensor) -> Tensor:
 
 
 def frame_loss(predicted: Tensor, log_scale: Tensor, true: Tensor, is_measured: Tensor, sky: Tensor) -> Tensor:
-    """Negative log-likelihood of the logarithm of disparity under a Laplace distribution, and the error of depth.
+    """Return the negative log-likelihood of the logarithm of disparity, Laplace-distributed, and the error of depth.
 
     The mean over holes and that over measured pixels are added, since holes are few.
+
+    Args:
+        predicted: Disparity of the network in units of the typical one, shape (N, 1, h, w).
+        log_scale: Logarithm of the scale of its error, shape (N, 1, h, w).
+        true: True disparity in the same units, shape (N, 1, h, w); 0 = unknown.
+        is_measured: Whether a pixel has a measurement, shape (N, 1, h, w).
+        sky: Above 0 where a pixel shows the sky, shape (N, 1, h, w).
     """
     weight = (true > 0) * torch.where(sky > 0, SKY_WEIGHT, 1.0)
     predicted, true = predicted.clamp(min=SMALLEST), true.clamp(min=SMALLEST)

@@ -31,6 +31,13 @@ class Gated(nn.Module):
     """A convolution whose result is multiplied by a gate between 0 and 1: Yu et al. 2019, DOI 10.1109/ICCV.2019.00457.
 
     Unlike the mask of a partial convolution, the gate is learned for each channel and place.
+
+    Args:
+        inputs: Channels of the input.
+        outputs: Channels of the result.
+        size: Side of the kernel [px].
+        stride: Pixels of the input from one pixel of the result to the next.
+        padding: Zeros on each side of the input [px].
     """
 
     def __init__(self, inputs: int, outputs: int, size: int = 3, stride: int = 1, padding: int = 1) -> None:

@@ -50,9 +50,15 @@ class Sample(NamedTuple):
         )
 
     def cropped(self, rng: np.random.Generator, frames: int, height_px: int, width_px: int) -> "Sample":
-        """A random part, with random gain of the gray images, and sometimes with more holes.
+        """Return a random part, with random gain of the gray images, and sometimes with more holes.
 
         Images that are smaller are padded with black pixels that have no measurement and no truth.
+
+        Args:
+            rng: Source of randomness.
+            frames: Number of successive frames, at most T.
+            height_px: Height of the part.
+            width_px: Width of the part.
         """
         n, height, width = self.gray.shape
         t = rng.integers(n - frames + 1)

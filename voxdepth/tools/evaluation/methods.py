@@ -94,9 +94,16 @@ def _made_without(part: str, config: Any) -> CorrectorFactory:
 
 
 def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrinsics, pictured: int) -> Scores:
-    """Run a new instance of a method on all frames (at least one) in order, with OpenCV on one thread.
+    """Run a new instance of a method on all frames in order, with OpenCV on one thread.
 
-    Each frame is read just before it is processed, which is not timed. The depth of frame `pictured` is drawn.
+    Each frame is read just before it is processed, which is not timed.
+
+    Args:
+        method: The method.
+        frames: The frames, at least one, with what they are judged by; they are gone through twice.
+        reference: What the reference of the frames is.
+        intrinsics: Intrinsics of the frames.
+        pictured: Index of the frame whose depth is drawn.
 
     Raises:
         MethodError: The method raised an exception or gave no valid depth; the message names the frame.

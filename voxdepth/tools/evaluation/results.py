@@ -82,7 +82,14 @@ def path_of(out: Path, sequence: str, method: str) -> Path:
 
 
 def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> Result | None:
-    """Load a finished result; None if there is none with this key. A file that cannot be read is a `ToolError`."""
+    """Load a finished result; None if there is none with this key. A file that cannot be read is a `ToolError`.
+
+    Args:
+        out: Folder of all results.
+        sequence: Name of the sequence.
+        method: Name of the method, or `SEQUENCE`.
+        key: Everything else that the result depends on, see `Result.key`.
+    """
     path = path_of(out, sequence, method)
     with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValueError):
         result = STORED.validate_json(unsealed_json(path.read_bytes()))  # It may be damaged, or of another version.
