@@ -70,9 +70,9 @@ release: setup   ## build wheel and source archive in dist/, install them into n
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[release]'
 	$(BIN)/python -m tests.release
 
-regress: setup   ## compare the shipped correctors with golden values on synthetic noise
-	$(BIN)/voxdepth regress --corrector voxdepth
-	$(BIN)/voxdepth regress --corrector temporal
+regress: setup   ## tell in what the correctors became worse since the commit AGAINST, which is HEAD
+	$(BIN)/voxdepth regress --corrector voxdepth --against $(or $(AGAINST),HEAD)
+	$(BIN)/voxdepth regress --corrector temporal --against $(or $(AGAINST),HEAD)
 
 portable: setup  ## compare all outputs under the features that processors have; takes half an hour on two cores
 	$(BIN)/python -m tests.portable

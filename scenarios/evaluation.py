@@ -2,7 +2,7 @@
 
 import tomllib
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -176,32 +176,41 @@ class SimulatedSource:
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
         """Read the first frames; a file that is missing or damaged is a `ScenarioError`. Moving objects are marked."""
-        departures = Departures()
-        before: Capture | None = None
+        return evaluation_frames(self._captures(frames), self._moving_ids)
+
+    def _captures(self, frames: int) -> Iterator[Capture]:
         for index in range(frames):
             with _as_our_errors():
                 capture = self._recording[index]
-            truth_m = capture.depth_true_m
-            known = np.isfinite(truth_m)
-            before = capture if before is None else before
-            with np.errstate(invalid="ignore"):
-                close = np.abs(truth_m - before.depth_true_m) <= np.float32(SAME_SURFACE) * truth_m
-            static: MaskImage = close & known & (capture.segment_id == before.segment_id) & (index > 0)
-            moving: MaskImage | None = None
-            departed_m: FloatImage | None = None
-            if self._moving_ids:
-                moving = np.isin(capture.segment_id, self._moving_ids)
-                static, departed_m = static & ~moving, departures.add(moving, truth_m)
-            yield EvaluationFrame(
-                frame=frame_of(capture),
-                reference_m=truth_m,
-                hidden=capture.depth_raw_m == 0,
-                static=static,
-                occluded=capture.occluded,
-                moving=moving,
-                departed_m=departed_m,
-            )
-            before = capture
+            yield capture
+
+
+def evaluation_frames(captures: Iterable[Capture], moving_ids: Collection[int]) -> Iterator[EvaluationFrame]:
+    """Yield successive captures as evaluations take them; `moving_ids` are the segmentation ids of what moves."""
+    departures = Departures()
+    before: Capture | None = None
+    for index, capture in enumerate(captures):
+        truth_m = capture.depth_true_m
+        known = np.isfinite(truth_m)
+        before = capture if before is None else before
+        with np.errstate(invalid="ignore"):
+            close = np.abs(truth_m - before.depth_true_m) <= np.float32(SAME_SURFACE) * truth_m
+        static: MaskImage = close & known & (capture.segment_id == before.segment_id) & (index > 0)
+        moving: MaskImage | None = None
+        departed_m: FloatImage | None = None
+        if moving_ids:
+            moving = np.isin(capture.segment_id, list(moving_ids))
+            static, departed_m = static & ~moving, departures.add(moving, truth_m)
+        yield EvaluationFrame(
+            frame=frame_of(capture),
+            reference_m=truth_m,
+            hidden=capture.depth_raw_m == 0,
+            static=static,
+            occluded=capture.occluded,
+            moving=moving,
+            departed_m=departed_m,
+        )
+        before = capture
 
 
 class Departures:

@@ -8,7 +8,7 @@
 A camera moves towards a wall between objects of several shapes and textures, while a drone crosses its view.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Literal, get_args
 
@@ -20,11 +20,13 @@ from .errors import SensorError
 from .flights import Walk
 from .render import create_renderer
 from .seeds import Purpose, stream
-from .sensor import RigConfig, StereoSensor
-from .types import Capture, VelocityCommand
+from .sensor import DepthSensor, RigConfig, StereoSensor
+from .types import Capture, RenderedPair, VelocityCommand
 from .world import PHYSICS_HZ, World
 
-__all__ = ["FRAMES", "LEVELS", "TERMS", "Level", "Term", "noisy_sequence", "sensor_config"]
+__all__ = [
+    "DRONE_ID", "FRAMES", "LEVELS", "TERMS", "Level", "Term", "noisy_sequence", "noisy_sequences", "sensor_config",
+]  # fmt: skip
 
 Term = Literal["occlusion", "scale", "disparity", "quantisation", "flicker", "blank"]
 Level = Literal["low", "medium", "high"]
@@ -35,6 +37,8 @@ FRAMES = 30
 RATE_HZ = 30
 MAX_FRAMES = 300
 N_OBJECTS = 14
+DRONE_ID = N_OBJECTS + 2
+"""Body id of the drone in `Capture.segment_id`: the ground and the wall come before the objects."""
 WALL_M = 12.0
 DRONE_SPEED_M_S = 3.0
 
@@ -61,9 +65,22 @@ def noisy_sequence(term: Term, level: Level, seed: int = 0, *, frames: int = FRA
     Raises:
         SensorError: There is no such term or level, or the number of frames is outside of 1..300.
     """
-    if not 1 <= frames <= MAX_FRAMES:
-        raise SensorError(f"a noisy sequence has 1 to {MAX_FRAMES} frames, got {frames}")
-    return _captures(sensor_config(term, level), seed, frames)
+    config = sensor_config(term, level)
+    return _captures(config, seed, _views(config, seed, frames))
+
+
+def noisy_sequences(
+    kinds: Iterable[tuple[Term, Level]], seed: int = 0, *, frames: int = FRAMES
+) -> Iterator[Iterator[Capture]]:
+    """Yield what `noisy_sequence` gives for each term and level; what differs in the noise alone is rendered once.
+
+    The images of each baseline stay in memory, half a megabyte per frame.
+    """
+    rendered: dict[float, list[View]] = {}
+    for config in (sensor_config(*kind) for kind in kinds):
+        if config.baseline_m not in rendered:
+            rendered[config.baseline_m] = list(_views(config, seed, frames))
+        yield _captures(config, seed, rendered[config.baseline_m])
 
 
 def sensor_config(term: Term, level: Level) -> RigConfig:
@@ -94,14 +111,31 @@ def sensor_config(term: Term, level: Level) -> RigConfig:
     )
 
 
-def _captures(config: RigConfig, seed: int, frames: int) -> Iterator[Capture]:
+View = tuple[RenderedPair, Mapping[int, Surface]]
+"""Images without noise, and the surfaces of the bodies that they show."""
+
+
+def _captures(config: RigConfig, seed: int, views: Iterable[View]) -> Iterator[Capture]:
+    sensor: DepthSensor | None = None
+    for pair, surfaces in views:
+        sensor = sensor or DepthSensor(config, surfaces, seed=seed)
+        yield sensor.capture(pair)
+
+
+def _views(config: RigConfig, seed: int, frames: int) -> Iterator[View]:
+    if not 1 <= frames <= MAX_FRAMES:
+        raise SensorError(f"a noisy sequence has 1 to {MAX_FRAMES} frames, got {frames}")
+    return _rendered(config, seed, frames)
+
+
+def _rendered(config: RigConfig, seed: int, frames: int) -> Iterator[View]:
     scene = _scene(seed)
     poses = Walk(speed_m_s=0.8).poses(scene.path_m, seed, config.rate_hz)
     with World(scene, np.array([[4.0, -1.5, 1.6]]), start_yaw_rad=np.pi / 2) as world:
         world.apply([VelocityCommand(velocity_m_s=np.array([0.0, DRONE_SPEED_M_S, 0.0]), yaw_rad=np.pi / 2)])
         sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=seed, right=True)
         for frame, pose in enumerate(islice(poses, frames)):
-            yield sensor.capture(sensor.render([pose], frame)[0])
+            yield sensor.render([pose], frame)[0], world.surfaces
             for _ in range(PHYSICS_HZ // RATE_HZ):
                 world.step()
 

@@ -4,7 +4,7 @@
 
 compares the present figures with those of `gate.toml`, and exits with 1 if one is worse by more than its tolerance.
 `--update` makes the present ones the figures of the file; if one is worse, it asks for the reason, which stands in the
-file. `test_gate.py` does the same in the tests. The figures of `voxdepth regress` are gates, too: `golden/`.
+file. `test_gate.py` does the same in the tests. The limits of `voxdepth regress` are gates, too.
 """
 
 import argparse
@@ -20,12 +20,11 @@ import tomli_w
 
 from scenarios.config import load_run
 from scenarios.flight import fly
-from scenarios.regression import metrics_of
 from scenarios.runner import fly_and_write
 from swarm.perception import frame_of
 from tests.workloads import FLOWN, RECORDED, captures
 from voxdepth.errors import ConfigError, VoxDepthError
-from voxdepth.metrics import BELIEVED
+from voxdepth.metrics import BELIEVED, DepthErrors, Flicker, depth_errors
 from voxdepth.temporal.method import TemporalCorrector
 from voxdepth.tools.viewer import RECORDING
 
@@ -33,6 +32,7 @@ GATE = Path(__file__).with_suffix(".toml")
 SEQUENCES = ("sim-cross", "sim-drive", "sim-slats", "sim-specks")
 """One with a moving thing, and three with the errors of real depth cameras."""
 FRAMES = 30
+MAX_RANGE_M = 20.0
 IMAGES = {"rig.width_px": 424, "rig.height_px": 240, "renderer": "raster"}
 """Confidence from which a pixel is believed."""
 RIGHT = 0.05
@@ -76,7 +76,13 @@ def depth_figures(sequence: str) -> Iterator[Figure]:
     seen = list(captures(sequence, FRAMES, **IMAGES))
     corrector = TemporalCorrector(seen[0].intrinsics)
     pairs = [(capture, corrector.process(frame_of(capture))) for capture in seen]
-    mae_m, too_far, holes, flicker_m = (value or 0.0 for value in metrics_of(pairs))
+    errors, flicker = DepthErrors(), Flicker()
+    for capture, result in pairs:
+        errors += depth_errors(result.depth_m, capture.depth_true_m, max_range_m=MAX_RANGE_M)
+        in_range = capture.depth_true_m <= MAX_RANGE_M
+        flicker.add(result.depth_m, np.where(in_range, capture.depth_true_m, np.float32(0)), in_range)
+    of_sequence = errors.mae_m, errors.too_far_share, errors.hole_share, flicker.mean_change_m
+    mae_m, too_far, holes, flicker_m = (value or 0.0 for value in of_sequence)
     error = [np.abs(result.depth_m / capture.depth_true_m - 1) for capture, result in pairs]
     believed = [(result.depth_m > 0) & (result.confidence >= BELIEVED) for _, result in pairs]
     right = np.mean(np.concatenate([each[sure] for each, sure in zip(error, believed, strict=True)]) <= RIGHT)

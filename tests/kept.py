@@ -8,7 +8,6 @@ refactoring is one after which nothing does.
 
 import argparse
 import os
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from urllib.parse import unquote
 
+from scenarios.revision import checkout, git
 from tests.outputs import Difference, compute, difference, kept
 from voxdepth.errors import ConfigError, VoxDepthError
 
@@ -25,34 +25,21 @@ NEEDED = ("tests/workloads.py", "tests/outputs.py")
 """What a commit must hold to be compared."""
 
 
-def _git(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(["git", "-C", str(ROOT), *arguments], capture_output=True, text=True, check=False)
-
-
 @contextmanager
-def checkout(rev: str) -> Iterator[Path]:
-    """A working tree of a commit, for as long as it is needed; a commit that cannot be compared is a `ConfigError`."""
-    if _git("rev-parse", "--verify", "--quiet", f"{rev}^{{commit}}").returncode:
-        raise ConfigError(f"there is no commit {rev!r}: expected one that git log shows, or fetch it first")
-    for path in NEEDED:
-        if _git("cat-file", "-e", f"{rev}:{path}").returncode:
-            first = _git("log", "--diff-filter=A", "--format=%h", "--", path).stdout.split()
-            since = f"a later one, from {first[-1]} on" if first else "a later one"
-            raise ConfigError(f"commit {rev} has no {path}, so that it cannot be compared: expected {since}")
-    with TemporaryDirectory() as name:
-        tree = Path(name) / "tree"
-        added = _git("worktree", "add", "--detach", str(tree), rev)
-        if added.returncode:
-            raise ConfigError(f"cannot check {rev} out: {added.stderr.strip().splitlines()[-1]}")
-        try:
-            yield tree
-        finally:
-            _git("worktree", "remove", "--force", str(tree))
+def comparable(rev: str) -> Iterator[Path]:
+    """The files of a commit, for as long as they are needed; a commit that cannot be compared is a `VoxDepthError`."""
+    with checkout(ROOT, rev) as tree:
+        for path in NEEDED:
+            if not (tree / path).exists():
+                first = git(ROOT, "log", "--diff-filter=A", "--format=%h", "--", path).stdout.decode().split()
+                since = f"a later one, from {first[-1]} on" if first else "a later one"
+                raise ConfigError(f"commit {rev} has no {path}, so that it cannot be compared: expected {since}")
+        yield tree
 
 
 def differences(rev: str, workloads: Sequence[str]) -> tuple[int, list[Difference]]:
     """The number of workloads that were compared, and what differs, the largest first."""
-    with checkout(rev) as before, TemporaryDirectory() as name:
+    with comparable(rev) as before, TemporaryDirectory() as name:
         folders = {root: Path(name) / str(k) for k, root in enumerate((before, ROOT))}
         with ThreadPoolExecutor(len(folders)) as pool:
             list(pool.map(lambda root: compute(root, folders[root], workloads, os.environ), folders))

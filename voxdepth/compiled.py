@@ -22,7 +22,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numba.extending
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
 
 from .errors import ConfigError
 from .interrupts import kept_back
@@ -70,8 +70,24 @@ class SealedFiles(IndexDataCacheFile):  # type: ignore[misc]
             file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
 
 
+class ModuleLocator(UserProvidedCacheLocator):  # type: ignore[misc]
+    """A place by the name of the module, not by its path: every copy of the same source finds what is compiled."""
+
+    def __init__(self, function: Callable[..., Any], file: str) -> None:
+        super().__init__(function, file)
+        self._cache_path = str(Path(numba.config.CACHE_DIR) / function.__module__)
+
+
+class ModulePlaces(CompileResultCacheImpl):  # type: ignore[misc]
+    """Where Numba keeps functions: by their modules, and where it would, if that cannot be."""
+
+    _locator_classes = (ModuleLocator, *CompileResultCacheImpl._locator_classes)
+
+
 class SealedCache(FunctionCache):  # type: ignore[misc]
     """What Numba keeps of a function, in `SealedFiles`."""
+
+    _impl_class = ModulePlaces
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)

@@ -240,6 +240,8 @@ class Reliability(Addable):
     """Share of all pixels whose confidence is at least `BELIEVED`."""
     believed_right: Share = Share()
     """Share of these that is right."""
+    squared_error: float = 0.0
+    """Sum over the pixels of the squared difference of the confidence from 1 if it is right, and from 0 if not."""
 
     @classmethod
     def of(
@@ -275,6 +277,7 @@ class Reliability(Addable):
             right=np.asarray(np.bincount(place, right, BINS), np.float64),
             believed=Share(hits=int(np.count_nonzero(believed)), of=said.size),
             believed_right=Share(hits=int(np.count_nonzero(believed & right)), of=int(np.count_nonzero(believed))),
+            squared_error=float(np.square(said - right).sum()),
         )
 
     @property
@@ -291,6 +294,14 @@ class Reliability(Addable):
     def right_share(self) -> float | None:
         """Share of right pixels, 0..1; None without pixels."""
         return float(self.right.sum() / self.n) if self.n else None
+
+    @property
+    def brier_score(self) -> float | None:
+        """Mean squared error of the confidence as a forecast, 0..1, smaller is better; None without pixels.
+
+        Unlike the calibration error, it also tells whether right depths have a higher confidence than wrong ones.
+        """
+        return self.squared_error / self.n if self.n else None
 
     @property
     def calibration_error(self) -> float | None:

@@ -34,45 +34,40 @@ def record(
 
 def regress(
     corrector: Annotated[str, typer.Option(help=CORRECTOR_HELP)] = DEFAULT_CORRECTOR,
-    update: Annotated[bool, typer.Option("--update", help="Make the present metrics the golden ones.")] = False,
-    because: Annotated[str, typer.Option(help="With --update: why metrics are worse than the golden ones.")] = "",
-    golden: Annotated[Path, typer.Option(help="Folder of the golden metrics.")] = Path("tests/golden"),
-    out: Annotated[Path, typer.Option(help="Folder for the recording of the worst case.")] = Path("runs"),
+    against: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE_OR_REV",
+            help="A file of --save, or a commit of the checkout that you stand in, whose corrector is measured, too.",
+        ),
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the figures, to compare with them later.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for a picture and a recording of the worst case.")] = Path("runs"),
 ) -> None:
-    """Run a corrector on every noise term alone and compare its errors with golden metrics; exit 1 if one is worse."""
-    import pandas as pd
+    """Tell whether a change made a corrector worse on synthetic noise, in what and where; exit 1 if it did.
+
+    Limits that hold for each corrector are checked, too.
+    """
     from rich.console import Console
 
     from voxdepth.corrector_spec import CorrectorSpec
-    from voxdepth.tools.table import Table
 
-    from .. import regression
-    from ..errors import ScenarioError
-    from ..rerun.frames import record_case
+    from ..regression import clips, comparison, measurement, report
 
-    console = Console()
-    make = CorrectorSpec.of(corrector).create
-    path = regression.golden_path(golden, corrector)
-    before = regression.read_golden(path) if path.exists() or not update else None
-    with console.status("") as status:
-        measured = regression.measure(make, lambda case: status.update(f"running {corrector} on {case}"))
-    regression.metric_table(measured, corrector).print(console)
-    worse = pd.DataFrame()
-    if before is not None:
-        differences = regression.compare(before, measured)
-        worse = differences[differences["change"] == "worse"]
-        if differences.empty:
-            typer.echo(f"no metric differs from {path} by more than its tolerance")
-        else:
-            Table.of_frame(regression.OUTSIDE, differences).print(console)
-    if update and (worse.empty or because):
-        regression.write_golden(path, measured, because if len(worse) else "")
-        typer.echo(f"golden metrics written to {path}")
-    elif update:
-        raise ScenarioError(f"{len(worse)} metrics are worse than those of {path}: say why with --because")
-    elif len(worse):
-        worst = worse["noise"].iloc[0]
-        recording = out / f"regress-{path.stem}.rrd"
-        record_case(recording, worst, regression.corrected(make, worst))
-        typer.echo(f"the worst case, {worst}, is in {recording}; if the change is meant: --update --because REASON")
+    console, here = Console(), clips.Here(CorrectorSpec.of(corrector).create)
+    with comparison.opponent(corrector, against) as other:
+        with console.status("") as status:
+            now, before = measurement.measured(
+                corrector, here, other=other.corrects, progress=lambda clip: status.update(f"running {clip.title}")
+            )
+        if save is not None:
+            measurement.save(save, now)
+        judgement = other.judge(now, before)
+        files = comparison.write_worst(out, judgement, here, other)
+    report.show(console, now, judgement, against)
+    for path in (*files, *filter(None, [save])):
+        typer.echo(f"written: {path}")
+    if judgement.is_bad:
         raise typer.Exit(1)

@@ -82,7 +82,7 @@ def test_commits_that_cannot_be_compared_are_refused_in_one_line(capsys: pytest.
 
 def test_a_commit_without_workloads_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kept, "NEEDED", ("tests/no_such_file.py",))
-    with pytest.raises(ConfigError, match=r"has no tests/no_such_file\.py, so that it cannot"), kept.checkout("HEAD"):
+    with pytest.raises(ConfigError, match=r"has no tests/no_such_file\.py, so that it cannot"), kept.comparable("HEAD"):
         pass
 
 

@@ -147,6 +147,14 @@ def test_the_first_call_compiles_and_a_second_process_reads_from_the_disk_withou
     assert [path.stat().st_mtime_ns for path in sorted(folder.rglob("*.nb*"))] == before
 
 
+@pytest.mark.slow
+def test_a_copy_of_the_package_at_another_place_finds_what_is_compiled(package: Package, tmp_path: Path) -> None:
+    package.run()
+    (tmp_path / "copy").mkdir()
+    copy = Package(tmp_path / "copy")
+    assert copy.run(HOME=tmp_path / "home") == (12, "")
+
+
 def test_what_a_helper_has_compiled_is_read_from_the_disk(package: Package) -> None:
     assert package.run(HELPED) == (12, "")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.errors import SensorError
-from sim.testing import LEVELS, TERMS, Level, Term, noisy_sequence, sensor_config
+from sim.testing import DRONE_ID, LEVELS, TERMS, Level, Term, noisy_sequence, noisy_sequences, sensor_config
 from sim.types import InvalidReason
 
 ALLOWED = {
@@ -26,6 +26,21 @@ def test_a_sequence_is_the_same_for_the_same_arguments_and_another_for_another_s
     assert [round(capture.stamp_s * 30) for capture in one] == [0, 1, 2, 3]
 
 
+def test_sequences_that_are_rendered_together_are_those_that_are_rendered_alone() -> None:
+    kinds: list[tuple[Term, Level]] = [
+        ("blank", "low"),
+        ("occlusion", "high"),
+        ("flicker", "high"),
+        ("occlusion", "low"),
+    ]
+    together = [list(sequence) for sequence in noisy_sequences(kinds, seed=2, frames=3)]
+    for kind, sequence in zip(kinds, together, strict=True):
+        for a, b in zip(sequence, noisy_sequence(*kind, seed=2, frames=3), strict=True):
+            for name in ("gray_left", "gray_right", "depth_raw_m", "depth_true_m", "segment_id", "invalid_reason"):
+                np.testing.assert_array_equal(getattr(a, name), getattr(b, name), str(kind))
+            assert a.intrinsics == b.intrinsics
+
+
 @pytest.mark.parametrize("term", TERMS)
 def test_each_term_acts_alone_and_grows_with_its_level(term: Term) -> None:
     harm = []
@@ -45,7 +60,8 @@ def test_each_term_acts_alone_and_grows_with_its_level(term: Term) -> None:
 
 def test_something_moves_through_the_view() -> None:
     captures = list(noisy_sequence("scale", "low"))
-    drone = [capture.segment_id == captures[0].segment_id.max() for capture in captures]
+    assert captures[0].segment_id.max() == DRONE_ID
+    drone = [capture.segment_id == DRONE_ID for capture in captures]
     columns = [np.nonzero(seen)[1].mean() for seen in drone if seen.any()]
     assert len(columns) > 15
     assert abs(columns[-1] - columns[0]) > 20
