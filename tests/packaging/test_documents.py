@@ -14,6 +14,7 @@ from pkgutil import resolve_name
 from typing import Any
 
 import gymnasium
+import numpy as np
 import pytest
 import typer
 
@@ -147,6 +148,21 @@ def test_the_examples_of_depth_noise_run_one_after_the_other() -> None:
     for example in blocks(ROOT / "docs" / "depth_noise.md", "python"):
         exec(example, names)
     assert names["corrected"].depth_m.shape == names["shape"]
+
+
+def test_the_program_of_the_steps_makes_what_the_method_makes() -> None:
+    from voxdepth import TemporalCorrector
+
+    names: dict = {}
+    for example in blocks(ROOT / "docs" / "steps.md", "python"):
+        exec(example, names)
+    dataset, whole = names["dataset"], TemporalCorrector(names["dataset"].intrinsics)
+    first, *_, last = [whole.process(dataset[index]) for index in range(8)]
+    for name, image in names["shown"]._asdict().items():
+        np.testing.assert_array_equal(image, getattr(last, name))
+    is_measured = dataset[0].depth_m > 0
+    assert (names["corrected"].depth_m[is_measured] == first.depth_m[is_measured]).mean() > 0.9
+    assert (names["corrected"].depth_m[~is_measured] != first.depth_m[~is_measured]).mean() > 0.5
 
 
 def test_the_example_of_a_regression_test_passes() -> None:
