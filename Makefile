@@ -90,9 +90,10 @@ profile: setup   ## measure where the time of a mission goes and print a table
 acceptance: setup ## fly every scenario's acceptance check over 20 seeds
 	$(BIN)/voxdepth accept --seeds 20
 
-picture: setup   ## make the pictures of docs/corrector.md and docs/scenes.md
+picture: setup   ## make the pictures of docs/corrector.md, docs/scenes.md and of how the methods work
 	$(BIN)/voxdepth picture city --seed 1 --drone 4 --at 7 --out docs/city.jpg
 	$(BIN)/voxdepth picture scenes --seed 1 --out docs/scenes.jpg
+	$(BIN)/python -m tests.pictures
 
 sequences: setup ## record 60 frames of the reference and hard sequences into build/ and make the contact sheets in docs/
 	@for name in LN MB KTS KTC PLF PLW hover yaw cut cross ghost approach; do \

@@ -6,6 +6,7 @@ import pytest
 from tests.temporal_scenes import CAMERA, OTHER_ROOM, ROOM, dark, frames_of, noisy, pose, run, walk
 from voxdepth.errors import ConfigError
 from voxdepth.temporal.ablations import ABLATIONS
+from voxdepth.temporal.config import TemporalConfig
 from voxdepth.temporal.method import TemporalCorrector
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.tools.evaluation.methods import find_method
@@ -21,27 +22,31 @@ def stream() -> list[Frame]:
     return whole + cut + frames_of(ROOM, NEAR_BALL[-3:], first=len(whole) + len(cut))
 
 
+def without(part: str) -> TemporalCorrector:
+    return TemporalCorrector(CAMERA, steps=ABLATIONS[part])
+
+
 def shown(results: list[CorrectedDepth]) -> bytes:
     return b"".join(result.depth_m.tobytes() + result.confidence.tobytes() for result in results)
 
 
 @pytest.mark.parametrize("part", ABLATIONS)
 def test_without_a_part_the_output_is_another(part: str) -> None:
-    assert shown(run(ABLATIONS[part](CAMERA), stream())) != shown(run(TemporalCorrector(CAMERA), stream()))
+    assert shown(run(without(part), stream())) != shown(run(TemporalCorrector(CAMERA), stream()))
 
 
 def test_without_memory_each_frame_is_corrected_alone() -> None:
     frames = stream()[:6]
     alone = [TemporalCorrector(CAMERA).process(frame) for frame in frames]
-    assert shown(run(ABLATIONS["memory"](CAMERA), frames)) == shown(alone)
+    assert shown(run(without("memory"), frames)) == shown(alone)
 
 
 def test_without_relocalisation_a_place_is_not_known_again() -> None:
-    def last(kind: type[TemporalCorrector]) -> TrackingStatus:
-        return run(kind(CAMERA), stream())[-3].diagnostics.status
+    def last(corrector: TemporalCorrector) -> TrackingStatus:
+        return run(corrector, stream())[-3].diagnostics.status
 
-    assert last(TemporalCorrector) is TrackingStatus.OK
-    assert last(ABLATIONS["relocalisation"]) is TrackingStatus.LOST
+    assert last(TemporalCorrector(CAMERA)) is TrackingStatus.OK
+    assert last(without("relocalisation")) is TrackingStatus.LOST
 
 
 def test_without_votes_of_lone_ends_a_half_empty_image_stays_half_empty() -> None:
@@ -58,9 +63,10 @@ def test_without_votes_of_lone_ends_a_half_empty_image_stays_half_empty() -> Non
 def test_the_evaluation_finds_an_ablation_by_name_beside_settings_and_results_tell_it_from_others() -> None:
     method = find_method("temporal[without=median,fill=all]")
     assert method.config == {**find_method("temporal[fill=all]").config, "without": "median"}  # type: ignore[dict-item]
-    made = method.make(CAMERA)
-    assert isinstance(made, ABLATIONS["median"])
-    assert (made.process(frames_of(ROOM, walk(1))[0]).depth_m > 0).all()
+    frames, filled = stream()[:3], TemporalConfig(fill="all")
+    expected = run(TemporalCorrector(CAMERA, filled, ABLATIONS["median"]), frames)
+    assert shown(run(method.make(CAMERA), frames)) == shown(expected)
+    assert (expected[0].depth_m > 0).all()
     assert find_method("temporal[without=memory]").config == {**find_method("temporal").config, "without": "memory"}  # type: ignore[dict-item]
 
 

@@ -10,40 +10,45 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import ConfigError, no_such
-from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, MaskImage
+from ..types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
 from .config import TemporalConfig
-from .filling import Filled, HoleFiller, Inpainted, Known, Rules, fill_places
+from .filling import Filled, HoleFiller, Known, Rules, fill_places
 from .fusion import Comparison
 from .measurement import Measurement
 from .memory import Memory
-from .method import TemporalCorrector
 from .odometry import TrackingResult, VisualOdometry
 from .rays import AXES, INFINITE, Places, Rays
+from .steps import Fills, Fusion, Prediction, Steps
 from .tracking_camera import Pixels
 
 
-class WithoutMemory(TemporalCorrector):
+class WithoutMemory(Steps):
     """Each frame is corrected alone."""
 
-    def _recall(self, gray: GrayImage, tracking: TrackingResult) -> tuple[Memory, float]:
-        return Memory.empty(gray), 0.0
+    def warp(self, measurement: Measurement, tracking: TrackingResult) -> Prediction:
+        """Expect nothing."""
+        return Prediction(Memory.empty(measurement.gray), 0.0)
 
 
-class WithoutMemoryInFills(TemporalCorrector):
+class WithoutMemoryInFills(Steps):
     """The memory has no vote in holes."""
 
-    def _fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
-        return super()._fill(known._replace(remembered_px=np.zeros_like(known.remembered_px)), depth_m)
+    def fill(self, prediction: Prediction, fusion: Fusion, depth_m: FloatImage) -> Fills:
+        """Fill without the memory."""
+        fused = fusion.fused._replace(remembered_px=np.zeros_like(fusion.fused.remembered_px))
+        return super().fill(prediction, fusion._replace(fused=fused), depth_m)
 
 
-class WithoutPreviousFill(TemporalCorrector):
+class WithoutPreviousFill(Steps):
     """The previous fill has no vote in holes."""
 
-    def _fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
-        return super()._fill(known._replace(previous_px=np.zeros_like(known.previous_px)), depth_m)
+    def fill(self, prediction: Prediction, fusion: Fusion, depth_m: FloatImage) -> Fills:
+        """Fill without the previous fill."""
+        memory = prediction.memory._replace(filled_px=np.zeros_like(prediction.memory.filled_px))
+        return super().fill(prediction._replace(memory=memory), fusion, depth_m)
 
 
-class WithoutCoherence(TemporalCorrector):
+class WithoutCoherence(Steps):
     """Each pixel contradicts the memory by itself, whatever its neighbours do."""
 
     def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
@@ -51,7 +56,7 @@ class WithoutCoherence(TemporalCorrector):
         return comparison._replace(nearer=all_px, farther=all_px)
 
 
-class WithoutGrayChange(TemporalCorrector):
+class WithoutGrayChange(Steps):
     """The memory of a hole stays where the gray value has changed."""
 
     def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
@@ -59,7 +64,7 @@ class WithoutGrayChange(TemporalCorrector):
         return comparison._replace(gray_change=np.zeros_like(comparison.gray_change))
 
 
-class WithoutDrift(TemporalCorrector):
+class WithoutDrift(Steps):
     """The memory weighs the same where surfaces come nearer."""
 
     def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
@@ -67,8 +72,8 @@ class WithoutDrift(TemporalCorrector):
         return comparison._replace(memory_factor=np.ones_like(comparison.memory_factor))
 
 
-class OtherFills(TemporalCorrector):
-    """The method with other rules of its fills."""
+class OtherFills(Steps):
+    """The steps with other rules of the fills."""
 
     rules: ClassVar[Mapping[str, Any]]
     """What differs; see `HoleFiller`."""
@@ -105,7 +110,7 @@ class _TwoEnds(HoleFiller):
         return filled
 
 
-class WithoutLoneEnds(TemporalCorrector):
+class WithoutLoneEnds(Steps):
     """An axis with one end has no vote."""
 
     def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
@@ -120,7 +125,7 @@ class _MeasuredPoints(VisualOdometry):
         return self._camera.points(corners, np.divide(focal_baseline_px_m, depth_m, out=zeros, where=depth_m > 0))
 
 
-class WithoutRememberedPoints(TemporalCorrector):
+class WithoutRememberedPoints(Steps):
     """The motion of the camera is fitted to the measured points of the frame before, not to remembered ones."""
 
     def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
@@ -133,7 +138,7 @@ class _NeverRelocalised(VisualOdometry):
         return None
 
 
-class WithoutRelocalisation(TemporalCorrector):
+class WithoutRelocalisation(Steps):
     """After a cut or a gap the memory starts empty."""
 
     def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
@@ -141,7 +146,7 @@ class WithoutRelocalisation(TemporalCorrector):
         self._odometry = _NeverRelocalised(intrinsics, self._resolution, self._config)
 
 
-ABLATIONS: dict[str, type[TemporalCorrector]] = {
+ABLATIONS: dict[str, type[Steps]] = {
     "memory": WithoutMemory,
     "memory_in_fills": WithoutMemoryInFills,
     "previous_fill": WithoutPreviousFill,
@@ -155,11 +160,11 @@ ABLATIONS: dict[str, type[TemporalCorrector]] = {
     "remembered_points": WithoutRememberedPoints,
     "relocalisation": WithoutRelocalisation,
 }
-"""The method without a part, by the name of the part."""
+"""The steps without a part, by the name of the part: `TemporalCorrector(camera, steps=ABLATIONS["memory"])`."""
 
 
-def find_ablation(part: str) -> type[TemporalCorrector]:
-    """The default method without a part; a name that is none of `ABLATIONS` is a `ConfigError`."""
+def find_ablation(part: str) -> type[Steps]:
+    """The steps of the default method without a part; a name that is none of `ABLATIONS` is a `ConfigError`."""
     if part not in ABLATIONS:
         raise ConfigError(no_such("part of the default method", part, ABLATIONS))
     return ABLATIONS[part]

@@ -89,8 +89,9 @@ def find_method(name: str) -> Method:
 
 def _made_without(part: str, config: Any) -> CorrectorFactory:
     from ...temporal.ablations import find_ablation
+    from ...temporal.method import TemporalCorrector
 
-    return partial(find_ablation(part), config=config)
+    return partial(TemporalCorrector, config=config, steps=find_ablation(part))
 
 
 def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrinsics, pictured: int) -> Scores:
