@@ -12,22 +12,6 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("voxdepth", "sim", "swarm", "scenarios", "examples", "ros2")
 MANY = 4
 """From this number of parameters on, a docstring describes them."""
-PENDING = (
-    "scenarios/commands/sensor.py",
-    "scenarios/regression.py",
-    "scenarios/rerun/frames.py",
-    "scenarios/study/",
-    "sim/sensor.py",
-    "sim/world.py",
-    "swarm/",
-    "voxdepth/paper/registration.py",
-    "voxdepth/temporal/filling.py",
-    "voxdepth/temporal/fusion.py",
-    "voxdepth/temporal/method.py",
-    "voxdepth/temporal/odometry.py",
-    "voxdepth/temporal/relocalisation.py",
-)
-"""Files and folders whose functions need not describe their parameters yet."""
 
 Definition = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -143,11 +127,7 @@ def faults(modules: dict[str, ast.Module]) -> list[str]:
 
 
 def test_functions_with_many_parameters_describe_them() -> None:
-    assert [fault for fault in faults(MODULES) if not fault.startswith(PENDING)] == []
-
-
-def test_a_pending_file_is_there() -> None:
-    assert [entry for entry in PENDING if not (ROOT / entry).exists()] == []
+    assert faults(MODULES) == []
 
 
 GOOD = '''
