@@ -18,8 +18,8 @@ from .figures import BRIER, ERROR, FIGURES, HEADINGS, MEASURED, METRICS, MOVING,
 
 TIME = "time [ms]"
 """Column of the median time for a frame."""
-T_LIMIT = {2: 6.31, 3: 2.92, 4: 2.35, 5: 2.13}
-"""Quantile 95 % of Student's distribution by the number of seeds."""
+LEVEL = 0.95
+"""Level of the one-sided t-test."""
 SLOWER, SLOWER_MS = 1.3, 1.0
 """A corrector became slower if its median time grew by both, this factor and this time [ms]."""
 SHOWN = 3
@@ -218,7 +218,9 @@ def _is_beyond(change: Change, sign: int) -> bool:
     mean, n = grown.mean(), len(grown)
     if mean <= METRICS[change.figure.metric].floor or np.isinf(mean) or n == 1:
         return bool(mean > METRICS[change.figure.metric].floor)
-    return bool(mean > T_LIMIT[n] * grown.std(ddof=1) / np.sqrt(n))
+    from scipy.stats import t
+
+    return bool(mean > t.ppf(LEVEL, n - 1) * grown.std(ddof=1) / np.sqrt(n))
 
 
 def broken_limits(corrector: str, now: pd.DataFrame) -> list[Broken]:
