@@ -155,7 +155,8 @@ def _region_colors(shown: Shown) -> Colors:
 
 
 def _panel(title: str, image: Colors) -> Draw:
-    return image_shown(title, image, interpolation="nearest")
+    framed = np.pad(image, [(1, 1), (1, 1), (0, 0)], constant_values=UNKNOWN_GRAY)  # It may be as white as the page.
+    return image_shown(title, framed, interpolation="nearest")
 
 
 def _scale(title: str, end: float, colors: Callable[[FloatImage], Colors], *, is_signed: bool = False) -> Draw:

@@ -303,9 +303,12 @@ def test_reliability_is_what_is_said_and_what_is_right_in_six_bins_by_hand() -> 
     assert (found.believed, found.believed_right) == (Share(hits=3, of=5), Share(hits=2, of=3))
     assert (found.said, found.right_share) == (pytest.approx(3.3 / 5), 3 / 5)
     assert found.calibration_error == pytest.approx((0.9 + 0.5 + 0.8 + 0.1) / 5)
+    assert found.brier_score == pytest.approx((0 + 0.1**2 + 0.8**2 + 0.5**2 + 0.9**2) / 5)
     twice = found + found
     assert (twice.n, twice.calibration_error) == (10, found.calibration_error)
+    assert twice.brier_score == found.brier_score
     nothing = Reliability()
+    assert nothing.brier_score is None
     assert (nothing.n, nothing.said, nothing.right_share, nothing.calibration_error) == (0, None, None, None)
 
 
@@ -318,6 +321,10 @@ def test_a_confidence_that_is_a_probability_has_no_calibration_error() -> None:
     assert Reliability.of(*given).calibration_error == pytest.approx(0, abs=0.01)
     sure = (depth_m, np.ones_like(confidence), *given[2:])
     assert Reliability.of(*sure).calibration_error == pytest.approx(0.5, abs=0.01)
+    assert Reliability.of(*given).brier_score == pytest.approx(1 / 6, abs=0.01)
+    usual = (depth_m, np.full_like(confidence, 0.5), *given[2:])
+    assert Reliability.of(*usual).calibration_error == pytest.approx(0, abs=0.01)
+    assert Reliability.of(*usual).brier_score == pytest.approx(1 / 4, abs=0.01), "it tells no depth from another"
 
 
 def edge(*depths_m: float) -> tuple[np.ndarray, np.ndarray]:
