@@ -326,12 +326,13 @@ def class_by(rule: int) -> int:
 @compiled_part(uint8(uint8, uint8, uint8))
 def weight_by(rule: int, memory_weight: int, measured_weight: int) -> int:
     """Return the weight of the memory after the frame, from those of memory and measurement."""
-    change = float32(measured_weight) if rule == AGREEING else float32(0)
+    before, change = float32(memory_weight), float32(measured_weight)
+    change = change if rule == AGREEING else float32(0)
     change = float32(-DECAY_OCCLUDED) if rule == OCCLUDING else change
     change = float32(-DECAY_FREE_SPACE) if rule == FREE_SPACE else change
     change = float32(-DECAY_OUTLIER) if rule == OUTLIER else change
     change = float32(-MAX_WEIGHT) if rule == NEW else change
-    weight: int = uint8(max(min(float32(memory_weight) + change, float32(MAX_WEIGHT)), float32(0)))
+    weight: int = uint8(max(min(before + change, float32(MAX_WEIGHT)), float32(0)))
     return weight
 
 
