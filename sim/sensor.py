@@ -128,10 +128,16 @@ class RigConfig(Model):
 
 
 class DepthSensor:
-    """Adds the noise of cameras to rendered images, and measures depth with them. The seed drives all noise.
+    """Adds the noise of cameras to rendered images, and measures depth with them.
 
-    Without `gray`, the gray images are black unless the sensor model needs them. A baseline that needs more disparities
-    than the image has columns raises a `SensorError`.
+    Args:
+        config: Cameras and sensor model.
+        surfaces: Surfaces of all bodies by id.
+        seed: Master seed of the run, which drives all noise.
+        gray: Whether there are gray images even if the sensor model needs none; without it they are black then.
+
+    Raises:
+        SensorError: The baseline needs more disparities than the image has columns.
     """
 
     def __init__(
@@ -240,7 +246,13 @@ class DepthSensor:
 class StereoSensor(DepthSensor):
     """A depth sensor that renders its images: from any pose in a world, or from its drones.
 
-    With `right`, there are right images even if the sensor model does not need them.
+    Args:
+        world: World that it shows.
+        renderer: Renderer of that world.
+        config: Cameras and sensor model.
+        seed: Master seed of the run, which drives all noise.
+        gray: Whether there are gray images even if the sensor model needs none; without it they are black then.
+        right: Whether there are right images even if the sensor model needs none.
     """
 
     def __init__(
@@ -311,10 +323,17 @@ def _sampled_along_rows(image: FloatImage, at_px: FloatImage) -> FloatImage:
 def lit_by_pattern(
     left: Images, right: Images, strength: float, intrinsics: Intrinsics, *, seed: int
 ) -> tuple[Images, Images]:
-    """The images of a pair that a projector beside the left camera lights with a pattern of dots.
+    """Return the images of a pair that a projector beside the left camera lights with a pattern of dots.
 
     The pattern is fixed in the left image, and each pixel of the right image shows the dot of the same surface. The
     light is `1 + strength p / (1 + (z / 3 m)^2)` times as bright, with p between 0 and 1.
+
+    Args:
+        left: Rendered images of the left camera.
+        right: Those of the right camera.
+        strength: Contrast of a dot at 0 m, as a share of the brightness.
+        intrinsics: Intrinsics of each camera, with the baseline.
+        seed: Master seed of the run, which decides the pattern.
     """
     dots = (stream(seed, Purpose.PROJECTOR).random(left.gray.shape) < DOT_SHARE).astype(np.float32)
     dots = np.minimum(2 * gaussian_filter(dots, DOT_SIGMA_PX, mode="mirror"), 1).astype(np.float32)

@@ -36,10 +36,17 @@ class World:
     """Steps physics, flies drones by velocity commands and reports the first contact of every pair of bodies.
 
     Use it as a context manager; the PyBullet client lives as long as the world. The collision shape of a drone is a
-    sphere, and its visible shape is a flat cylinder of the same radius. The drones hover at their start positions,
-    shape (n, 3), with one heading for all, or one each, shape (n,). The movers of the scene have the first body ids,
-    from 0 on; they follow the world's clock. A drone that starts in contact with a body or another drone raises a
-    `SceneError`.
+    sphere, and its visible shape is a flat cylinder of the same radius. The drones hover where they start. The movers
+    of the scene have the first body ids, from 0 on; they follow the world's clock.
+
+    Args:
+        scene: All bodies except the drones, and the weather.
+        starts_m: Start position of each drone in the world frame, shape (n, 3).
+        airframe: Size, mass and limits of every drone; None takes the default.
+        start_yaw_rad: Heading of all drones, or of each, shape (n,), from the world's x axis towards y.
+
+    Raises:
+        SceneError: A drone starts in contact with a body or another drone.
     """
 
     def __init__(

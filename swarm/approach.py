@@ -64,6 +64,12 @@ def neighbour_limits(
 
     Both move on for `RESPONSE_S` until a command takes effect. A neighbour that moves away may stop with the same
     deceleration, since all have the same airframe.
+
+    Args:
+        position_m: Position of the drone in the world frame, shape (3,).
+        velocity_m_s: Its velocity in the world frame, shape (3,).
+        neighbours: Other drones, as it knows them.
+        airframe: Size and limits of every drone.
     """
     offset_m = neighbours.position_m - position_m
     distance_m = np.sqrt((offset_m * offset_m).sum(axis=1))

@@ -69,7 +69,14 @@ def load_controller(name: str) -> Factory:
 
 
 class PluginAgent:
-    """The agent of a controller of a user. Every fault of it is a `PluginError`."""
+    """The agent of a controller of a user. Every fault of it is a `PluginError`.
+
+    Args:
+        name: Name of the controller, `module:factory`.
+        factory: What that name stands for.
+        role: Drone that the agent decides for.
+        config: Configuration of the mission, for the factory.
+    """
 
     def __init__(self, name: str, factory: Factory, role: Role, config: MissionConfig) -> None:
         self._plugin = Plugin("controller", name, "decide", SIGNATURE, lambda: factory(role, config))

@@ -30,8 +30,14 @@ class LinkConfig(Model):
 class Link:
     """Delivers positions and velocities of each drone to all others `control_hz` times a second, with delay and losses.
 
-    Every drone knows the states of all drones at the start. `leaders` holds the number of the leader of each drone.
     A drone that drops out is no longer heard from that moment on.
+
+    Args:
+        config: Quality of the link.
+        states: Motion of each drone at the start, which every drone knows.
+        control_hz: Calls of `broadcast` per second.
+        seed: Master seed of the run.
+        leaders: Number of the leader of each drone.
     """
 
     def __init__(

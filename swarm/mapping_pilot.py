@@ -27,7 +27,15 @@ ROTATES_AGAIN_M = 2.0
 
 
 class MappingPilot(Pilot):
-    """Flies within known-free space only, and explores what it must know to go on."""
+    """Flies within known-free space only, and explores what it must know to go on.
+
+    Args:
+        config: Turn rate and avoidance.
+        control_hz: Decisions per second.
+        start_yaw_rad: Heading at the start, from the world's x axis towards y.
+        airframe: Size and limits of every drone.
+        camera: Intrinsics of its images.
+    """
 
     def __init__(
         self, config: PilotConfig, control_hz: float, start_yaw_rad: float, airframe: AirframeConfig, camera: Intrinsics

@@ -28,11 +28,20 @@ DROPPED = Decision(command=VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=0.0
 
 
 class Mission:
-    """Runs swarms in a world, tick by tick; `compose.composed_mission` describes the arguments.
+    """Runs swarms in a world, tick by tick; `compose.composed_mission` makes one from a configuration.
 
-    The world has one drone per member of the teams, at `config.starts_m()`. A drone without a corrector has no camera.
-    The number of captures per second, `camera_hz`, must divide `config.control_hz`. `pool_map` maps over drones; a map
-    with several threads gives the same captures sooner.
+    Args:
+        config: The task, and the swarms that fly it.
+        world: World with one drone per member of the teams, at `config.starts_m()`.
+        rig: Cameras of its drones.
+        correctors: Corrector of each drone; None for a drone without a camera.
+        recorder: Receives everything that happens; the caller closes it.
+        camera_hz: Captures per second, which must divide `config.control_hz`.
+        latency_s: Simulated time from a capture until the controller knows its percept.
+        seed: Master seed of the radio, of missed detections and of drift.
+        create_agent: Creates the agent of each drone.
+        measured: Whether the mission has a result.
+        pool_map: Maps over drones; one with several threads gives the same captures sooner.
 
     Raises:
         MissionError: The rates do not divide each other, or a start or a goal is inside of a body.

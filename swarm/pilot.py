@@ -96,10 +96,15 @@ class Pilot:
         target_m: FloatArray | None = None,
         look_at_m: FloatArray | None = None,
     ) -> Decision:
-        """Return the command for a wanted velocity, shape (3,), clamped to the limits towards other drones.
+        """Return the command for a wanted velocity, clamped to the limits towards other drones.
 
-        `target_m` is the place to which the drone wants to get, and `look_at_m` one at which it looks when it has
-        nowhere to fly, both of shape (3,); pilots with a map use them.
+        Args:
+            wanted_m_s: Wanted velocity in the world frame, shape (3,).
+            situation: What the drone knows.
+            target_m: Place to which the drone wants to get, world frame, shape (3,); None for where the velocity leads.
+                Pilots with a map use it.
+            look_at_m: Place at which it looks when it has nowhere to fly, world frame, shape (3,); None for none.
+                Pilots with a map use it.
         """
         yaw_rad = self._heading.turn_towards(wanted_m_s, length(wanted_m_s[:2]))
         velocity_m_s = clamp_to_limits(wanted_m_s, self._drone_limits(situation))

@@ -18,7 +18,14 @@ class Recorder:
         """Receive the world before the first step, and the swarms."""
 
     def tick(self, step: int, time_s: float, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
-        """Receive all drones after a decision."""
+        """Receive all drones after a decision.
+
+        Args:
+            step: Number of steps of physics up to now.
+            time_s: Simulated time.
+            states: Motion of each drone when it decided.
+            decisions: Decision of each drone, which the next step begins to follow.
+        """
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Receive one image and its corrected depth, at the latest before the next image, a contact and the end."""

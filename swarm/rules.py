@@ -49,7 +49,14 @@ class RuleWeights(Model):
 
 
 def migration(position_m: FloatArray, target_m: FloatArray, target_velocity_m_s: FloatArray, gain: float) -> FloatArray:
-    """Fly towards a moving target: its velocity plus `gain` times the offset to it."""
+    """Fly towards a moving target: its velocity plus `gain` times the offset to it.
+
+    Args:
+        position_m: Position of the drone, shape (3,).
+        target_m: Position of the target, shape (3,).
+        target_velocity_m_s: Velocity of the target, shape (3,).
+        gain: Speed per distance [1/s].
+    """
     return target_velocity_m_s + gain * (target_m - position_m)
 
 
@@ -62,7 +69,14 @@ def cohesion(position_m: FloatArray, neighbours: Neighbours, gain: float) -> Flo
 
 
 def separation(position_m: FloatArray, neighbours: Neighbours, gain: float, radius_m: float) -> FloatArray:
-    """Fly away from each neighbour nearer than `radius_m`, in proportion to the missing distance."""
+    """Fly away from each neighbour that is too near, in proportion to the missing distance.
+
+    Args:
+        position_m: Position of the drone, shape (3,).
+        neighbours: Other drones, as it knows them.
+        gain: Speed per missing distance [1/s].
+        radius_m: Distance from which on a neighbour is not too near.
+    """
     away_m = position_m - neighbours.position_m
     distance_m = np.sqrt((away_m * away_m).sum(axis=1))
     missing = np.where(distance_m > 0, np.maximum(radius_m - distance_m, 0) / np.maximum(distance_m, 1e-9), 0)

@@ -63,7 +63,14 @@ def opponent(spec: str, against: str | None) -> Iterator[Opponent]:
 
 
 def write_worst(out: Path, judgement: Judgement, corrects: Corrects, other: Opponent) -> list[Path]:
-    """Write a picture of the worst frame and a recording of its clip; return the files, or none if nothing is worse."""
+    """Write a picture of the worst frame and a recording of its clip; return the files, or none if nothing is worse.
+
+    Args:
+        out: Folder of the files.
+        judgement: What became worse.
+        corrects: The corrector that was judged.
+        other: What it was compared with; without a corrector of it, the picture shows the raw depth instead.
+    """
     worst = judgement.worst
     if worst is None:
         return []

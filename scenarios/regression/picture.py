@@ -46,7 +46,15 @@ class Shown(NamedTuple):
 def worst_frame(
     clip: Clip, figure: Figure, before: Sequence[CorrectedDepth], before_title: str, now: Sequence[CorrectedDepth]
 ) -> Shown:
-    """Return the frame of a clip in which a figure grew most."""
+    """Return the frame of a clip in which a figure grew most.
+
+    Args:
+        clip: Frames, with their truth.
+        figure: Figure that is compared.
+        before: Correction of each frame that it is compared with.
+        before_title: What titles call that correction, as in `at main`.
+        now: Correction of each frame by the corrector that was judged.
+    """
     column = FIGURES.index(figure)
     old, new = (scores(clip, results).of_frames[:, column] for results in (before, now))
     grown = np.where(np.isnan(new), -np.inf, new - np.nan_to_num(old))
@@ -105,7 +113,16 @@ def confidence_colors(result: CorrectedDepth) -> Colors:
 
 
 def change_colors(before_m: FloatImage, now_m: FloatImage, truth_m: FloatImage, end_m: float) -> Colors:
-    """Return the change of the absolute error in colours, RGB, see `signed_colors`; what a depth lost is `MISSING`."""
+    """Return the change of the absolute error in colours, RGB, shape (H, W, 3); see `signed_colors`.
+
+    Pixels without depth now are `MISSING`, and those that had none before are `GAINED`.
+
+    Args:
+        before_m: Depth before, shape (H, W); 0 = none.
+        now_m: Depth now, shape (H, W); 0 = none.
+        truth_m: True depth, shape (H, W); not finite where there is no surface.
+        end_m: Change of the error at the ends of the colours; larger ones look the same.
+    """
     image = signed_colors(_change_m(before_m, now_m, truth_m) / end_m)
     image[(before_m <= 0) & (now_m > 0)] = GAINED
     image[now_m <= 0] = MISSING

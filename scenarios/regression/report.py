@@ -16,7 +16,14 @@ if TYPE_CHECKING:
 
 
 def show(console: "Console", now: Baseline, judgement: Judgement, against: str | None) -> None:
-    """Print a judgement, and all figures if there was no comparison."""
+    """Print a judgement, and all figures if there was no comparison.
+
+    Args:
+        console: Where it is printed.
+        now: Figures of the corrector that was judged.
+        judgement: Verdict, and what became worse or better.
+        against: File or commit that it was compared with, as the command line has it; None without a comparison.
+    """
     for line in judgement.verdict:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     if against is None:

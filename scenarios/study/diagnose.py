@@ -94,7 +94,11 @@ def held_at(view: MapView | None, place_m: FloatArray) -> str | None:
 def diagnose(images: Sequence[Image], body: int, point_m: FloatArray, min_confidence: float) -> Diagnosis:
     """Find the cause by a majority of the pixels of the surface that was hit, over all images; texture is left out.
 
-    `body` was hit by a drone at `point_m` [m], shape (3,). The drone trusts pixels from `min_confidence` on.
+    Args:
+        images: Images of the drone before the collision.
+        body: Id of the body that it hit.
+        point_m: Position of the drone at the collision in the world frame, shape (3,).
+        min_confidence: Confidence, 0..1, from which on the drone trusts a pixel.
     """
     masks = [_pixels_of(body, point_m, capture) for capture, _ in images]
     if sum(bool(mask.any()) for mask in masks) < max(1, MIN_VISIBLE_SHARE * len(images)):

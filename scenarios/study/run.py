@@ -24,8 +24,12 @@ LINE_EVERY_S = 30.0
 def progress_line(planned: int, left: int, flown: int, failed: int, elapsed_s: float) -> str:
     """Return the time of day, the number of runs, the speed, the time left and the number of errors.
 
-    Of the planned runs some are left; those that were flown in this call took `elapsed_s` together, and of these some
-    failed.
+    Args:
+        planned: Number of all runs of the study.
+        left: Number of runs that have not been flown.
+        flown: Number of runs that were flown in this call.
+        failed: Number of those among them that failed.
+        elapsed_s: Wall-clock time in which those were flown.
     """
     parts = [f"{time.strftime('%H:%M:%S')} {planned - left} of {planned} runs"]
     if flown:
@@ -77,9 +81,15 @@ def run_study(
 ) -> StudyData:
     """Fly the missing runs of a study, store each as it ends, and return the whole content of the store.
 
-    A store that contains runs is refused without `resume`, and one whose runs were flown with other versions without
-    `mixed`. A run that failed counts as missing.
-    `tell` gets `progress_line` at the beginning, at the end, and every half minute between.
+    A run that failed counts as missing.
+
+    Args:
+        study: The study.
+        out: Folder of its store.
+        executor: Flies the runs.
+        tell: Gets `progress_line` at the beginning, at the end, and every half minute between.
+        resume: Whether a store that contains runs is continued, rather than refused.
+        mixed: Whether a store whose runs were flown with other versions is continued, rather than refused.
 
     Raises:
         ScenarioError: The study cannot be resolved, an arm of it cannot fly, or its store cannot be used.

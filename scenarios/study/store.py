@@ -183,9 +183,15 @@ def begun(
 ) -> Iterator[StudyData]:
     """Begin a study in a folder, or go on with the one that is there, as the only writer; yields what is there.
 
+    Args:
+        folder: Folder of the study.
+        study: The study that shall be flown.
+        specs: All its runs, as `design.expand` gives them.
+        resume: Whether a folder that contains runs is continued, rather than refused.
+        mixed: Whether a folder whose runs were flown with other versions is continued, rather than refused.
+
     Raises:
-        ScenarioError: It belongs to another study, it contains runs and `resume` is not set, or runs that were flown
-            with other versions and `mixed` is not set.
+        ScenarioError: It belongs to another study, or it contains runs that are refused.
         ToolError: Another process flies the study, or the folder cannot be written.
     """
     look = f"voxdepth study report {folder}"

@@ -130,6 +130,12 @@ class CostMap:
 
         The first direction that keeps `GOOD_ENOUGH` of the speed is taken, or else the first that keeps most of it.
         Those beside the wanted one also respect the limits towards other drones, which the wanted one does already.
+
+        Args:
+            wanted_m_s: Wanted horizontal velocity, in the frame of the odometry, shape (2,).
+            at_m: Where the drone begins to brake, in the same frame, shape (2,) or (3,); its height does not count.
+            limits: How fast the drone may approach others horizontally, in the same frame.
+            decel_m_s2: Deceleration with which the drone brakes.
         """
         speed = math.sqrt(float(wanted_m_s[0]) ** 2 + float(wanted_m_s[1]) ** 2)
         x, y = (wanted_m_s / max(speed, 1e-9)).tolist()

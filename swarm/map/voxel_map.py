@@ -116,13 +116,26 @@ class VoxelMap:
         self.take(at_m, radius_m, HEIGHT_M / 2, time_s)
 
     def take(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
-        """Make the upright cylinder free that the drone itself takes: it is there, so that a surface was an error."""
+        """Make the upright cylinder free that the drone itself takes: it is there, so that a surface was an error.
+
+        Args:
+            at_m: Middle of the cylinder, in the frame of the odometry, shape (3,).
+            radius_m: Radius of the cylinder.
+            half_height_m: Height of the cylinder above and below its middle.
+            time_s: Time from which on the free space is remembered.
+        """
         self._make_free(self._in_cylinders(at_m[None], radius_m, half_height_m), time_s)
 
     def mark_free(self, places_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
-        """Make places free that other drones are believed to take, shape (n, 3): upright cylinders.
+        """Make the upright cylinders free that other drones are believed to take.
 
         A confirmed surface stays: the belief may be wrong by more than the width of a drone.
+
+        Args:
+            places_m: Middle of each cylinder, in the frame of the odometry, shape (n, 3).
+            radius_m: Radius of the cylinders.
+            half_height_m: Height of the cylinders above and below their middles.
+            time_s: Time from which on the free space is remembered.
         """
         inside = self._in_cylinders(places_m, radius_m, half_height_m)
         is_open = self._occupancy_ms[inside] < OCCUPIED_MS
@@ -132,6 +145,12 @@ class VoxelMap:
         """Make what is unknown in upright cylinders unobservable, because looking did not help.
 
         What was unobservable already is blacklisted, until an image shows it; cylinders that overlap count once.
+
+        Args:
+            places_m: Middle of each cylinder, in the frame of the odometry, shape (n, 3).
+            radius_m: Radius of the cylinders.
+            half_height_m: Height of the cylinders above and below their middles.
+            time_s: Time at which free space must still be remembered, or else it is unknown.
         """
         inside = self._in_cylinders(places_m, radius_m, half_height_m)
         before_ms = self._unobserved_ms[inside]
@@ -139,18 +158,30 @@ class VoxelMap:
         self._unobserved_ms[inside] = np.where(self._is_free(inside, time_s), before_ms, worse_ms)
 
     def is_column_free(self, at_m: FloatArray, low_m: float, high_m: float, time_s: float) -> bool:
-        """Return whether the column of voxels at a position (x, y) and the eight around it are free between heights.
+        """Return whether the column of voxels at a position and the eight around it are free between two heights.
 
         What the map does not reach is not free.
+
+        Args:
+            at_m: Position in the frame of the odometry, shape (3,); its height does not count.
+            low_m: Lower height, in the same frame.
+            high_m: Upper height.
+            time_s: Time at which free space must still be remembered.
         """
         col, row, _ = np.floor((at_m - self.origin_m) / VOXEL_M).astype(int).tolist()
         around = self.layer(low_m, high_m, time_s, np.s_[row - 1 : row + 2, col - 1 : col + 2])
         return min(row, col) >= 1 and around.shape == (3, 3) and bool((around == FREE).all())
 
     def update(self, evidence: Evidence, T_odom_cam: FloatArray, drones_m: FloatArray, time_s: float) -> None:
-        """Add the evidence of an image; surfaces near the other drones `drones_m`, shape (n, 3), are these drones.
+        """Add the evidence of an image; surfaces near the other drones are these drones.
 
         Those surfaces, and surfaces that are too far to be exact, are no hits, but hide what lies behind them.
+
+        Args:
+            evidence: What the image proves, by the sensor of this map.
+            T_odom_cam: Pose of the camera by the odometry, shape (4, 4).
+            drones_m: Positions of the other drones in the image, in the frame of the odometry, shape (n, 3).
+            time_s: Time of the image.
         """
         self._follow(T_odom_cam[:3, 3])
         image_ms = self._counted_ms(time_s)
@@ -175,7 +206,13 @@ class VoxelMap:
     def layer(self, low_m: float, high_m: float, time_s: float, columns: Any = np.s_[:, :]) -> Bytes:
         """Return the worst state of each column of voxels between two heights, shape (rows along y, columns along x).
 
-        `columns` are the slices of rows and columns that count. What the map does not reach is unknown.
+        What the map does not reach is unknown.
+
+        Args:
+            low_m: Lower height, in the frame of the odometry.
+            high_m: Upper height.
+            time_s: Time at which free space must still be remembered.
+            columns: Slices of the rows and the columns that count; by default all.
         """
         bottom_m = float(self.origin_m[2])
         first, last = floor((low_m - bottom_m) / VOXEL_M), ceil((high_m - bottom_m) / VOXEL_M)

@@ -230,9 +230,17 @@ def _subtract(memory: Memory, measurement: Measurement) -> tuple[GrayImage, Floa
 def _find_contradictions(
     memory: Memory, measurement: Measurement, overlap: GrayImage, bias_px: FloatImage, share: GrayImage
 ) -> tuple[GrayImage, GrayImage, GrayImage]:
-    """Masks of the pixels that agree, and of those that contradict the memory with a nearer or a farther surface.
+    """Find the pixels that agree, and those that contradict the memory with a nearer or a farther surface.
 
-    `bias_px` is the mean difference of the neighbours, and `share` how many of them count.
+    Args:
+        memory: Memory, warped to the frame.
+        measurement: Measurement of the frame.
+        overlap: 255 where there are both, and 0 elsewhere, shape (h, w).
+        bias_px: Mean over the window of measured minus remembered disparity, which is 0 without both, shape (h, w).
+        share: Share of the window, 0..255, that has both, shape (h, w).
+
+    Returns:
+        Masks of those that agree, of the nearer and of the farther ones, shape (h, w).
     """
     agreeing, nearer, farther = np.empty_like(overlap), np.empty_like(overlap), np.empty_like(overlap)
     max_bias_px = MAX_BIAS_PX / np.float32(255)

@@ -146,7 +146,14 @@ def _add_products(
     # input and output
     tensor: FloatImage,
 ) -> None:
-    """Add the products of the slopes of a row to the tensors of its columns, shape (3, w)."""
+    """Add the products of the slopes of a row to the tensors of its columns.
+
+    Args:
+        dx: Slopes of the gray values from column to column, as of `cv2.Sobel`, shape (w,).
+        dy: Slopes from row to row, shape (w,).
+        factor: 1 adds the products, and -1 takes them away.
+        tensor: Sums of `dx dx`, `dx dy` and `dy dy`, shape (3, w); changed in place.
+    """
     of_cols, of_both, of_rows = tensor[0], tensor[1], tensor[2]
     for col in range(len(dx)):
         x = float32(dx[col])
@@ -225,8 +232,15 @@ def track_corners(
 ) -> tuple[Pixels, npt.NDArray[np.bool_]]:
     """Track corners between tracking images by the pyramidal method of Lucas and Kanade (Bouguet 2000).
 
-    The search starts at the initial positions, in images that are halved `pyramid_levels` times. The result is their
-    positions in the target, shape (N, 2), and which of them were found, shape (N,).
+    Args:
+        source: Tracking image with the corners.
+        target: Tracking image in which they are searched.
+        corners: Column and row of each in the source, shape (N, 2).
+        initial: Column and row in the target at which the search of each starts, shape (N, 2).
+        pyramid_levels: Number of times that the images are halved for the beginning of the search.
+
+    Returns:
+        Column and row of each in the target, shape (N, 2), and which of them were found, shape (N,).
     """
     positions, status, _ = cv2.calcOpticalFlowPyrLK(
         source,
