@@ -159,7 +159,7 @@ ABLATIONS: dict[str, type[TemporalCorrector]] = {
 
 
 def find_ablation(part: str) -> type[TemporalCorrector]:
-    """The default method without a part; a name that is none of `ABLATIONS` is a `ConfigError`."""
+    """Return the default method without a part; a name that is none of `ABLATIONS` is a `ConfigError`."""
     if part not in ABLATIONS:
         raise ConfigError(no_such("part of the default method", part, ABLATIONS))
     return ABLATIONS[part]
