@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def find_experiment(name: str) -> Experiment:
-    """The experiment of a name; a wrong name is a `ScenarioError`."""
+    """Return the experiment of a name; a wrong name is a `ScenarioError`."""
     if name not in CATALOGUE:
         raise ScenarioError(no_such("experiment", name, CATALOGUE))
     found: Experiment = import_module(f"{__package__}.{name}").EXPERIMENT
