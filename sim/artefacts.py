@@ -53,6 +53,7 @@ def places(image: NoisyDepth, side_m: float) -> npt.NDArray[np.int64]:
 def uniform_of(place: npt.NDArray[np.int64], seed: int, *key: int) -> FloatImage:
     """Return a random number in 0..1 for each place; places far apart may share one."""
     table = stream(seed, Purpose.PLACE, *key).random(TABLE, np.float32)
+    # Fibonacci hashing: the upper 16 bits of the product with 2^64 over the golden ratio are the index into the table.
     mixed = (place.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(48)
     return table[mixed.astype(np.intp)]
 
@@ -156,6 +157,7 @@ class NoReturn(NoiseTerm):
         for body, surface in image.surfaces.items():
             albedo[body], gloss[body] = surface.albedo, surface.gloss
         smooth = gaussian_filter(uniform_of(places(image, GLOSS_CELL_M), image.seed, 2), GLOSS_PATCH_PX, mode="mirror")
+        # The argsort of an argsort is the rank of each pixel, so that exactly the wanted share is missed.
         rank = np.argsort(np.argsort(smooth, axis=None)).reshape(smooth.shape) / smooth.size
         missed = (albedo[image.segment_id] < self.below_albedo) | (rank < self.gloss * gloss[image.segment_id])
         image.invalidate(missed, InvalidReason.TEXTURELESS)

@@ -88,6 +88,7 @@ class FittedStereo:
     def _shadows(self, disparity_px: FloatImage) -> MaskImage:
         """Return the pixels that a camera to the right does not see: one right of them here is left of them there."""
         seen_at_px = self._decimate * pixels(disparity_px.shape)[0] - disparity_px
+        # The least column, in the other image, of each pixel and all to its right; accumulated from the right.
         nearest_px = np.minimum.accumulate(seen_at_px[:, ::-1], axis=1)[:, ::-1]
         shadow = seen_at_px < 0
         shadow[:, :-1] |= nearest_px[:, 1:] < seen_at_px[:, :-1] - self._decimate / 2

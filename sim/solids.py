@@ -81,7 +81,7 @@ def _describe(shape: Shape) -> tuple[int, dict[str, Any], dict[str, Any] | None]
                 "meshScale": [spacing_m, spacing_m, 1.0],
                 "heightfieldTextureScaling": columns,
                 "heightfieldData": height_m.ravel().tolist(),
-                "numHeightfieldRows": columns,
+                "numHeightfieldRows": columns,  # The number of heights along x.
                 "numHeightfieldColumns": rows,
             }
             return pybullet.GEOM_HEIGHTFIELD, collision, None

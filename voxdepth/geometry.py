@@ -103,7 +103,7 @@ def log_se3(T: FloatArray) -> FloatArray:
     The angle must be less than 180 degrees.
     """
     step = np.empty(6)
-    for i in range(3):
+    for i in range(3):  # The antisymmetric part of the rotation is its axis times the sine of its angle.
         step[i] = T[i, 3]
         step[3 + i] = (T[(i + 2) % 3, (i + 1) % 3] - T[(i + 1) % 3, (i + 2) % 3]) / 2
     sine = np.sqrt(step[3] * step[3] + step[4] * step[4] + step[5] * step[5])

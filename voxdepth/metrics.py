@@ -329,7 +329,7 @@ def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, foca
     true_px = np.divide(scale, truth_m, out=np.zeros_like(truth_m), where=known)
     window = np.ones((EDGE_PX, EDGE_PX), np.uint8)
     high_px = np.asarray(cv2.dilate(true_px, window), np.float32)
-    true_px[~known] = np.inf
+    true_px[~known] = np.inf  # Unknown pixels are 0 for the maximum, and infinite for the minimum.
     low_px = np.asarray(cv2.erode(true_px, window), np.float32)
     beside = known & mask & (depth_m > 0)
     beside[beside] = high_px[beside] - low_px[beside] > 2 * _tolerance_px(high_px[beside])

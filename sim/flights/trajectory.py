@@ -91,6 +91,7 @@ class Track:
 
     def position_m(self, along_m: float) -> FloatArray:
         """Return the point of the curve, shape (3,)."""
+        # The position is the integral of the direction, to which each corner adds its bend by a smooth step.
         ramps_m = self._rounding_m * _ramp((along_m - self._corners_m) / self._rounding_m)
         return np.asarray(self._start_m + along_m * self._direction + matmul(ramps_m, self._bends))
 

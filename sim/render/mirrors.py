@@ -81,6 +81,7 @@ class Mirrors:
             rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
             top, left, bottom, right = int(rows[0]), int(cols[0]), int(rows[-1]) + 1, int(cols[-1]) + 1
             i, window = camera.intrinsics, (slice(top, bottom), slice(left, right))
+            # The camera behind the mirror, of the window alone. It sees nothing between itself and the plane.
             virtual = Camera(
                 T_world_cam=matmul(mirrored(normal, offset_m), camera.T_world_cam),
                 intrinsics=Pinhole(i.fx_px, i.fy_px, i.cx_px - left, i.cy_px - top, right - left, bottom - top),

@@ -56,7 +56,7 @@ class LMedS(Baseline):
         row, col = np.unravel_index(at, self._shape)
         padded_width = history_m.shape[2]
         offset = np.arange(2 * REACH_PX + 1)
-        corner = row * padded_width + col
+        corner = row * padded_width + col  # The padding moves the upper left corner of the window to (row, col).
         around = corner[:, None] + (offset[:, None] * padded_width + offset).ravel()
         samples = np.concatenate([image_m.ravel()[around] for image_m in history_m], axis=1)
         samples[samples == 0] = np.inf
@@ -67,6 +67,7 @@ class LMedS(Baseline):
         n = np.isfinite(samples_m).sum(axis=1)
         location_m, half_width_m = least_median_of_squares(samples_m)
         with np.errstate(invalid="ignore", over="ignore"):  # Of a spread beyond 32 bits nothing lies apart.
+            # 1.4826 turns a median of absolute deviations into a standard deviation; few samples get a larger one.
             deviation_m = np.float32(1.4826) * (1 + 5 / np.maximum(n - 1, 1)).astype(np.float32) * half_width_m
             outlier = np.abs(measured_m - location_m) > np.float32(DEVIATIONS) * deviation_m
         replaced = (n >= MIN_SAMPLES) & (outlier | (measured_m == 0))
@@ -89,7 +90,7 @@ def least_median_of_squares(samples: Samples) -> tuple[Samples, Samples]:
     half_length = np.full(len(ordered), np.inf, np.float32)
     for half in np.unique(n[n > 0] // 2):
         rows = np.flatnonzero((n // 2 == half) & (n > 0))
-        of_group = ordered[rows]
+        of_group = ordered[rows]  # Their intervals of `half + 1` samples start at the same places; infinite ones lose.
         high = of_group[:, half : 2 * half + 1]
         length = high - of_group[:, : high.shape[1]]
         shortest = np.argmin(length, axis=1)[:, None]

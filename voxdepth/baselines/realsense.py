@@ -54,7 +54,7 @@ def smooth_columns(image: FloatImage) -> None:
     before = np.empty(width, np.float32)
     for start, step in ((0, 1), (height - 1, -1)):
         for col in range(width):
-            before[col] = image[start, col]
+            before[col] = image[start, col]  # As it was before this pass, in which edges are sought.
         for k in range(1, height):
             row, last = image[start + k * step], image[start + (k - 1) * step]
             for col in range(width):

@@ -403,8 +403,10 @@ class Bag:
                 parts = enumerate(_storages(self._reader))
                 times = [(number, time_ns) for number, part in parts for time_ns in _stored_ns(part, topic)]
             else:
+                # An entry is time, chunk and offset: by the latter two, messages lie as they were written.
                 index = sorted(e[1:] + e[:1] for each in connections for e in reader.indexes[each.id])
                 times = [(0, time_ns) for *_, time_ns in index]
+        # `read` lists the messages as they are read; the argsort of an argsort is the place of each in that list.
         read = sorted(range(len(times)), key=times.__getitem__)
         return sorted(read, key=read.__getitem__)
 

@@ -193,6 +193,7 @@ class Comparison:
         x, y, z = moved[there].T
         gray, slope_u, slope_v = seen[:, there]
         difference = self._difference(gray, there)
+        # j is the derivative of the gray value by the point; by a rotation vector it is the vector product p x j.
         jx = slope_u * np.float32(self._camera.fx_px) / z
         jy = slope_v * np.float32(self._camera.fy_px) / z
         jz = -(jx * x + jy * y) / z

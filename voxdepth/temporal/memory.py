@@ -120,6 +120,7 @@ def _coarse(position: FloatImage, side: int) -> FloatImage:
             left = np.uintp(DRIFT_DECIMATION * col)
             right = min(left + np.uintp(1), np.uintp(position.shape[1] - 1))
             mean = float32(0.25) * ((upper[left] + upper[right]) + (lower[left] + lower[right]))
+            # Pixel centres: the mean of the pixels 0 and 1 is the place 0 of the drift.
             within = (mean + float32(0.5)) / float32(DRIFT_DECIMATION) - float32(0.5)
             coarse[row, col] = min(max(within, float32(0)), last)
     return coarse

@@ -85,6 +85,7 @@ def _sample(image: FloatImage, pixels: FloatArray, scale_x: float, scale_y: floa
     """
     values = np.empty(len(pixels), np.float32)
     for k in range(len(pixels)):
+        # As OpenCV resizes, the outer edges of both images coincide, and not the centres of their first pixels.
         col, row = np.rint((pixels[k, 0] + 0.5) / scale_x - 0.5), np.rint((pixels[k, 1] + 0.5) / scale_y - 0.5)
         nearest_row = int(min(max(row, 0), image.shape[0] - 1))
         nearest_col = int(min(max(col, 0), image.shape[1] - 1))
