@@ -115,7 +115,7 @@ class StereoMatcher:
             right: Image of the right camera at the same time, shape (H, W).
             depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W); it only names the reasons for
                 holes.
-            occluded: Pixels of the left image that the right camera does not see, shape (H, W); as `depth_true_m`.
+            occluded: Pixels that the right camera does not see, shape (H, W); they, too, only name reasons for holes.
         """
         disparity, reason = self.match(left, right)
         return self.triangulate(disparity, depth_true_m, occluded, reason), reason
@@ -147,7 +147,7 @@ class StereoMatcher:
             disparity: Of the left image [1/16 px], shape (H, W).
             depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W); it only names the reasons for
                 holes.
-            occluded: Pixels of the left image that the right camera does not see, shape (H, W); as `depth_true_m`.
+            occluded: Pixels that the right camera does not see, shape (H, W); they, too, only name reasons for holes.
             reason: One `InvalidReason` per pixel, shape (H, W); those for holes that the truth explains are changed in
                 place.
         """
