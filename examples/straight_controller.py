@@ -27,5 +27,5 @@ class Straight:
 
 
 def create(role: Role, config: MissionConfig) -> Straight:
-    """The agent of one drone."""
+    """Return the agent of one drone."""
     return Straight(role, config)

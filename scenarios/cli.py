@@ -34,7 +34,7 @@ def add_commands(app: typer.Typer) -> None:
 
 
 def checks() -> "Sequence[Finding]":
-    """What `voxdepth doctor` checks of the testbed."""
+    """Return what `voxdepth doctor` checks of the testbed."""
     from .doctor import examine
 
     return examine()

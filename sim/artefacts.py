@@ -39,7 +39,7 @@ Ratios = Annotated[tuple[NonNegativeFloat, NonNegativeFloat], Field(strict=False
 
 
 def places(image: NoisyDepth, side_m: float) -> npt.NDArray[np.int64]:
-    """Number of the cube with the surface of each pixel, shape (H, W); pixels without a surface belong to the camera's.
+    """Return the number of the cube with each pixel's surface, shape (H, W); without one, it is the camera's cube.
 
     The cubes have sides of `side_m` and are slightly off the origin, where surfaces of scenes often lie.
     """
@@ -53,8 +53,9 @@ def places(image: NoisyDepth, side_m: float) -> npt.NDArray[np.int64]:
 
 
 def uniform_of(place: npt.NDArray[np.int64], seed: int, *key: int) -> FloatImage:
-    """A random number in 0..1 for each place; places far apart may share one."""
+    """Return a random number in 0..1 for each place; places far apart may share one."""
     table = stream(seed, Purpose.PLACE, *key).random(TABLE, np.float32)
+    # Fibonacci hashing: the upper 16 bits of the product with 2^64 over the golden ratio are the index into the table.
     mixed = (place.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(48)
     return table[mixed.astype(np.intp)]
 
@@ -158,6 +159,7 @@ class NoReturn(NoiseTerm):
         for body, surface in image.surfaces.items():
             albedo[body], gloss[body] = surface.albedo, surface.gloss
         smooth = gaussian_filter(uniform_of(places(image, GLOSS_CELL_M), image.seed, 2), GLOSS_PATCH_PX, mode="mirror")
+        # The argsort of an argsort is the rank of each pixel, so that exactly the wanted share is missed.
         rank = np.argsort(np.argsort(smooth, axis=None)).reshape(smooth.shape) / smooth.size
         missed = (albedo[image.segment_id] < self.below_albedo) | (rank < self.gloss * gloss[image.segment_id])
         image.invalidate(missed, InvalidReason.TEXTURELESS)
@@ -180,7 +182,7 @@ class Artefacts(Model):
 
 
 def grown(rng: np.random.Generator, size: int) -> npt.NDArray[np.int64]:
-    """Offsets (row, col) of a connected set of pixels around (0, 0), shape (size, 2), that grew by one at a time."""
+    """Return offsets (row, col) of connected pixels around (0, 0), shape (size, 2), that grew by one at a time."""
     offsets = [(0, 0)]
     while len(offsets) < size:
         row, col = np.array(offsets[rng.integers(len(offsets))]) + NEIGHBOURS[rng.integers(len(NEIGHBOURS))]
@@ -190,13 +192,13 @@ def grown(rng: np.random.Generator, size: int) -> npt.NDArray[np.int64]:
 
 
 def inner(mask: MaskImage) -> MaskImage:
-    """The mask without the pixels that it connects to the left or right border of the image, row by row."""
+    """Return the mask without the pixels that it connects to the left or right border of the image, row by row."""
     from_left, from_right = (np.minimum.accumulate(side, axis=1) for side in (mask, mask[:, ::-1]))
     return np.asarray(mask & ~from_left & ~from_right[:, ::-1])
 
 
 def _between(bounds_px: tuple[int, int], uniform: FloatImage) -> npt.NDArray[np.int64]:
-    """A whole number of pixels within bounds, from a random number for each pixel."""
+    """Return a whole number of pixels within bounds, from a random number for each pixel."""
     low, high = bounds_px
     return (low + np.floor(uniform * (high + 1 - low))).astype(np.int64)
 
@@ -206,7 +208,7 @@ def _shifts(widest_px: int) -> list[int]:
 
 
 def _shifted(values: npt.NDArray[Any], by_px: int, fill: float) -> npt.NDArray[Any]:
-    """The values `by_px` columns to the right of each pixel; `fill` beyond the image."""
+    """Return the values `by_px` columns to the right of each pixel; `fill` beyond the image."""
     padded = np.pad(values, ((0, 0), (abs(by_px), abs(by_px))), constant_values=fill)
     start = abs(by_px) + by_px
     return padded[:, start : start + values.shape[1]]

@@ -151,7 +151,7 @@ class Mover:
     waits."""
 
     def at(self, time_s: float) -> Body:
-        """The body where it is at a time."""
+        """Return the body where it is at a time."""
         x, y, z = self.position_m(time_s).tolist()
         return replace(self.body, position_m=(x, y, z))
 
@@ -228,7 +228,7 @@ class MovingSphere(Model):
         return self
 
     def mover(self, index: int, start: BodyPose) -> Mover:
-        """The sphere in the world, named by its index, from the pose of the camera's carrier at time 0."""
+        """Return the sphere in the world, named by its index, from the pose of the camera's carrier at time 0."""
         shape, surface = Sphere(self.radius_m), Surface(albedo=SPHERE_ALBEDO)
         body = Body(name=f"sphere-{index}", kind="mover", shape=shape, surface=surface)
         offset = shuttle(body, np.array(self.from_m), np.array(self.to_m), speed_m_s=self.speed_m_s)
@@ -297,7 +297,7 @@ class SceneSpec(Model, ABC):
 
     @abstractmethod
     def build(self, seed: int) -> Scene:
-        """The scene of a seed. A specification that cannot be built raises a `SceneError`."""
+        """Return the scene of a seed. A specification that cannot be built raises a `SceneError`."""
 
 
 def _require_positive(what: str, *lengths_m: float) -> None:

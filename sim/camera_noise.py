@@ -45,7 +45,7 @@ def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: floa
 
 
 def normal_numbers(key: np.uint64, n: int, sigma: float = 1.0) -> npt.NDArray[np.float32]:
-    """Numbers of the normal distribution of mean 0, shape (n,)."""
+    """Return numbers of the normal distribution of mean 0, shape (n,)."""
     z = key + _weyl_sequence(-(-n // 4))
     z = (z ^ (z >> np.uint64(30))) * MIX_1
     z = (z ^ (z >> np.uint64(27))) * MIX_2
@@ -57,13 +57,13 @@ def normal_numbers(key: np.uint64, n: int, sigma: float = 1.0) -> npt.NDArray[np
 
 @lru_cache(maxsize=8)
 def _weyl_sequence(n: int) -> npt.NDArray[np.uint64]:
-    """The states of the generator before they are mixed, from the key 0 on."""
+    """Return the states of the generator before they are mixed, from the key 0 on."""
     return np.arange(n, dtype=np.uint64) * GAMMA
 
 
 @lru_cache(maxsize=8)
 def normal_quantiles(sigma: float = 1.0) -> npt.NDArray[np.float32]:
-    """The normal distribution of mean 0 as equally likely values in ascending order."""
+    """Return the normal distribution of mean 0 as equally likely values in ascending order."""
     upper = [NormalDist().inv_cdf((k + 0.5) / QUANTILES) for k in range(QUANTILES // 2, QUANTILES)]
     values: FloatArray = np.concatenate([-np.array(upper[::-1]), upper])
     values /= values.std()
@@ -71,7 +71,7 @@ def normal_quantiles(sigma: float = 1.0) -> npt.NDArray[np.float32]:
 
 
 def low_light_noise(stops: float) -> float:
-    """How many times the noise grows when the light falls by a number of f-stops and a gain makes up for it.
+    """Return how many times the noise grows when the light falls by a number of f-stops and a gain makes up for it.
 
     The variance of photons, counted, falls with the light, and that of the read-out does not, while both are amplified
     with the square of the gain (EMVA Standard 1288, release 4.0, section 2).

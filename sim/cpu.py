@@ -9,5 +9,5 @@ Mapper = Callable[..., Iterator[Any]]
 
 
 def mapper(threads: int) -> Mapper:
-    """A `map` that runs on a number of threads; on a single one it runs in the caller's thread."""
+    """Return a `map` that runs on a number of threads; on a single one it runs in the caller's thread."""
     return map if threads == 1 else ThreadPoolExecutor(threads).map

@@ -27,7 +27,7 @@ Pixel = TypeVar("Pixel", bound=np.generic)
 
 
 def decimated(capture: Capture, factor: int) -> Capture:
-    """A capture whose images are smaller by a factor, which divides their sides.
+    """Return a capture whose images are smaller by a factor, which divides their sides.
 
     Gray values are means of their blocks. The truth, the segmentation and the occlusion are those of the pixel at the
     centre of a block, or right below the centre if the factor is even: one ray through the middle of the pixel, as in
@@ -52,7 +52,7 @@ def decimated(capture: Capture, factor: int) -> Capture:
 
 
 def decimated_depth(depth_m: FloatImage, factor: int) -> FloatImage:
-    """Depth of each block [m], shape (H / factor, W / factor); 0 where no pixel of a block is valid."""
+    """Return the depth of each block [m], shape (H / factor, W / factor); 0 where no pixel of a block is valid."""
     height, width = (side - side % factor for side in depth_m.shape)
     if factor <= LARGEST_MEDIAN:
         median_m = np.empty((height // factor, width // factor), np.float32)
@@ -84,7 +84,7 @@ def find_medians(
     # output
     median_m: FloatImage,
 ) -> None:
-    """Median of the valid pixels of each block, of two middle ones the nearer; the blocks of a row at a time."""
+    """Find the median of the valid pixels of each block, of two middle ones the nearer, by rows of blocks."""
     height, width = median_m.shape
     n = factor * factor
     pixels_m = np.empty((n, width), np.float32)
@@ -104,12 +104,12 @@ def find_medians(
 
 
 def means(gray: GrayImage, factor: int) -> GrayImage:
-    """Mean gray value of each block, rounded."""
+    """Return the mean gray value of each block, rounded."""
     height, width = gray.shape
     smaller = cv2.resize(gray, (width // factor, height // factor), interpolation=cv2.INTER_AREA)
     return np.asarray(smaller, np.uint8)
 
 
 def centers(image: npt.NDArray[Pixel], factor: int) -> npt.NDArray[Pixel]:
-    """The pixel at the centre of each block, or right below it."""
+    """Return the pixel at the centre of each block, or right below it."""
     return np.ascontiguousarray(image[factor // 2 :: factor, factor // 2 :: factor])

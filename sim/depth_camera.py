@@ -88,7 +88,7 @@ class DepthCamera:
         return self._sensor.capture(pair)
 
     def _images(self, gray: GrayImage) -> Images:
-        """A gray image of surfaces at unknown places."""
+        """Return a gray image of surfaces at unknown places."""
         shape = self.intrinsics.shape
         if gray.shape != shape or gray.dtype != np.uint8:
             raise SensorError(

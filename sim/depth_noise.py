@@ -45,7 +45,7 @@ class NoisyDepth:
     """Drone and frame."""
 
     def rng(self, purpose: Purpose) -> np.random.Generator:
-        """The random stream of one purpose for this drone and frame."""
+        """Return the random stream of one purpose for this drone and frame."""
         return stream(self.seed, purpose, *self.key)
 
     def invalidate(self, pixels: MaskImage, reason: InvalidReason) -> None:

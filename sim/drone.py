@@ -59,37 +59,37 @@ DYNAMICS = named_tuple(Dynamics, *[float64] * 4)
 
 @compiled_part(float64(VECTOR, VECTOR))
 def dot(a: Vector, b: Vector) -> float:
-    """Scalar product."""
+    """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled_part(VECTOR(VECTOR, VECTOR))
 def plus(a: Vector, b: Vector) -> Vector:
-    """Sum."""
+    """Return the sum of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @compiled_part(VECTOR(VECTOR, float64))
 def scaled(a: Vector, factor: float) -> Vector:
-    """Product with a number."""
+    """Return the product of a vector and a number."""
     return a[0] * factor, a[1] * factor, a[2] * factor
 
 
 @compiled_part(VECTOR(VECTOR, VECTOR))
 def cross(a: Vector, b: Vector) -> Vector:
-    """Vector product."""
+    """Return the vector product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled_part(VECTOR(VECTOR, float64))
 def limited(vector: Vector, longest: float) -> Vector:
-    """The vector, shortened if it is longer."""
+    """Return the vector, shortened if it is longer."""
     return scaled(vector, min(1.0, longest / max(math.sqrt(dot(vector, vector)), 1e-9)))
 
 
 @compiled_part(VECTOR(DYNAMICS, VECTOR, VECTOR))
 def desired_thrust_n(airframe: Dynamics, velocity_m_s: Vector, desired_m_s: Vector) -> Vector:
-    """The thrust that accelerates towards a velocity, within the limits of speed, acceleration and tilt."""
+    """Return the thrust that accelerates towards a velocity, within the limits of speed, acceleration and tilt."""
     missing_m_s = plus(limited(desired_m_s, airframe.max_speed_m_s), scaled(velocity_m_s, -1.0))
     accel_m_s2 = limited(scaled(missing_m_s, VELOCITY_GAIN_PER_S), airframe.max_accel_m_s2)
     x_n, y_n, z_n = scaled(accel_m_s2, airframe.mass_kg)
@@ -234,7 +234,7 @@ class Wind:
         self._mean_n: list[float] = (self._drag_kg_per_s * self._mean_m_s).tolist()
 
     def step_n(self) -> list[float]:
-        """The force in the next step [N], along x, y and z."""
+        """Return the force in the next step [N], along x, y and z."""
         if not self._gust_m_s:
             return self._mean_n
         self._gust = self._kept * self._gust + np.sqrt(1 - self._kept**2) * self._rng.standard_normal(3)

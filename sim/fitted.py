@@ -80,7 +80,7 @@ class FittedStereo:
         self._faults = lru_cache(maxsize=64)(self._drawn_faults)
 
     def measure(self, view: Images, drone: int, frame: int) -> tuple[FloatImage, GrayImage, MaskImage]:
-        """Depth [m], 0 = invalid, one `InvalidReason` per pixel, and the pixels in shadows, each of shape (H, W)."""
+        """Return depth [m], 0 = invalid, an `InvalidReason` per pixel, and the pixels in shadows, all (H, W)."""
         true_px = self._focal_baseline_px_m / view.depth_m
         is_fattened, hole_chance = self._faults(drone, frame // HELD_FRAMES)
         shadow = self._shadows(true_px)
@@ -94,27 +94,28 @@ class FittedStereo:
         return depth_m.astype(np.float32, copy=False), reason, shadow
 
     def _drawn_faults(self, drone: int, epoch: int) -> tuple[MaskImage, FloatImage]:
-        """Where surfaces are fattened, and numbers from 0 to 1 of which the small ones are holes, for some frames."""
+        """Return where surfaces are fattened, and numbers in 0..1 whose small ones are holes, for some frames."""
         rng = stream(self._seed, Purpose.FITTED, drone, epoch, 1)
         is_fattened = _normal(self._shape, FATTENED_BLUR_PX, rng) < ndtri(FATTENED_SHARE)
         return np.asarray(is_fattened), np.asarray(ndtr(_normal(self._shape, HOLE_BLUR_PX, rng)))
 
     def _shadows(self, disparity_px: FloatImage) -> MaskImage:
-        """Pixels that a second camera to the right does not see: another one lies right of them, and left there."""
+        """Return the pixels that a camera to the right does not see: one right of them here is left of them there."""
         seen_at_px = self._decimate * pixels(disparity_px.shape)[0] - disparity_px
+        # The least column, in the other image, of each pixel and all to its right; accumulated from the right.
         nearest_px = np.minimum.accumulate(seen_at_px[:, ::-1], axis=1)[:, ::-1]
         shadow = seen_at_px < 0
         shadow[:, :-1] |= nearest_px[:, 1:] < seen_at_px[:, :-1] - self._decimate / 2
         return np.asarray(shadow)
 
     def _fattened(self, disparity_px: FloatImage) -> FloatImage:
-        """Disparities in which near surfaces have grown over what is behind them."""
+        """Return disparities in which near surfaces have grown over what is behind them."""
         grown = cv2.dilate(disparity_px, np.ones((FATTENED_PX, FATTENED_PX), np.uint8))
         far_grown = cv2.dilate(disparity_px, np.ones((FATTENED_PX, FATTENED_SKY_PX), np.uint8))
         return np.asarray(np.where(disparity_px < self._min_disparity_px, far_grown, grown))
 
     def _attracted(self, disparity_px: FloatImage, rng: np.random.Generator) -> FloatImage:
-        """Disparities that are nearer to whole pixels than they should be, sometimes to the wrong ones."""
+        """Return disparities that are nearer to whole pixels than they should be, sometimes to the wrong ones."""
         noise_px = NOISE_PX + FAR_NOISE_PX / np.square(1 + disparity_px)
         whole_px = np.rint(disparity_px + noise_px * _normal(self._shape, NOISE_BLUR_PX, rng))
         fine_px = np.float32(FINE_NOISE_PX) * rng.standard_normal(self._shape, np.float32)
@@ -122,6 +123,6 @@ class FittedStereo:
 
 
 def _normal(shape: tuple[int, int], blur_px: float, rng: np.random.Generator) -> FloatImage:
-    """Standard normal numbers that are alike in neighbouring pixels."""
+    """Return standard normal numbers that are alike in neighbouring pixels."""
     smooth = gaussian_filter(rng.standard_normal(shape, np.float32), blur_px, mode="mirror")
     return np.asarray(smooth * np.float32(2 * np.sqrt(np.pi) * blur_px))  # The blur divides the deviation by that.

@@ -14,7 +14,7 @@ Q_BODY_CAM_XYZW = np.array([-0.5, 0.5, -0.5, 0.5])
 
 
 def rotation_from_quaternion(q_xyzw: FloatArray) -> FloatArray:
-    """Rotation matrix, shape (3, 3), of a unit quaternion, shape (4,), in the order x, y, z, w."""
+    """Return the rotation matrix, shape (3, 3), of a unit quaternion, shape (4,), in the order x, y, z, w."""
     x, y, z, w = q_xyzw.tolist()
     return np.array(
         [
@@ -26,18 +26,18 @@ def rotation_from_quaternion(q_xyzw: FloatArray) -> FloatArray:
 
 
 def quaternion_from_yaw(yaw_rad: float) -> FloatArray:
-    """Unit quaternion (xyzw) of a rotation about the vertical."""
+    """Return the unit quaternion (xyzw) of a rotation about the vertical."""
     return np.array([0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)])
 
 
 def rotation_from_yaw(yaw_rad: float) -> FloatArray:
-    """Rotation matrix, shape (3, 3), of a rotation about the vertical."""
+    """Return the rotation matrix, shape (3, 3), of a rotation about the vertical."""
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def quaternion_from_angles(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
-    """Unit quaternion (xyzw) of a body that is rotated by its yaw, then its pitch, then its roll.
+    """Return the unit quaternion (xyzw) of a body that is rotated by its yaw, then its pitch, then its roll.
 
     A positive yaw turns the nose to the left, a positive pitch lifts it, and a positive roll lowers the right side.
     """
@@ -48,13 +48,13 @@ def quaternion_from_angles(yaw_rad: float, pitch_rad: float, roll_rad: float) ->
 
 
 def yaw_from_quaternion(q_xyzw: FloatArray) -> float:
-    """Heading of the body's x axis in the world [rad]."""
+    """Return the heading of the body's x axis in the world [rad]."""
     x, y, z, w = q_xyzw.tolist()
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def pose(rotation: FloatArray, position_m: FloatArray) -> FloatArray:
-    """Homogeneous transform, shape (4, 4)."""
+    """Return the homogeneous transform, shape (4, 4)."""
     T = np.eye(4)
     T[:3, :3] = rotation
     T[:3, 3] = position_m
@@ -62,7 +62,7 @@ def pose(rotation: FloatArray, position_m: FloatArray) -> FloatArray:
 
 
 def product(q_a_b_xyzw: FloatArray, q_b_c_xyzw: FloatArray) -> FloatArray:
-    """The quaternion `q_a_c` (xyzw) of two rotations in sequence."""
+    """Return the quaternion `q_a_c` (xyzw) of two rotations in sequence."""
     (x, y, z, w), (p, q, r, s) = q_a_b_xyzw.tolist(), q_b_c_xyzw.tolist()
     xy = w * p + x * s + y * r - z * q, w * q - x * r + y * s + z * p
     zw = w * r + x * q - y * p + z * s, w * s - x * p - y * q - z * r
@@ -70,6 +70,6 @@ def product(q_a_b_xyzw: FloatArray, q_b_c_xyzw: FloatArray) -> FloatArray:
 
 
 def camera_pose(position_m: FloatArray, q_world_body_xyzw: FloatArray, mount_m: FloatArray) -> FloatArray:
-    """`T_world_cam` of a camera that looks along the body's x axis from `mount_m` in the body frame."""
+    """Return `T_world_cam` of a camera that looks along the body's x axis from `mount_m` in the body frame."""
     at_m = position_m + matmul(rotation_from_quaternion(q_world_body_xyzw), mount_m)
     return pose(rotation_from_quaternion(product(q_world_body_xyzw, Q_BODY_CAM_XYZW)), at_m)

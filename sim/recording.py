@@ -57,18 +57,18 @@ class Channel:
     """Options of OpenCV's encoder."""
 
     def path(self, index: int) -> str:
-        """The path of the image of a frame, relative to the recording."""
+        """Return the path of the image of a frame, relative to the recording."""
         return f"{self.folder}/{index:06d}{self.suffix}"
 
     def encode(self, capture: Capture) -> bytes:
-        """The bytes of the image file. A capture without the image raises a `RecordingError`."""
+        """Return the bytes of the image file. A capture without the image raises a `RecordingError`."""
         image = getattr(capture, self.field)
         if image is None:
             raise RecordingError(f"expected a capture with {self.field}, got none: let the sensor render both cameras")
         return bytes(cv2.imencode(self.suffix, np.ascontiguousarray(_to_stored(image)), self.options)[1])
 
     def read(self, folder: Path, index: int, shape: tuple[int, int]) -> Image:
-        """The image of a frame, as it was in the capture. A missing or damaged file raises a `RecordingError`."""
+        """Return the image of a frame, as it was in the capture. A missing or damaged file is a `RecordingError`."""
         path = folder / self.path(index)
         stored = cv2.imdecode(np.frombuffer(read_bytes(path) or b"\0", np.uint8), cv2.IMREAD_UNCHANGED)
         image = None if stored is None else _from_stored(stored, self.dtype)
@@ -89,21 +89,21 @@ CHANNELS = (
 
 
 def _to_stored(image: Image) -> Image:
-    """Masks are stored as 0 and 255, segment ids plus one in 16 bits, all other images as they are."""
+    """Return an image as it is stored: masks as 0 and 255, segment ids plus one in 16 bits, all others as they are."""
     if image.dtype == np.bool_:
         return image.astype(np.uint8) * np.uint8(255)
     return (image + 1).astype(np.uint16) if image.dtype == np.int32 else image
 
 
 def _from_stored(stored: Image, dtype: type[np.generic]) -> Image:
-    """The inverse of `_to_stored`."""
+    """Return the inverse of `_to_stored`."""
     if dtype is np.bool_:
         return stored.astype(np.bool_)
     return stored.astype(np.int32) - np.int32(1) if dtype is np.int32 else stored
 
 
 def read_poses(folder: Path) -> list[tuple[float, FloatArray]]:
-    """Time of capture [s] and `T_world_cam`, shape (4, 4), of the rows of `frames.csv`.
+    """Return the time of capture [s] and `T_world_cam`, shape (4, 4), of each row of `frames.csv`.
 
     A table that is missing or damaged raises a `RecordingError`.
     """
@@ -122,7 +122,7 @@ def read_poses(folder: Path) -> list[tuple[float, FloatArray]]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file. A file that is missing, damaged or cannot be read raises a `RecordingError`."""
+    """Return the content of a file. A file that is missing, damaged or cannot be read raises a `RecordingError`."""
     try:
         content = path.read_bytes()
         require_whole(path, content)
@@ -152,7 +152,7 @@ class Recording:
 
     @classmethod
     def open(cls, folder: Path | str) -> Self:
-        """The frames of a recording. No recording, or a damaged table, raises a `RecordingError`."""
+        """Return the frames of a recording. No recording, or a damaged table, raises a `RecordingError`."""
         folder = Path(folder)
         if not (folder / FRAMES).is_file():
             raise RecordingError(f"{folder} is not a recording: expected a folder with a {FRAMES}")
@@ -167,7 +167,7 @@ class Recording:
         return len(self.poses)
 
     def __getitem__(self, index: int) -> Capture:
-        """One frame; a negative index counts from the end. A damaged or missing image raises a `RecordingError`."""
+        """Return one frame; a negative index counts from the end. A damaged or missing image is a `RecordingError`."""
         index = range(len(self))[index]
         stamp_s, T_world_cam = self.poses[index]
         images: dict[str, Any] = {
@@ -179,7 +179,7 @@ class Recording:
         return (self[index] for index in range(len(self)))
 
     def digest(self, frames: int) -> str:
-        """SHA-256, hexadecimal, of the configuration, the calibration and everything in the first frames."""
+        """Return the SHA-256, hexadecimal, of the configuration, the calibration and everything in the first frames."""
         total = sha256()
         for name in (CONFIG, CALIBRATION, *(channel.path(k) for k in range(frames) for channel in CHANNELS)):
             total.update(sha256(read_bytes(self.folder / name)).digest())

@@ -29,7 +29,7 @@ class Purpose(IntEnum):
 
 
 def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:
-    """The generator of one consumer, keyed by the master seed, its purpose and further indices such as drone and frame.
+    """Return the generator of one consumer, keyed by master seed, purpose and indices such as drone and frame.
 
     The number of indices is part of the key, because `SeedSequence` ignores trailing zeros.
     """
@@ -37,7 +37,7 @@ def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:
 
 
 def counter_key(seed: int, purpose: Purpose, *index: int) -> np.uint64:
-    """The key of one consumer's counter-based random numbers, which need no generator; it is keyed as `stream` is."""
+    """Return the key of one consumer's counter-based random numbers, which need no generator; keyed as `stream` is."""
     return np.uint64(_sequence(seed, purpose, *index).generate_state(1, np.uint64)[0])
 
 

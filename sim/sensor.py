@@ -190,7 +190,7 @@ class DepthSensor:
         return decimated(full, self._decimate)
 
     def _pair_images(self, pair: RenderedPair) -> tuple[GrayImage, GrayImage | None]:
-        """The images of the left and the second camera with the projected texture and noise."""
+        """Return the images of the left and the second camera with the projected texture and noise."""
         left, right = pair.left, pair.right
         if right is not None and (strength := self._config.projected_texture):
             left, right = lit_by_pattern(left, right, strength, self.rendered, seed=self._seed)
@@ -300,20 +300,20 @@ class StereoSensor(DepthSensor):
         return replace(pairs[len(pairs) // 2], **means)
 
     def _camera(self, pose: BodyPose, to_left_m: float) -> Camera:
-        """The left camera, moved to its left."""
+        """Return the left camera, moved to its left."""
         mount_m = self._config.left_mount_m + np.array([0.0, to_left_m, 0.0])
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
         return Camera(T_world_cam=T_world_cam, intrinsics=self.rendered)
 
 
 def mean_gray(images: Sequence[Images]) -> Images:
-    """The middle one of successive images of a camera, with the mean of all gray images."""
+    """Return the middle one of successive images of a camera, with the mean of all gray images."""
     gray = np.rint(np.mean([image.gray for image in images], axis=0)).astype(np.uint8)
     return replace(images[len(images) // 2], gray=gray)
 
 
 def _sampled_along_rows(image: FloatImage, at_px: FloatImage) -> FloatImage:
-    """The values of an image at columns between its pixels, one for each pixel of an image of the same shape."""
+    """Return the values of an image at columns between its pixels, one for each pixel of an image of the same shape."""
     left = np.minimum(at_px.astype(np.intp), image.shape[1] - 2)
     share = at_px - left.astype(np.float32)
     before, after = (np.take_along_axis(image, left + k, axis=1) for k in (0, 1))

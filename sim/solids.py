@@ -42,7 +42,7 @@ def apply_texture(bodies: Mapping[int, Body], seed: int, client: int) -> None:
 
 
 def create_shapes(shape: Shape, surface: Surface, client: int) -> tuple[int, int]:
-    """Collision and visual shape ids of a shape; PyBullet draws a heightfield by its collision shape."""
+    """Return the collision and visual shape ids of a shape; PyBullet draws a heightfield by its collision shape."""
     kind, collision, visual = _describe(shape)
     collision_id = pybullet.createCollisionShape(kind, **collision, physicsClientId=client)
     if visual is None:
@@ -55,14 +55,14 @@ def create_shapes(shape: Shape, surface: Surface, client: int) -> tuple[int, int
 
 
 def origin_height_m(shape: Shape) -> float:
-    """Height of PyBullet's origin above that of a shape; PyBullet centres a heightfield between its extremes."""
+    """Return the height of PyBullet's origin above that of a shape; a heightfield is centred between its extremes."""
     if isinstance(shape, Heightfield):
         return float(shape.height_m.min() + shape.height_m.max()) / 2
     return 0.0
 
 
 def _describe(shape: Shape) -> tuple[int, dict[str, Any], dict[str, Any] | None]:
-    """PyBullet's type of a shape, and the arguments for its collision shape and its visual shape."""
+    """Return PyBullet's type of a shape, and the arguments for its collision shape and its visual shape."""
     match shape:
         case Box(size_m):
             size = {"halfExtents": [side / 2 for side in size_m]}
@@ -81,14 +81,14 @@ def _describe(shape: Shape) -> tuple[int, dict[str, Any], dict[str, Any] | None]
                 "meshScale": [spacing_m, spacing_m, 1.0],
                 "heightfieldTextureScaling": columns,
                 "heightfieldData": height_m.ravel().tolist(),
-                "numHeightfieldRows": columns,
+                "numHeightfieldRows": columns,  # The number of heights along x.
                 "numHeightfieldColumns": rows,
             }
             return pybullet.GEOM_HEIGHTFIELD, collision, None
 
 
 def _vertex_normals(mesh: Mesh) -> FloatArray:
-    """Unit normal of each vertex, shape (V, 3): the area-weighted mean of its triangles' normals."""
+    """Return the unit normal of each vertex, shape (V, 3): the area-weighted mean of its triangles' normals."""
     a, b, c = np.moveaxis(mesh.vertices_m[mesh.triangles], 1, 0)
     total = np.zeros_like(mesh.vertices_m, np.float64)
     np.add.at(total, mesh.triangles, np.cross(b - a, c - a)[:, None])

@@ -72,7 +72,7 @@ class StereoConfig(Model):
         return self
 
     def n_disparities(self, intrinsics: Intrinsics) -> int:
-        """Number of disparities to search, a multiple of 16 as the matcher requires it.
+        """Return the number of disparities to search, a multiple of 16 as the matcher requires it.
 
         An image with fewer columns raises a `SensorError`.
         """
@@ -115,13 +115,13 @@ class StereoMatcher:
             right: Image of the right camera at the same time, shape (H, W).
             depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W); it only names the reasons for
                 holes.
-            occluded: Pixels of the left image that the right camera does not see, shape (H, W); as `depth_true_m`.
+            occluded: Pixels that the right camera does not see, shape (H, W); they, too, only name reasons for holes.
         """
         disparity, reason = self.match(left, right)
         return self.triangulate(disparity, depth_true_m, occluded, reason), reason
 
     def match(self, left: GrayImage, right: GrayImage) -> tuple[Disparity, GrayImage]:
-        """Disparity of the left image [1/16 px], negative = invalid, and an `InvalidReason` per pixel, shape (H, W).
+        """Return the left image's disparity [1/16 px], negative = invalid, and an `InvalidReason` per pixel, (H, W).
 
         The reasons are `NONE`, `TEXTURELESS`, `AMBIGUOUS` and `SPECKLE`.
         """
@@ -147,7 +147,7 @@ class StereoMatcher:
             disparity: Of the left image [1/16 px], shape (H, W).
             depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W); it only names the reasons for
                 holes.
-            occluded: Pixels of the left image that the right camera does not see, shape (H, W); as `depth_true_m`.
+            occluded: Pixels that the right camera does not see, shape (H, W); they, too, only name reasons for holes.
             reason: One `InvalidReason` per pixel, shape (H, W); those for holes that the truth explains are changed in
                 place.
         """
@@ -161,7 +161,7 @@ class StereoMatcher:
         return depth_m
 
     def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage, tolerance: float) -> MaskImage:
-        """Whether a pixel has no disparity, or the matched pixel of the right image does not map back to it."""
+        """Return whether a pixel has no disparity, or the matched pixel of the right image does not map back to it."""
         # The matcher searches its second image only to the left, which is to the right in mirrored images.
         from_right = self._semi_global(right[:, ::-1], left[:, ::-1])[:, ::-1]
         col = np.arange(raw.shape[1])[None, :] - (raw + 8) // 16
@@ -170,7 +170,7 @@ class StereoMatcher:
         return np.asarray((raw < 0) | (col < 0) | (back < 0) | differs)
 
     def _semi_global(self, left: GrayImage, right: GrayImage) -> Disparity:
-        """Disparity in 1/16 px. Both images are padded so that no column is lost at the border."""
+        """Return the disparity [1/16 px]. Both images are padded so that no column is lost at the border."""
         padded = [cv2.copyMakeBorder(image, 0, 0, self._n, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
         return np.ascontiguousarray(self._matcher.compute(*padded)[:, self._n :])
 
@@ -201,7 +201,7 @@ def fail_one_to_one(
     # output
     fails: MaskImage,
 ) -> None:
-    """Whether a pixel has no disparity, or a nearer rival in the same place; outside of the image there is one."""
+    """Find the pixels without a disparity, or with a nearer rival in their place; outside of the image there is one."""
     height, width = disparity.shape
     nearest = np.empty(width, np.int16)
     for row in range(height):
@@ -305,7 +305,7 @@ def find_depth(
 
 
 def texture(gray: GrayImage) -> FloatImage:
-    """Mean absolute difference of the two horizontal neighbours, in a window around each pixel."""
+    """Return the mean absolute difference of the two horizontal neighbours, in a window around each pixel."""
     difference = cv2.absdiff(gray[:, 2:], gray[:, :-2])
     difference = cv2.copyMakeBorder(difference, 0, 0, 1, 1, cv2.BORDER_REPLICATE)
     window = (TEXTURE_WINDOW_PX, TEXTURE_WINDOW_PX)
@@ -313,14 +313,14 @@ def texture(gray: GrayImage) -> FloatImage:
 
 
 def focal_baseline_px_m(intrinsics: Intrinsics) -> float:
-    """`f B` of a stereo camera, the product of disparity [px] and depth [m]; without a baseline, a `SensorError`."""
+    """Return `f B`, the product of disparity [px] and depth [m]; a camera without a baseline is a `SensorError`."""
     if intrinsics.baseline_m is None:
         raise SensorError("a stereo camera needs a baseline, got intrinsics with baseline_m None")
     return intrinsics.fx_px * intrinsics.baseline_m
 
 
 def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
-    """Pixels of the left image whose surface the right camera does not see, shape (H, W).
+    """Return the pixels of the left image whose surface the right camera does not see, shape (H, W).
 
     A pixel of disparity d lies d to the left in the right image. It is occluded if that is outside of the image, or if
     the nearest pixel there has a disparity that is larger by more than `OCCLUSION_STEP_PX`. A smaller difference hides
@@ -337,6 +337,6 @@ def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsi
 
 @lru_cache(maxsize=8)
 def pixels(shape: tuple[int, ...]) -> tuple[FloatImage, FloatImage]:
-    """Column and row of each pixel of an image, each of shape (H, W)."""
+    """Return the column and row of each pixel of an image, each of shape (H, W)."""
     row, col = np.indices(shape, np.float32)
     return col, row

@@ -84,7 +84,7 @@ def noisy_sequences(
 
 
 def sensor_config(term: Term, level: Level) -> RigConfig:
-    """The camera and the noise of a sequence. A term or level that does not exist raises a `SensorError`."""
+    """Return the camera and the noise of a sequence. A term or level that does not exist raises a `SensorError`."""
     if term not in TERMS or level not in LEVELS:
         raise SensorError(
             f"there is no noise {term!r} at level {level!r}; choose a term of {', '.join(TERMS)} and a level of "
@@ -141,7 +141,7 @@ def _rendered(config: RigConfig, seed: int, frames: int) -> Iterator[View]:
 
 
 def _scene(seed: int) -> Scene:
-    """A wall and objects in front of it, clear of the paths of the drone and of the camera."""
+    """Return a wall and objects in front of it, clear of the paths of the drone and of the camera."""
     paved = Surface(albedo=0.4, pattern="ground")
     shape = Box((60.0, 60.0, 1.0))
     ground = Body(name="ground", kind="ground", shape=shape, position_m=(0.0, 0.0, -0.5), surface=paved)
@@ -153,7 +153,7 @@ def _scene(seed: int) -> Scene:
 
 
 def _object(rng: np.random.Generator, k: int) -> Body:
-    """Objects stand alternately on the left and on the right; their texture increases with k from none to full."""
+    """Return an object, alternately on the left and on the right; the texture increases with k from none to full."""
     half, height = rng.uniform(0.2, 0.5), rng.uniform(0.8, 2.4)
     x = rng.uniform(5.0, WALL_M - 1)
     y = (-1) ** k * rng.uniform(0.9, 0.6 * x)

@@ -145,7 +145,7 @@ class Renderer(Protocol):
     """Renders cameras in one world."""
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """Images of the present state of the world, one `Images` per camera. Without `gray` they may be black."""
+        """Return images of the world's present state, one `Images` per camera. Without `gray` they may be black."""
         ...
 
 

@@ -167,7 +167,7 @@ class World:
         pybullet.resetBasePositionAndOrientation(body, at_m.tolist(), q_xyzw, physicsClientId=self.client)
 
     def movers_now(self) -> list[Body]:
-        """The movers of the scene where they are now, in its order."""
+        """Return the movers of the scene where they are now, in its order."""
         return [mover.at(self._moved_s[body]) for body, mover in self.movers.items()]
 
     def _step_movers(self) -> None:
@@ -310,7 +310,7 @@ class World:
         return new
 
     def _contact(self, own: int, other: int, velocity_before: FloatArray) -> Contact:
-        """The contact of the body of a drone with another body."""
+        """Return the contact of the body of a drone with another body."""
         relative, hit = velocity_before[self._drone_of_body[own]].copy(), self.described[other]
         if other in self.drone_ids:
             relative -= velocity_before[self._drone_of_body[other]]

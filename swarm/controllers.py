@@ -92,7 +92,7 @@ class PluginAgent:
 
 
 def _fault_of(decision: object) -> str | None:
-    """What was expected of a decision, and what came; None if all is well."""
+    """Return what was expected of a decision, and what came; None if all is well."""
     if not isinstance(decision, Decision) or not isinstance(decision.command, VelocityCommand):
         got = type(getattr(decision, "command", decision)).__name__
         return f"a Decision with a VelocityCommand, got {got}"

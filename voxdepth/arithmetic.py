@@ -22,7 +22,7 @@ _LINE = types.Array(float64, 1, "C", readonly=True)
 
 
 def matmul(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """The product of `a`, shape (..., K), and `b`, shape (K,) or (K, M): shape (...,) or (..., M).
+    """Return the product of `a`, shape (..., K), and `b`, shape (K,) or (K, M): shape (...,) or (..., M).
 
     It is computed in the precision of `a`, float32 or else float64; `b` is converted to it.
     """
@@ -37,27 +37,27 @@ def matmul(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def length(vector: FloatArray) -> float:
-    """The Euclidean length of a vector of few numbers."""
+    """Return the Euclidean length of a vector of few numbers."""
     return math.hypot(*vector.tolist())
 
 
 def sin(angle_rad: npt.ArrayLike) -> FloatArray:
-    """The sine of every angle [rad], same shape."""
+    """Return the sine of every angle [rad], same shape."""
     return _of_each(_sin, angle_rad)
 
 
 def cos(angle_rad: npt.ArrayLike) -> FloatArray:
-    """The cosine of every angle [rad], same shape."""
+    """Return the cosine of every angle [rad], same shape."""
     return _of_each(_cos, angle_rad)
 
 
 def exp(exponent: npt.ArrayLike) -> FloatArray:
-    """The exponential of every number, same shape."""
+    """Return the exponential of every number, same shape."""
     return _of_each(_exp, exponent)
 
 
 def log(number: npt.ArrayLike) -> FloatArray:
-    """The natural logarithm of every positive number, same shape."""
+    """Return the natural logarithm of every positive number, same shape."""
     return _of_each(_log, number)
 
 

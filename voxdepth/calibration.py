@@ -49,7 +49,7 @@ class Calibrated:
         return Calibrated, (self.bare, self._fills)
 
     def __copy__(self) -> "Calibrated":
-        """A copy with a memory of its own."""
+        """Return a copy with a memory of its own."""
         return deepcopy(self)
 
     def process(self, frame: Frame) -> CorrectedDepth:
@@ -71,14 +71,14 @@ class Calibrated:
 
 
 def calibrated(corrector: DepthCorrector, name: str) -> DepthCorrector:
-    """The corrector with the confidence that is fitted to that name; itself if there is none."""
+    """Return the corrector with the confidence that is fitted to that name; itself if there is none."""
     fills = fitted().get(name)
     return corrector if fills is None else Calibrated(corrector, fills)
 
 
 @cache
 def fitted() -> Mapping[str, Fills]:
-    """The probabilities by corrector; a damaged file is a `ConfigError`."""
+    """Return the probabilities by corrector; a damaged file is a `ConfigError`."""
     try:
         data = FILE.read_bytes()
         text, _, digest = decoded(data).rpartition(SEAL)

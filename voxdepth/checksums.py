@@ -40,7 +40,7 @@ def require_whole(path: Path, content: bytes) -> None:
 
 
 def _listed(path: Path) -> Mapping[str, str]:
-    """The digests of a list, by name; empty without one."""
+    """Return the digests of a list, by name; empty without one."""
     try:
         stat = path.stat()
     except (OSError, ValueError):  # A path may hold a null character.
@@ -50,7 +50,7 @@ def _listed(path: Path) -> Mapping[str, str]:
 
 @lru_cache(maxsize=8)
 def _parsed(path: Path, time_ns: int, size: int) -> Mapping[str, str]:
-    """The digests of a list as it is since a time; a line of another form names nothing."""
+    """Return the digests of a list as it is since a time; a line of another form names nothing."""
     try:
         lines = path.read_bytes().decode(*NAMES).replace("\r", "").split("\n")
     except OSError as error:

@@ -145,7 +145,7 @@ class Compiled:
 
 @numba.extending.typeof_impl.register(Compiled)  # type: ignore[untyped-decorator]
 def _type_of(function: Compiled, _: Any) -> Any:
-    """Inside of compiled functions, a compiled function is what Numba made of it, for the types that it declares."""
+    """Tell Numba that within compiled functions a compiled one is what Numba made of it, for its declared types."""
     function.compile()
     return numba.types.Dispatcher(function.dispatcher)
 
@@ -173,7 +173,7 @@ def compiled_part(signature: Any) -> Callable[[Function], Function]:
 
 
 def named_tuple(kind: type[Any], *types: Any) -> Any:
-    """The Numba type of a `NamedTuple`, from those of its fields."""
+    """Return the Numba type of a `NamedTuple`, from those of its fields."""
     if len(set(types)) == 1:
         return numba.types.NamedUniTuple(types[0], len(types), kind)
     return numba.types.NamedTuple(types, kind)
@@ -238,7 +238,7 @@ def _numba_cache(folder: Path) -> Iterator[None]:
 
 
 def _is_sealed(path: str) -> bool:
-    """Whether a file can be read and ends with the digest of what comes before."""
+    """Return whether a file can be read and ends with the digest of what comes before."""
     try:
         content = Path(path).read_bytes()
     except OSError:
@@ -249,7 +249,7 @@ def _is_sealed(path: str) -> bool:
 
 @cache
 def _folder(package: str) -> Path | None:
-    """The folder for the functions of a package as it and this one are now; None if there is none to write to.
+    """Return the folder for the functions of a package as it and this one are now; None if there is none to write to.
 
     Numba would notice a change of the file of a function only, not of a constant or a function of another file in it,
     nor of its settings: without bounds checks, functions with them would stay in use.
@@ -276,7 +276,7 @@ def _source_folder(package: str) -> Path:
 
 
 def _user_cache() -> Path | None:
-    """`$NUMBA_CACHE_DIR`, or the folder of VoxDepth in that of the user's caches; None if the user has none.
+    """Return `$NUMBA_CACHE_DIR`, or VoxDepth's folder in the user's caches; None if there is none.
 
     A place of caches or a home that is no absolute path does not count: files would lie in the current folder.
     """

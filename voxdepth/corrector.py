@@ -118,7 +118,7 @@ class StreamCorrector(ABC):
 
 
 def checked_config(intrinsics: Intrinsics, config: Config | None, kind: type[Config]) -> Config:
-    """The configuration, or the default of that type. Arguments of another type are a `ConfigError`."""
+    """Return the configuration, or the default of that type. Arguments of another type are a `ConfigError`."""
     config = kind() if config is None else config
     if not isinstance(intrinsics, Intrinsics) or type(config) is not kind:
         given = f"{type(intrinsics).__name__} and {type(config).__name__}"

@@ -15,7 +15,7 @@ CUDA_DRIVER = "libcuda.so.1"
 
 
 def has_warp() -> bool:
-    """Whether Warp is installed. It is not imported."""
+    """Return whether Warp is installed. It is not imported."""
     return find_spec("warp") is not None
 
 
@@ -27,7 +27,7 @@ def quiet_warp() -> None:
 
 
 def cuda_devices() -> tuple[str, ...]:
-    """Names of the GPUs that Warp finds; none without Warp or without a driver."""
+    """Return the names of the GPUs that Warp finds; none without Warp or without a driver."""
     if not (has_warp() and _has_driver()):
         return ()
     import warp as wp

@@ -51,13 +51,13 @@ def did_you_mean(*likely: str) -> str:
 
 
 def similar(wrong: str, names: Iterable[str], cutoff: float = 0.6) -> list[str]:
-    """The two names that are most like a wrong one, by `difflib`, or else that it is a part of."""
+    """Return the two names that are most like a wrong one, by `difflib`, or else that it is a part of."""
     known = list(names)
     parts = [name for name in known if wrong and wrong.lower() in name.lower()]
     return get_close_matches(wrong, known, 2, cutoff) or parts[:2]
 
 
 def no_such(kind: str, name: str, names: Iterable[str]) -> str:
-    """The message about a name that does not exist among those that do."""
+    """Return the message about a name that does not exist among those that do."""
     known = list(names)
     return f"there is no {kind} {name!r}{did_you_mean(*similar(name, known))}; choose one of: {', '.join(known)}"

@@ -17,7 +17,7 @@ Points = TypeVar("Points", PointArray, FloatArray)
 
 
 def back_project(depth_m: FloatImage, intrinsics: Intrinsics) -> PointArray:
-    """Points of all pixels with depth [m] in the camera frame, in raster order, shape (N, 3), float32.
+    """Return the points of all pixels with depth [m] in the camera frame, in raster order, (N, 3), float32.
 
     `S(u, v) = ((u - cx) z / fx, (v - cy) z / fy, z)`: paper, Eq. surface, whose plus sign before the principal
     point is a misprint (its Algorithm 1 has the minus).
@@ -45,7 +45,7 @@ class RayMap:
 
     @classmethod
     def of(cls, intrinsics: Intrinsics, A_frame_cam: FloatArray) -> "RayMap":
-        """The map for a camera and an affine `A_frame_cam`, shape (4, 4), which need not be rigid.
+        """Return the map for a camera and an affine `A_frame_cam`, shape (4, 4), which need not be rigid.
 
         With the identity it is the back-projection `S(u, v) = ((u - cx) z / fx, (v - cy) z / fy, z)`.
         """
@@ -59,14 +59,14 @@ class RayMap:
 
 
 def transform(T_a_b: FloatArray, points_b: Points) -> Points:
-    """Points of frame b in the coordinates of frame a, shape (N, 3), in the precision of the points."""
+    """Return points of frame b in the coordinates of frame a, shape (N, 3), in the precision of the points."""
     kind = points_b.dtype
     moved: Points = np.ascontiguousarray(matmul(points_b, T_a_b[:3, :3].T.astype(kind)) + T_a_b[:3, 3].astype(kind))
     return moved
 
 
 def inverse_rigid(T_a_b: FloatArray) -> FloatArray:
-    """`T_b_a` of a rigid `T_a_b`, shape (4, 4)."""
+    """Return the inverse `T_b_a` of a rigid `T_a_b`, shape (4, 4)."""
     T_b_a = np.eye(4)
     T_b_a[:3, :3] = T_a_b[:3, :3].T
     T_b_a[:3, 3] = matmul(-T_b_a[:3, :3], T_a_b[:3, 3])
@@ -75,7 +75,7 @@ def inverse_rigid(T_a_b: FloatArray) -> FloatArray:
 
 @compiled(float64[:, ::1](float64[::1]))
 def exp_se3(step: FloatArray) -> FloatArray:
-    """The rigid motion of a translation [m] and a rotation vector [rad], shape (6,), as a matrix of shape (4, 4).
+    """Return the rigid motion, shape (4, 4), of a translation [m] and a rotation vector [rad], shape (6,).
 
     The rotation is that of Rodrigues' formula. The translation is not coupled with the rotation, so this is the
     exponential map of SE(3) to first order, which suffices for iterations whose step converges to zero.
@@ -98,12 +98,12 @@ def exp_se3(step: FloatArray) -> FloatArray:
 
 @compiled(float64[::1](float64[:, ::1]))
 def log_se3(T: FloatArray) -> FloatArray:
-    """The translation [m] and the rotation vector [rad] of a rigid motion, shape (6,): the inverse of `exp_se3`.
+    """Return the translation [m] and the rotation vector [rad] of a rigid motion, shape (6,): the inverse of `exp_se3`.
 
     The angle must be less than 180 degrees.
     """
     step = np.empty(6)
-    for i in range(3):
+    for i in range(3):  # The antisymmetric part of the rotation is its axis times the sine of its angle.
         step[i] = T[i, 3]
         step[3 + i] = (T[(i + 2) % 3, (i + 1) % 3] - T[(i + 1) % 3, (i + 2) % 3]) / 2
     sine = np.sqrt(step[3] * step[3] + step[4] * step[4] + step[5] * step[5])
@@ -115,7 +115,7 @@ def log_se3(T: FloatArray) -> FloatArray:
 
 @compiled(float64[:, ::1](float64[:, ::1], float64[:, ::1]))
 def compose(T_a_b: FloatArray, T_b_c: FloatArray) -> FloatArray:
-    """`T_a_c`, shape (4, 4)."""
+    """Return `T_a_c` of two motions, shape (4, 4)."""
     T_a_c = np.zeros((4, 4))
     for i in range(4):
         for j in range(4):
@@ -126,7 +126,7 @@ def compose(T_a_b: FloatArray, T_b_c: FloatArray) -> FloatArray:
 
 @compiled(float64[::1](float64[:, ::1], float64[::1]))
 def solve_symmetric(A: FloatArray, b: FloatArray) -> FloatArray:
-    """The solution of `A x = b`, shape (N,), by elimination in place; both arguments are overwritten.
+    """Return the solution of `A x = b`, shape (N,), by elimination in place; both arguments are overwritten.
 
     A is positive definite, shape (N, N), and only its lower triangle is read.
     """

@@ -34,7 +34,7 @@ class Addable:
 
 
 def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
-    """The pixels of a mask that have a true surface (not 0, NaN or infinite), shape (H, W).
+    """Return the pixels of a mask that have a true surface (not 0, NaN or infinite), shape (H, W).
 
     Raises:
         FrameError: The mask is not Boolean.
@@ -47,7 +47,7 @@ def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
 def select_judged(
     depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Depth and true depth [m] of the pixels of a mask that have a true surface, both of shape (N,).
+    """Return depth and true depth [m] of the pixels of a mask that have a true surface, both of shape (N,).
 
     Raises:
         FrameError: The shapes differ, or a selected depth is negative, NaN or infinite.
@@ -77,14 +77,14 @@ def require_depth(depth_m: npt.NDArray[np.floating[Any]]) -> None:
 def is_close(
     depth_m: npt.NDArray[np.float32], truth_m: npt.NDArray[np.float32]
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Whether a depth is within 5 % of the truth; same shape as the arguments [m]. A missing depth, 0, is not."""
+    """Return whether a depth [m] is within 5 % of the truth, same shape as both. A missing depth, 0, is not."""
     return np.asarray(np.abs(depth_m - truth_m) <= np.float32(CLOSE) * truth_m)
 
 
 def is_correct(
     depth_m: FloatImage | FloatArray, reference_m: FloatImage | FloatArray, focal_baseline_px_m: float
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Whether the error of a disparity is at most 5 % or a quarter of a pixel; same shape as the arguments.
+    """Return whether the error of a disparity is at most 5 % or a quarter of a pixel; same shape as the arguments.
 
     All depths [m] must be positive. A far surface with a disparity below a quarter of a pixel is right at any larger
     depth. `focal_baseline_px_m` is the property of `Intrinsics`.
@@ -122,7 +122,7 @@ class DepthErrors(Addable):
         return 1 - self.filled / self.pixels if self.pixels else None
 
     def mean(self, total: float) -> float | None:
-        """The mean over the filled pixels of a sum over them."""
+        """Return the mean over the filled pixels of a sum over them."""
         return total / self.filled if self.filled else None
 
 
@@ -193,7 +193,7 @@ class Sums(DepthErrors):
         return self.mean(self.too_near)
 
     def psnr_db(self, peak_m: float) -> float | None:
-        """Peak signal-to-noise ratio `10 log10(peak^2 / mean squared error)` [dB]; inf without error.
+        """Return the peak signal-to-noise ratio `10 log10(peak^2 / mean squared error)` [dB]; inf without error.
 
         State the peak [m] with the figure: twice the peak adds 6 dB.
         """
@@ -202,7 +202,7 @@ class Sums(DepthErrors):
 
 
 def psnr_db(mean_squared_error: float, peak: float) -> float:
-    """Peak signal-to-noise ratio [dB] of a mean squared error, in the squared unit of the peak; inf without error."""
+    """Return the peak signal-to-noise ratio [dB] of a mean squared error, in the peak's unit squared; inf without."""
     return 10 * math.log10(peak**2 / mean_squared_error) if mean_squared_error > 0 else float("inf")
 
 
@@ -318,7 +318,7 @@ EDGE_STEP_SHARE = 0.03
 
 
 def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, focal_baseline_px_m: float) -> Share:
-    """Pixels that hang in the empty space between two surfaces, among those with a depth that are beside a depth edge.
+    """Return the share of the pixels with a depth beside a depth edge that hang in the space between two surfaces.
 
     A pixel is beside an edge if the true disparities within `EDGE_PX` x `EDGE_PX` pixels around it span more than two
     tolerances at the largest of them. The tolerance at a disparity is `EDGE_STEP_PX` and `EDGE_STEP_SHARE` of it. A
@@ -342,7 +342,7 @@ def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, foca
     true_px = np.divide(scale, truth_m, out=np.zeros_like(truth_m), where=known)
     window = np.ones((EDGE_PX, EDGE_PX), np.uint8)
     high_px = np.asarray(cv2.dilate(true_px, window), np.float32)
-    true_px[~known] = np.inf
+    true_px[~known] = np.inf  # Unknown pixels are 0 for the maximum, and infinite for the minimum.
     low_px = np.asarray(cv2.erode(true_px, window), np.float32)
     beside = known & mask & (depth_m > 0)
     beside[beside] = high_px[beside] - low_px[beside] > 2 * _tolerance_px(high_px[beside])
@@ -362,7 +362,7 @@ def _tolerance_px(disparity_px: npt.NDArray[np.float32]) -> npt.NDArray[np.float
 
 
 def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage) -> Share:
-    """Filled pixels that show an object which has left, among all filled pixels that it has left.
+    """Return the share of the filled pixels that an object has left which still show it.
 
     A ghost is nearer to the departed object than to the background: its depth is below their geometric mean. "10 % too
     near" would mostly count stereo noise. Judge it together with `Sums.coverage` and `Sums.too_far_share`: a
@@ -387,7 +387,7 @@ def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage
 
 
 def survival(depth_m: FloatImage, truth_m: FloatImage, moving: MaskImage) -> Share:
-    """Pixels of a moving object whose depth is within 5 % of the truth, among all its pixels; a hole does not survive.
+    """Return the share of a moving object's pixels whose depth is within 5 % of the truth; a hole does not survive.
 
     The sensor misses some pixels as well: compare the share with that of the raw depth of the same frames.
 

@@ -71,7 +71,7 @@ def explained(
 
 
 def problems(error: ValidationError, model: type[BaseModel], field: str = "") -> str:
-    """All problems in one line, each with what may have been meant, unknown keys first.
+    """Return all problems in one line, each with what may have been meant, unknown keys first.
 
     Args:
         error: What the validation of the model found.
@@ -94,12 +94,12 @@ def shorten(value: object) -> str:
 
 
 def _is_below(loc: Sequence[object], other: Sequence[object]) -> bool:
-    """Whether a place is within another one, which is wrong for that reason alone."""
+    """Return whether a place is within another one, which is wrong for that reason alone."""
     return len(loc) > len(other) and loc[: len(other)] == other
 
 
 def _in_words(key: str, found: Sequence[Any], model: type[BaseModel], field: str) -> str:
-    """What is wrong with a key; the members of a union each have a problem of their own."""
+    """Return what is wrong with a key; the members of a union each have a problem of their own."""
     first, where = found[0], key or f"the {field or 'configuration'}"
     if first["type"] == "extra_forbidden":
         return f"unknown key {where!r}{_likely_keys(first, model, field)}"
@@ -137,21 +137,21 @@ def _likely_keys(problem: Any, model: type[BaseModel], field: str) -> str:
 
 
 def _keys_of(model: type[BaseModel]) -> Iterator[str]:
-    """All dotted keys of a model, its tables included."""
+    """Yield all dotted keys of a model, its tables included."""
     for name, field in model.model_fields.items():
         yield name
         yield from (f"{name}.{key}" for one in _models(_members(field.annotation)) for key in _keys_of(one))
 
 
 def _dotted(problem: Any, model: type[BaseModel], field: str) -> str:
-    """The key of a problem as the file has it; empty where it is of the whole field."""
+    """Return the key of a problem as the file has it; empty where it is of the whole field."""
     keys = _place(problem, model)[0]
     kind = [problem["ctx"]["discriminator"].strip("'")] if problem["type"].startswith("union_tag") else []
     return ".".join((keys[1:] if keys[:1] == [field] else keys) + kind)
 
 
 def _place(problem: Any, model: type[BaseModel]) -> tuple[list[str], list[type[BaseModel]]]:
-    """The keys that lead to a problem, without the members of unions that Pydantic puts between, and its tables."""
+    """Return the keys that lead to a problem, without members of unions that Pydantic puts between, and its tables."""
     at: list[Any] = [model]
     keys: list[str] = []
     tables = [model]
@@ -166,7 +166,7 @@ def _place(problem: Any, model: type[BaseModel]) -> tuple[list[str], list[type[B
 
 
 def _below(annotation: Any, key: str | int) -> list[Any]:
-    """What a key of a table or a place in a list may hold; nothing if there is none of that kind."""
+    """Return what a key of a table or a place in a list may hold; nothing if there is none of that kind."""
     if fields := getattr(annotation, "model_fields", {}):
         return _members(fields[key].annotation) if key in fields else []
     origin, inner = get_origin(annotation), get_args(annotation)
@@ -178,7 +178,7 @@ def _below(annotation: Any, key: str | int) -> list[Any]:
 
 
 def _members(annotation: Any) -> list[Any]:
-    """The members of a union, or the kinds of an abstract table; else the annotation alone."""
+    """Return the members of a union, or the kinds of an abstract table; else the annotation alone."""
     if isabstract(annotation):
         return [member for kind in annotation.__subclasses__() for member in _members(kind)]
     origin, inner = get_origin(annotation), get_args(annotation)
@@ -188,6 +188,6 @@ def _members(annotation: Any) -> list[Any]:
 
 
 def _models(annotations: Iterable[Any]) -> list[type[BaseModel]]:
-    """The models among annotations and in lists of theirs."""
+    """Return the models among annotations and in lists of theirs."""
     inner = [member for one in annotations for member in (one, *_below(one, 0))]
     return [one for one in inner if isinstance(one, type) and issubclass(one, BaseModel)]

@@ -32,7 +32,7 @@ class StampOrder:
         self._late_s: list[float] = []
 
     def place(self, stamp_s: float) -> Place:
-        """Where the stamp [s] of the next image belongs."""
+        """Return where the stamp [s] of the next image belongs."""
         if stamp_s > self.newest_s:
             return self._follow(stamp_s, Place.NEXT)
         in_a_row = self._late_s and stamp_s > self._late_s[-1]

@@ -218,7 +218,7 @@ def _thread(name: str, target: Callable[..., None], *args: object) -> Thread:
 
 
 def _read(frames: Iterable[Frame], output: Channel[_Job]) -> None:
-    """The first stage: number the frames of a source until the source or the output ends.
+    """Put the frames of a source, numbered, into the output, as the first stage, until one of the two ends.
 
     A frame is read when there is room for it, so that it is recent when it is delivered.
     """
@@ -248,7 +248,7 @@ def _work(
     source: Channel[_Job],
     output: Channel[_Job],
 ) -> None:
-    """Any other stage: process the result of the stage before until the source or the output ends."""
+    """Process the result of the stage before, as any other stage, until the source or the output ends."""
     error = None
     for job in source:
         try:
@@ -265,7 +265,7 @@ def _work(
 
 
 def _is_in_time(order: FrameOrder, job: _Job) -> bool:
-    """Whether the first stage after reading takes a frame; a late one is left out with a warning."""
+    """Return whether the first stage after reading takes a frame; a late one is left out with a warning."""
     try:
         order.admit(job.frame)
     except LateFrameError as late:

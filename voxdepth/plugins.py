@@ -67,7 +67,7 @@ def load(kind: str, name: str, signature: str, code: str | None = None) -> Calla
 
 
 def source_of(name: str) -> Path | None:
-    """The file of the module of `module:factory`; None if it has none. The packages around it are imported."""
+    """Return the file of the module of `module:factory`; None if it has none. The packages around it are imported."""
     _search_here()
     try:
         found = find_spec(name.partition(":")[0])
@@ -77,7 +77,7 @@ def source_of(name: str) -> Path | None:
 
 
 def digest_of(file: Path) -> str:
-    """The SHA-256 of a source file with the modules beside it that it imports, in a package with all beside it."""
+    """Return the SHA-256 of a source file with the modules beside it that it imports, in a package with all."""
     is_package = file.with_name("__init__.py").exists()
     files = set(file.parent.glob("*.py")) if is_package else _imported(file, {file})
     content = b"".join(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0" for path in sorted(files))
@@ -102,7 +102,7 @@ def _named_beside(file: Path) -> Iterator[Path]:
 
 
 def _hiding(module: str, file: Path) -> str | None:
-    """Where the module of a name is found that comes before a file of that name; None if none does."""
+    """Return where the module of a name is found that comes before a file of that name; None if none does."""
     try:
         found = find_spec(module)
     except FAULTS:
@@ -141,7 +141,7 @@ class Plugin:
             raise PluginError(f"{self._title} failed {when}: {_told(error, self._file)}") from error
 
     def faulty(self, fault: str) -> PluginError:
-        """The error about what it returned."""
+        """Return the error about what it returned."""
         return PluginError(f"{self._title} is faulty: {fault}")
 
 
@@ -223,7 +223,7 @@ def _require_unhidden(kind: str, name: str) -> None:
 
 
 def _told(error: BaseException, file: Path | None) -> str:
-    """An error with the last line of the user's file on the way to it."""
+    """Return an error with the last line of the user's file on the way to it."""
     if isinstance(error, SyntaxError):
         return f"{error.filename}, line {error.lineno}: {type(error).__name__}: {error.msg}"
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]

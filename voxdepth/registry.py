@@ -71,18 +71,18 @@ CORRECTOR_NAMES = tuple(_REGISTRY)
 
 
 def corrector_names() -> tuple[str, ...]:
-    """The correctors of this library and those of other distributions, which are not loaded for that."""
+    """Return the correctors of this library and those of other distributions, which are not loaded for that."""
     others = {entry.name for entry in entry_points(group=ENTRY_POINTS)}
     return (*CORRECTOR_NAMES, *sorted(others.difference(CORRECTOR_NAMES)))
 
 
 def installed_names() -> tuple[str, ...]:
-    """The correctors of this library but those that need an extra that is not installed."""
+    """Return the correctors of this library but those that need an extra that is not installed."""
     return tuple(name for name, entry in _REGISTRY.items() if entry.needs is None or find_spec(entry.needs))
 
 
 def title(text: str) -> str:
-    """A corrector, perhaps with settings behind its name, as people read it: `VoxDepth (the paper)`."""
+    """Return a corrector, perhaps with settings behind its name, as people read it: `VoxDepth (the paper)`."""
     name = re.split(r"[\[ ]", text, maxsplit=1)[0]
     shown, origin = TITLES.get(name, (name, ""))
     return text.replace(name, shown, 1) + origin
@@ -99,7 +99,7 @@ def require_known(name: str) -> None:
 
 
 def config_of(name: str) -> "TemporalConfig | VoxDepthConfig | None":
-    """The default configuration of a known corrector; None for a corrector without one."""
+    """Return the default configuration of a known corrector; None for a corrector without one."""
     require_known(name)
     entry = _REGISTRY.get(name)
     if entry is None or entry.config is None:
@@ -109,7 +109,7 @@ def config_of(name: str) -> "TemporalConfig | VoxDepthConfig | None":
 
 
 def resolve_config(name: str, given: Mapping[str, Any]) -> "TemporalConfig | VoxDepthConfig":
-    """The configuration of a corrector with the given values over its defaults.
+    """Return the configuration of a corrector with the given values over its defaults.
 
     Raises:
         ConfigError: The corrector takes no configuration, or a key or a value is wrong.
@@ -170,7 +170,7 @@ def create_bare(
 
 
 def latency_s(name: str) -> float:
-    """The simulated time that a corrector takes for a frame [s].
+    """Return the simulated time that a corrector takes for a frame [s].
 
     That of a corrector of this library is its median time per frame at 160 x 120 pixels on one core, rounded. It is a
     constant, so that results of simulations do not depend on the machine.
@@ -191,7 +191,7 @@ def latency_s(name: str) -> float:
 
 
 def code_of(name: str) -> str | None:
-    """The code of a corrector as `module:factory`; None for one of this library."""
+    """Return the code of a corrector as `module:factory`; None for one of this library."""
     if name in _REGISTRY:
         return None
     return name if ":" in name else next(iter(entry_points(group=ENTRY_POINTS, name=name))).value

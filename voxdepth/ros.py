@@ -60,7 +60,7 @@ def header_of(message: Any) -> Header:
 
 
 def are_apart(first: Any, second: Any) -> bool:
-    """Whether the coordinate frames of two messages have names of cameras in different places."""
+    """Return whether the coordinate frames of two messages have names of cameras in different places."""
     ids = [str(message.header.frame_id).lower() for message in (first, second)]
     places = [[word for word in re.findall("[a-z0-9]+", name) if word not in STREAM_WORDS] for name in ids]
     return "" not in ids and places[0] != places[1]
@@ -144,7 +144,7 @@ def gray_of(message: Any) -> GrayImage:
 
 
 def _pixels(message: Any, kind: np.dtype[Any], channels: int) -> npt.NDArray[Any]:
-    """The pixels of an image without the padding of its rows, in the byte order of this machine.
+    """Return the pixels of an image without the padding of its rows, in the byte order of this machine.
 
     Returns:
         A copy, shape (H, W) for one channel, else (H, W, channels).
@@ -163,7 +163,7 @@ def _pixels(message: Any, kind: np.dtype[Any], channels: int) -> npt.NDArray[Any
 
 
 def _decoded_depth(message: Any, encoding: str) -> npt.NDArray[Any]:
-    """Depth of a compressed image in its units, shape (H, W), uint16 or float32."""
+    """Return the depth of a compressed image in its units, shape (H, W), uint16 or float32."""
     data = np.frombuffer(message.data, np.uint8)
     start = _start_of_png(data)
     image, is_packed = _decoded(message, data[start:]), start == DEPTH_HEADER.itemsize and encoding == "32FC1"
@@ -182,12 +182,12 @@ def _decoded_depth(message: Any, encoding: str) -> npt.NDArray[Any]:
 
 
 def _start_of_png(data: npt.NDArray[np.uint8]) -> int:
-    """Where a PNG begins, perhaps after a header of compressed depth; 0 for other data."""
+    """Return where a PNG begins, perhaps after a header of compressed depth; 0 for other data."""
     return max(bytes(data[: DEPTH_HEADER.itemsize + len(PNG)]).find(PNG), 0)
 
 
 def _decoded(message: Any, data: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
-    """A PNG, TIFF or JPEG in a compressed image, decoded."""
+    """Return a PNG, TIFF or JPEG in a compressed image, decoded."""
     try:
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
     except cv2.error:

@@ -66,7 +66,7 @@ LARGEST_DISPARITY_SCALE = 1000.0
 
 
 def resized(position_px: Position, factor: float) -> Position:
-    """Columns or rows after `cv2.resize` by a factor; the centre of the first pixel is 0.
+    """Return columns or rows after `cv2.resize` by a factor; the centre of the first pixel is 0.
 
     It keeps the image borders, which lie half a pixel outside the pixel centres.
     """
@@ -208,7 +208,7 @@ class Intrinsics:
         return self.height_px, self.width_px
 
     def is_same_camera(self, other: "Intrinsics") -> bool:
-        """Whether two cameras differ by no more than the calibrations of one camera do, see `SAME_LENS`."""
+        """Return whether two cameras differ by no more than the calibrations of one camera do, see `SAME_LENS`."""
         if self.shape != other.shape or (self.baseline_m is None) != (other.baseline_m is None):
             return False
         one, another = ((each.fx_px, each.fy_px, each.cx_px, each.cy_px) for each in (self, other))
@@ -219,7 +219,7 @@ class Intrinsics:
         )
 
     def scaled(self, width_px: int, height_px: int) -> "Intrinsics":
-        """The camera of the images that `cv2.resize` makes of the images of this one, after they were matched."""
+        """Return the camera of the images that `cv2.resize` makes of those of this one, after they were matched."""
         a, b = width_px / self.width_px, height_px / self.height_px
         fx, fy, cx, cy = self.fx_px * a, self.fy_px * b, resized(self.cx_px, a), resized(self.cy_px, b)
         matched = self.disparity_scale * self.width_px / width_px
@@ -227,7 +227,7 @@ class Intrinsics:
         return replace(self, width_px=width_px, height_px=height_px, **lens)
 
     def reduced(self, max_width_px: int) -> "Intrinsics":
-        """The camera of images of at most that width and of the same aspect ratio."""
+        """Return the camera of images of at most that width and of the same aspect ratio."""
         width_px = min(self.width_px, max_width_px)
         return self.scaled(width_px, max(round(self.height_px * width_px / self.width_px), 1))
 
@@ -346,7 +346,7 @@ class Frame:
 
 
 def is_distorted(info: Any) -> bool:
-    """Whether a ROS `CameraInfo` is of images that are distorted before they are rectified."""
+    """Return whether a ROS `CameraInfo` is of images that are distorted before they are rectified."""
     return any(abs(x) > NEGLIGIBLE_DISTORTION for x in getattr(info, "d", getattr(info, "D", ())))
 
 
@@ -403,7 +403,7 @@ class Diagnostics(Protocol):
     """What a method reports about its work on one frame, beyond the result that all methods share."""
 
     def facts(self) -> Mapping[str, str | int | float]:
-        """Scalars for logs and reports, by name; what is a `StrEnum` or a `bool` is counted.
+        """Return scalars for logs and reports, by name; what is a `StrEnum` or a `bool` is counted.
 
         A `StrEnum` is a state, or the kind of an event if `none` is one of its values. A `bool` is an event, too.
         """
@@ -427,7 +427,7 @@ class CorrectedDepth:
 
     @classmethod
     def of(cls, frame: Frame, depth_m: FloatImage) -> Self:
-        """The result of a method whose source and confidence follow from the depth alone.
+        """Return the result of a method whose source and confidence follow from the depth alone.
 
         Source SENSOR and confidence 1 where frame and result have a depth, INPAINTED and `CONFIDENCE_OF_FILLS` where
         only the result has one, INVALID and 0 elsewhere, also where the frame lost its depth.

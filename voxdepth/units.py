@@ -48,11 +48,11 @@ class Unit:
             )
 
     def steps(self, kind: np.dtype[Any]) -> float:
-        """Steps of a metre in values of a type."""
+        """Return the steps of a metre in values of a type."""
         return self.units_per_m or (1.0 if kind.kind == "f" else MILLIMETRES)
 
     def told(self, values: npt.NDArray[Any]) -> str:
-        """How an image of stored values, shape (H, W), is read, and what is to be stated if that is wrong."""
+        """Return how an image of stored values, shape (H, W), is read, and what is to be stated if that is wrong."""
         steps = self.steps(values.dtype)
         return (
             f"has depth in {NAMED.get(steps, f'steps of 1/{steps:g} m')}, as {self.convention}, "
@@ -61,7 +61,7 @@ class Unit:
         )
 
     def metres(self, values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-        """Depth [m] of stored values, shape (H, W), float32; 0 = invalid.
+        """Return the depth [m] of stored values, shape (H, W), float32; 0 = invalid.
 
         No depth are 0, NaN, infinity of either sign (REP 117: too far, too near), and 65535, the largest number of 16
         bits. Negative numbers stay, and a `Frame` refuses them.
@@ -97,14 +97,14 @@ def to_millimetres(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
 
 
 def _are_like_halves(values: npt.NDArray[Any]) -> bool:
-    """Whether nearly all pixels of an image of 16 bits are positive floats of 16 bits, of which most begin alike."""
+    """Return whether nearly all pixels of an image are positive floats of 16 bits, of which most begin alike."""
     if values.dtype.kind == "f" or values.dtype.itemsize != 2:
         return False
     return float(np.mean((values >= HALVES[0]) & (values <= HALVES[1]))) >= HALF_SHARE
 
 
 def median_m(depth_m: npt.NDArray[np.float32]) -> float:
-    """The median of the valid depths [m], or nearly; 0 without one."""
+    """Return the median of the valid depths [m], or nearly; 0 without one."""
     sampled = depth_m.ravel()[:: max(1, depth_m.size // SAMPLES)]
     valid = sampled[sampled > 0]
     return float(np.quantile(valid, 0.5, method="lower")) if valid.size else 0.0

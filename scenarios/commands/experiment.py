@@ -66,7 +66,7 @@ def _run(names: Iterable[str], out: Path, **given: Any) -> None:
 
 
 def _command(name: str, entry: Entry) -> Callable[..., None]:
-    """The command of one experiment, whose help is what the paper claims."""
+    """Return the command of one experiment, whose help is what the paper claims."""
 
     def experiment(
         sequences: Annotated[

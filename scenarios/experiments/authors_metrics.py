@@ -15,7 +15,7 @@ UNRELATED = 179.96
 
 
 def wrapped_rmse(depth_mm: Millimetres, truth_mm: Millimetres, mask: MaskImage) -> float:
-    """The masked RMSE, subtracted and squared in 16 bits, where both wrap around: no length in any unit.
+    """Return the masked RMSE, subtracted and squared in 16 bits, where both wrap around: no length in any unit.
 
     An error of 256 mm, or a multiple of it, scores 0, for its square is a multiple of 65536. Unrelated images score
     `sqrt(32385.5) = 179.96`: let their difference be `2^k m` with odd m, which has the probability `2^-(k+1)`; its
@@ -26,7 +26,7 @@ def wrapped_rmse(depth_mm: Millimetres, truth_mm: Millimetres, mask: MaskImage) 
 
 
 def stretched_psnr_db(depth_mm: Millimetres, truth_mm: Millimetres) -> float:
-    """The PSNR of two images that are each stretched to 0..255 by their own extremes [dB]; a constant one is black.
+    """Return the PSNR of two images, each stretched to 0..255 by its own extremes [dB]; a constant one is black.
 
     A copy scaled by 2 scores 361.2 dB, the most there is: OpenCV computes `20 log10(255 / (rmse + 2^-52))`. Without any
     error elsewhere, one pixel at 65535 turns an even ramp from 0 to 44.4 m into 14.6 dB.
@@ -41,5 +41,5 @@ def _stretched(image_mm: Millimetres) -> npt.NDArray[np.uint8]:
 
 
 def millimetres(depth_m: FloatImage) -> Millimetres:
-    """Depth [m] in millimetres of 16 bits; what is beyond them or has no surface is their largest."""
+    """Return depth [m] in millimetres of 16 bits; what is beyond them or has no surface is their largest."""
     return np.rint(np.minimum(depth_m, np.float32(65.535)) * np.float32(1000)).astype(np.uint16)

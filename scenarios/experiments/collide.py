@@ -40,7 +40,7 @@ def fly(study: Study, asked: Experiment) -> StudyData:
 
 
 def small_study(count: int, skipped: int = 0) -> Study:
-    """One arm of the whole study at a few noise ratios, with its first seeds or those after some."""
+    """Return one arm of the whole study at a few noise ratios, with its first seeds or those after some."""
     whole = load_study(WHOLE)
     (arm,) = (arm.model_copy(update={"theta": THETAS}) for arm in whole.arms if arm.name == ARM)
     seeds = whole.seeds.model_copy(update={"count": count, "first": whole.seeds.first + skipped})
@@ -48,7 +48,7 @@ def small_study(count: int, skipped: int = 0) -> Study:
 
 
 def table_of(data: StudyData) -> pd.DataFrame:
-    """A row for each arm and noise ratio, over the seeds with a run at every ratio, and the fitted curve of the arm."""
+    """Return a row for each arm and noise ratio, over seeds with a run at every ratio, and each arm's fitted curve."""
     runs, rows = run_frame(data), []
     for (_, arm), collided in curves(data, runs, runs["outcome"] == Outcome.COLLISION).items():
         above = collided.loc[:, collided.columns > 0].astype(bool)
@@ -68,7 +68,7 @@ def table_of(data: StudyData) -> pd.DataFrame:
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """The shape of the growth and its size in each arm; open where the runs leave it undecided."""
+    """Return what follows of the shape of the growth and its size in each arm; open where the runs do not decide it."""
     found: list[Claim] = []
     for arm, of in table.groupby("arm", sort=False):
         untold = f"{arm}: {of['collisions'].sum()} of {of['n runs'].sum()} runs collided, which fits any curve"

@@ -47,7 +47,7 @@ def answer(asked: Experiment) -> Findings:
 
 
 def component_times_ms(corrector: VoxDepth, frames: Iterable[Frame]) -> dict[str, pd.Series]:
-    """Times [ms] by component: of all fusions but the first, and of each frame that is corrected after the second.
+    """Return times by component [ms]: of all fusions but the first, and of each frame corrected after the second.
 
     A `ScenarioError` if no frame was corrected by a second template.
     """
@@ -66,7 +66,7 @@ def component_times_ms(corrector: VoxDepth, frames: Iterable[Frame]) -> dict[str
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """Whether fusion takes longest and inpainting is next, in each sequence."""
+    """Return the claim that fusion takes longest and inpainting is next, in each sequence."""
     medians_ms = pivot(table, "component", "sequence", MEDIAN)
     others_ms = medians_ms.drop("fusion")
     times, seconds = medians_ms.loc["fusion"] / others_ms.max(), others_ms.idxmax()

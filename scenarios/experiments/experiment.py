@@ -80,7 +80,7 @@ class Experiment:
     """Is called with a description of each step when it begins."""
 
     def asked(self, **given: Any) -> Self:
-        """The experiment with what the user gives and is not None; what cannot be is a `ScenarioError`."""
+        """Return the experiment with what the user gives and is not None; what cannot be is a `ScenarioError`."""
         given = {name: value for name, value in given.items() if value is not None}
         for name, option in {"sequences": "--sequences", "frames": "--frames", "width_px": "--width"}.items():
             if name in given and not getattr(self, name):
@@ -95,7 +95,7 @@ class Experiment:
         return asked
 
     def sequence(self, name: str) -> SeededSequence:
-        """A sequence at the requested width with its field of view; a `ScenarioError` if there is none like that."""
+        """Return a sequence at the requested width with its field of view; a `ScenarioError` if there is none."""
         sequence = load_sequence(name, self.seed, {})
         if self.width_px is None:
             return sequence
@@ -104,18 +104,18 @@ class Experiment:
         return load_sequence(name, self.seed, {"rig.width_px": self.width_px, "rig.height_px": height_px})
 
     def recording(self, name: str) -> Recording:
-        """The recording of a sequence, made now if there is none; a failure is a `ScenarioError` or a `SimError`."""
+        """Return the recording of a sequence, made now if there is none, or a `ScenarioError` or `SimError`."""
         return recorded(self.sequence(name), self.out, self.frames, self.report)
 
     def captures(self, name: str) -> Iterator[Capture]:
-        """The first frames of a sequence with the truth; each is read when it is requested."""
+        """Yield the first frames of a sequence with the truth; each is read when it is requested."""
         recording = self.recording(name)
         for index in range(self.frames):
             self.report(f"{name}, frame {index + 1} of {self.frames}")
             yield recording[index]
 
     def frames_of(self, name: str) -> Iterator[Frame]:
-        """The first frames of a sequence as a corrector receives them."""
+        """Return the first frames of a sequence as a corrector receives them."""
         return map(frame_of, self.captures(name))
 
     @property
@@ -136,7 +136,7 @@ class Experiment:
             yield requested.name, source
 
     def evaluate(self, methods: Iterable[str]) -> pd.DataFrame:
-        """The measurements of methods, see `Evaluation`; the first failure is a `ScenarioError`."""
+        """Return the measurements of methods, see `Evaluation`; the first failure is a `ScenarioError`."""
         plan = Plan(sequences=self.requested, methods=find_methods(list(methods)), frames=self.frames, out=self.out)
         evaluation = evaluate(plan, lambda what, results: self.report(f"{what}; {results} of {len(plan)} done"))
         for failed in evaluation.failures:
@@ -145,27 +145,27 @@ class Experiment:
 
 
 def listed(values: Mapping[Any, float] | pd.Series, number: str, unit: str = "") -> str:
-    """Numbers with their names and unit, as in `sim-LN +2.1 %, sim-MB -0.3 %`."""
+    """Return numbers with their names and unit, as in `sim-LN +2.1 %, sim-MB -0.3 %`."""
     return ", ".join(f"{name} {value:{number}} {unit}".rstrip() for name, value in values.items()) or "nothing"
 
 
 def alike(found: float, printed: float) -> bool:
-    """Whether a size is within a factor of `ALIKE` of the one that the paper prints."""
+    """Return whether a size is within a factor of `ALIKE` of the one that the paper prints."""
     return printed / ALIKE <= found <= printed * ALIKE
 
 
 def all_hold(holds: Collection[bool]) -> bool | None:
-    """Whether a claim holds in every case; None without a case."""
+    """Return whether a claim holds in every case; None without a case."""
     return all(map(bool, holds)) if len(holds) else None
 
 
 def most_hold(holds: Collection[bool]) -> bool | None:
-    """Whether a claim holds in more than half of the cases; None without a case."""
+    """Return whether a claim holds in more than half of the cases; None without a case."""
     return bool(sum(holds) > len(holds) / 2) if len(holds) else None
 
 
 def counted(holds: pd.Series) -> str:
-    """How many cases, and which, as in `2 of 3 (sim-LN, sim-MB)`."""
+    """Return how many cases, and which, as in `2 of 3 (sim-LN, sim-MB)`."""
     return f"{holds.sum()} of {len(holds)} ({', '.join(map(str, holds.index[holds])) or 'none'})"
 
 

@@ -81,7 +81,7 @@ def frame_rate(create: Callable[[Intrinsics], Any], how: str, dataset: Dataset, 
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """The gain of the pipeline, and the order of the methods."""
+    """Return the claims about the gain of the pipeline, and about the order of the methods."""
     medians = pivot(table, "method", "sequence", MEDIAN)
     gain = 100 * (medians.loc["VD"] / medians.loc["VD-Nopipe"] - 1)
     orders = {name: ", ".join(of[["RS", "VD", "GS"]].sort_values()[::-1].index) for name, of in medians.items()}

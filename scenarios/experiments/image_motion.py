@@ -33,7 +33,7 @@ UNMOVED: dict[str, Estimator] = {"unmoved": lambda earlier: lambda later: STAY}
 
 
 def by_registration(config: VoxDepthConfig, shape: tuple[int, int]) -> Estimator:
-    """The registration of the paper's method: matched features and an affine map."""
+    """Return the registration of the paper's method: matched features and an affine map."""
     registration = OrbRegistration(config, shape)
 
     def estimate(features: Features, later: GrayImage) -> Warp | None:
@@ -44,12 +44,12 @@ def by_registration(config: VoxDepthConfig, shape: tuple[int, int]) -> Estimator
 
 
 def by_flow(flow: Flow) -> Estimator:
-    """Dense optical flow, from the later image to the earlier one."""
+    """Return an estimator by dense optical flow, from the later image to the earlier one."""
     return lambda earlier: lambda later: partial(followed, to_image_px=flow(later, earlier))
 
 
 def pair_starts(frames: int, distance: int, max_pairs: int) -> list[int]:
-    """First frames of pairs at a distance, evenly spread over a sequence so that the last pair ends with it."""
+    """Return the first frames of pairs at a distance, evenly spread over a sequence; the last pair ends with it."""
     last = frames - 1 - distance
     return [round(start) for start in np.linspace(0, last, min(max_pairs, last + 1)).tolist()]
 
@@ -111,7 +111,7 @@ def judged(estimators: Mapping[str, Estimator], earlier: Capture, later: Capture
 
 
 def true_displacement_px(earlier: Capture, later: Capture) -> float:
-    """Mean distance that the points of static objects move in the image, by true depth and poses [px].
+    """Return the mean distance that the points of static objects move in the image, by true depth and poses [px].
 
     Points that leave the image do not count, and points that become occluded do; NaN if no point stays.
     """

@@ -18,12 +18,12 @@ NETWORKS = Path(__file__).parents[1] / "data" / "networks"
 
 
 def dilation(sparse_m: FloatImage) -> FloatImage:
-    """Every pixel, filled or not, takes the farthest depth of its window: the paper's choice."""
+    """Give every pixel, filled or not, the farthest depth of its window: the paper's choice."""
     return dilated(sparse_m, WINDOW_PX)
 
 
 def erosion(sparse_m: FloatImage) -> FloatImage:
-    """Every pixel takes the nearest depth of its window: paper, Eq. erosion, over filled pixels.
+    """Give every pixel the nearest depth of its window: paper, Eq. erosion, over filled pixels.
 
     With the empty ones, as printed, the minimum of nearly every window of a sparse image would be 0.
     """
@@ -34,7 +34,7 @@ def erosion(sparse_m: FloatImage) -> FloatImage:
 
 
 def bilinear(sparse_m: FloatImage) -> FloatImage:
-    """Empty pixels take the mean of the filled ones of their window, weighted by a tent in rows and in columns.
+    """Give empty pixels the mean of the filled ones of their window, weighted by a tent in rows and in columns.
 
     On a lattice of filled pixels `WINDOW_PX // 2 + 1` apart this is bilinear interpolation.
     """
@@ -49,7 +49,7 @@ def bilinear(sparse_m: FloatImage) -> FloatImage:
 
 
 def convex(sparse_m: FloatImage) -> FloatImage:
-    """Every pixel takes a mean of the filled pixels of its window, whose weights a network predicts.
+    """Give every pixel a mean of the filled pixels of its window, whose weights a network predicts.
 
     This is the convex upsampling of Teed and Deng 2020, which the paper tries, for a sparse image in place of a coarse
     one. The network, which is ours, sees depth in units of the mean, so that a scene twice as far is filled twice as

@@ -28,7 +28,7 @@ NEIGHBOURS = np.array([[1, 2, 1], [2, 0, 2], [1, 2, 1]], np.float32) / 12
 
 
 def dis(start: GrayImage, end: GrayImage) -> FlowImage:
-    """Inverse search of patches, then variational refinement: Kroeger et al. 2016, DOI 10.1007/978-3-319-46493-0_29."""
+    """Return the flow of inverse search, then refinement: Kroeger et al. 2016, DOI 10.1007/978-3-319-46493-0_29."""
     height, width = start.shape
     below, right = (max(DIS_SMALLEST_PX - side, 0) for side in start.shape)
     padded: Any = [np.pad(gray, ((0, below), (0, right)), mode="edge") for gray in (start, end)]
@@ -37,14 +37,14 @@ def dis(start: GrayImage, end: GrayImage) -> FlowImage:
 
 
 def farneback(start: GrayImage, end: GrayImage) -> FlowImage:
-    """Polynomial expansion in a pyramid: Farneback 2003, DOI 10.1007/3-540-45103-X_50."""
+    """Return the flow of polynomial expansion in a pyramid: Farneback 2003, DOI 10.1007/3-540-45103-X_50."""
     options = {"pyr_scale": 0.5, "levels": LEVELS, "winsize": 15, "iterations": 3, "poly_n": 5, "poly_sigma": 1.2}
     flow_px: Any = cv2.calcOpticalFlowFarneback(start, end, None, **options, flags=0)  # type: ignore[call-overload]
     return np.asarray(flow_px, np.float32)
 
 
 def horn_schunck(start: GrayImage, end: GrayImage) -> FlowImage:
-    """Brightness constancy with a smooth flow: Horn and Schunck 1981, DOI 10.1016/0004-3702(81)90024-2.
+    """Return the smooth flow of constant brightness: Horn and Schunck 1981, DOI 10.1016/0004-3702(81)90024-2.
 
     The classical iteration, from coarse to fine in a pyramid because it sees one or two pixels far; at each level the
     end is warped by the flow so far and the remainder is estimated.
@@ -61,7 +61,7 @@ def horn_schunck(start: GrayImage, end: GrayImage) -> FlowImage:
 
 
 def _refined(flow_px: FlowImage, start: FloatImage, end: FloatImage) -> FlowImage:
-    """A better flow [px], shape (h, w, 2), of one level."""
+    """Return a better flow [px], shape (h, w, 2), of one level."""
     arrived = followed(end, flow_px, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
     slopes = [cv2.Sobel(0.5 * (start + arrived), cv2.CV_32F, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))]
     flows: list[Any] = [np.ascontiguousarray(flow_px[..., axis]) for axis in (0, 1)]
@@ -77,7 +77,7 @@ def _refined(flow_px: FlowImage, start: FloatImage, end: FloatImage) -> FlowImag
 
 
 def _enlarged(flow_px: FlowImage, shape: tuple[int, ...]) -> FlowImage:
-    """The flow of a level in the pixels of the next finer one, shape (*shape, 2); of the same one, itself."""
+    """Return the flow of a level in the pixels of the next finer one, shape (*shape, 2); of the same one, itself."""
     height, width = shape
     factor = np.array([width / flow_px.shape[1], height / flow_px.shape[0]], np.float32)
     larger: Any = cv2.resize(flow_px, (width, height), interpolation=cv2.INTER_LINEAR)

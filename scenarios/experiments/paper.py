@@ -46,10 +46,10 @@ OURS = {name: method for name, method in _OURS.items() if method in installed_na
 
 
 def dataset(sequence: str) -> str:
-    """The paper's name of the dataset that a sequence stands for, if it has such a name."""
+    """Return the paper's name of the dataset that a sequence stands for, if it has such a name."""
     return sequence.removeprefix("sim-")
 
 
 def beside(printed: pd.DataFrame, sequences: pd.Index) -> pd.DataFrame:
-    """The rows of a printed table for the sequences that stand for its datasets, NaN for others."""
+    """Return the rows of a printed table for the sequences that stand for its datasets, NaN for others."""
     return printed.reindex(sequences.map(dataset)).set_axis(sequences)

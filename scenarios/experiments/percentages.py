@@ -46,14 +46,14 @@ def answer(_: Experiment) -> Findings:
 
 
 def fewer_switches() -> dict[tuple[str, ...], float]:
-    """How many state switches fewer than LN and MB the synthetic datasets have on average [%], for each subset."""
+    """Return how many state switches fewer than LN and MB each subset of synthetic datasets has on average [%]."""
     real, names = mean(SWITCHES[name] for name in REAL), (*SYNTHETIC, "KTS")
     subsets = (subset for n in range(1, len(names) + 1) for subset in combinations(names, n))
     return {subset: 100 * (1 - mean(SWITCHES[name] for name in subset) / real) for subset in subsets}
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """One for each percentage, which follows or does not as the text says it."""
+    """Return a claim for each percentage, which follows or does not as the text says it."""
     return tuple(
         Claim(
             f"{what}: {of[PRINTED].iloc[0]:g} %",

@@ -12,7 +12,7 @@ MARKERS = "osD^v<>P*X"
 
 
 def picture(title: str, panels: Sequence[Draw], **style: Any) -> bytes:
-    """The panels side by side as PNG; `style` is that of `panel_figure`."""
+    """Return the panels side by side as PNG; `style` is that of `panel_figure`."""
     return encoded(panel_figure(title, panels, **style))
 
 

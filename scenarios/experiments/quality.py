@@ -33,7 +33,7 @@ def answer(asked: Experiment) -> Findings:
 
 
 def corrected_percent(source: FrameSource, frames: int) -> dict[str, float]:
-    """Share of the frames of a sequence that a template corrected [%], as printed and as the authors' code has it."""
+    """Return the share of the frames that a template corrected [%], as printed and as the authors' code has it."""
     methods = {name: create_bare(OURS[name], source.intrinsics) for name in ("VD", "VD-code")}
     phases = [
         {name: method.process(frame.frame).diagnostics.phase for name, method in methods.items()}  # type: ignore[union-attr]
@@ -43,7 +43,7 @@ def corrected_percent(source: FrameSource, frames: int) -> dict[str, float]:
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """Where VD is ahead of RS and GS, beside the paper's tables."""
+    """Return the claims about where VD is ahead of RS and GS, beside the paper's tables."""
     ours = {
         metric: own.set_index("sequence")[list(METHODS[:3])].astype(float) for metric, own in table.groupby("metric")
     }
@@ -51,13 +51,13 @@ def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
 
 
 def leads(of: pd.DataFrame) -> pd.Series:
-    """Whether VD is higher than RS and GS, by sequence; sequences without all three are left out."""
+    """Return whether VD is higher than RS and GS, by sequence; sequences without all three are left out."""
     known = of[list(METHODS[:3])].dropna()
     return known["VD"] > known[["RS", "GS"]].max(axis="columns")
 
 
 def _lead(what: str, found: pd.DataFrame, printed: pd.DataFrame) -> Claim:
-    """Where VD is ahead here, and in the paper's table of those datasets that the sequences stand for."""
+    """Return where VD is ahead here, and in the paper's table of those datasets that the sequences stand for."""
     ours, theirs = leads(found), leads(beside(printed, found.index))
     known = ours.index.intersection(theirs.index, sort=False)
     return Claim(
@@ -69,7 +69,7 @@ def _lead(what: str, found: pd.DataFrame, printed: pd.DataFrame) -> Claim:
 
 
 def draw(table: pd.DataFrame) -> bytes:
-    """The figure as PNG. A PSNR has no zero that bars could begin at, so that gains over raw depth are shown."""
+    """Return the figure as PNG. A PSNR has no zero that bars could begin at, so that gains over raw depth are shown."""
     psnrs_db, masked_m = (table[table["metric"] == name].set_index("sequence")[list(OURS)] for name in SELECTORS)
     gains_db = psnrs_db.drop(columns="raw").sub(psnrs_db["raw"], axis="index")
     gains_db.index = [f"{name}\nraw: {value:.1f} dB" for name, value in psnrs_db["raw"].items()]

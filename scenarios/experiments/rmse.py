@@ -34,7 +34,7 @@ def answer(asked: Experiment) -> Findings:
 
 
 def _rows(name: str, source: FrameSource, asked: Experiment) -> Iterator[dict[str, Any]]:
-    """A row for each method on a sequence."""
+    """Yield a row for each method on a sequence."""
     for label, method in OURS.items():
         asked.report(f"{name}, {method}")
         corrector, sums, scores = create_bare(method, source.intrinsics), Sums(), []
@@ -49,7 +49,7 @@ def _rows(name: str, source: FrameSource, asked: Experiment) -> Iterator[dict[st
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """Where VD has the lowest error as a length, and whether the printed metric tells methods apart."""
+    """Return the claims that VD has the lowest error as a length, and that the printed metric tells methods apart."""
     theirs, ours = leads(-M_RMSE), leads(-pivot(table, "sequence", "method", METRES))
     scores = table[table["method"].isin(METHODS[:3])][WRAPPED]
     n, of = int((M_RMSE > SATURATED).sum(axis=None)), M_RMSE.size

@@ -38,7 +38,7 @@ def answer(asked: Experiment) -> Findings:
 
 
 def measure(captures: Iterable[Capture]) -> pd.DataFrame:
-    """Shares of pixels [%] and PSNR [dB] of all frames of a sequence together, a row for each width of growth."""
+    """Return shares of pixels [%] and PSNR [dB] of all frames of a sequence together, a row for each growth."""
     sums = []
     for capture in captures:
         truth_m, raw_m, occluded = capture.depth_true_m, capture.depth_raw_m, capture.occluded.astype(np.bool_)
@@ -57,7 +57,7 @@ def measure(captures: Iterable[Capture]) -> pd.DataFrame:
 
 
 def squared_error_m2(depth_m: FloatImage, truth_m: FloatImage, counted: MaskImage) -> float:
-    """Sum of squared errors over a mask [m^2]; images of shape (H, W), and a hole is 0 m."""
+    """Return the sum of squared errors over a mask [m^2]; images of shape (H, W), and a hole is 0 m."""
     return float(np.square(depth_m[counted].astype(np.float64) - truth_m[counted]).sum())
 
 
@@ -68,7 +68,7 @@ def grow(mask: MaskImage, by_px: int) -> MaskImage:
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """Whether quality bends down as occlusion grows, and what ten points more cost."""
+    """Return the claims about how quality falls as occlusion grows, and what ten points more cost."""
     by_sequence = dict(list(table.groupby("sequence", sort=False)))
     bends = {
         metric: [bend(of[OCCLUDED], of[metric]) < 0 for of in by_sequence.values()] for metric in (PSNR, COMPLETED)
@@ -94,12 +94,12 @@ def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
 
 
 def bend(shares: pd.Series, psnrs_db: pd.Series) -> float:
-    """Second derivative of a parabola of PSNR by share [dB/%^2]; below 0, quality falls ever more steeply."""
+    """Return the second derivative of a parabola of PSNR by share [dB/%^2]; below 0, quality falls more and more."""
     return float(2 * np.polyfit(shares, psnrs_db, 2)[0])
 
 
 def loss_percent(shares: pd.Series, psnrs_db: pd.Series) -> float:
-    """Share of the first PSNR [%] that `POINTS` more occluded pixels cost; NaN if no share, rising, is as large."""
+    """Return the share of the first PSNR [%] that `POINTS` more occluded pixels cost; NaN if no share gets there."""
     more = shares.iloc[0] + POINTS
     return 100 * (1 - float(np.interp(more, shares, psnrs_db, right=np.nan)) / float(psnrs_db.iloc[0]))
 

@@ -38,7 +38,7 @@ def answer(asked: Experiment) -> Findings:
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """The chosen size against larger ones in quality, and against the largest in time."""
+    """Return the claims about the chosen size: against larger ones in quality, and the largest in time."""
     gray_db, times_ms = (pivot(table, SIZE, "sequence", values) for values in (GRAY, TIME))
     gains = 100 * (gray_db.loc[CHOSEN] / gray_db.loc[CHOSEN:].iloc[1:].max() - 1).dropna()
     ratios = times_ms.loc[LARGEST] / times_ms.loc[CHOSEN]

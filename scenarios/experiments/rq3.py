@@ -37,7 +37,7 @@ def answer(asked: Experiment) -> Findings:
 
 
 def _measured(asked: Experiment, name: str) -> pd.DataFrame:
-    """A row for each method on the windows of a sequence."""
+    """Return a row for each method on the windows of a sequence."""
     scores = pd.DataFrame(score for window in _windows(asked, name) for score in _scored(*window))
     by_method = scores.groupby("method", sort=False)
     sums = by_method[["near", "completed"]].sum()
@@ -54,7 +54,7 @@ def _measured(asked: Experiment, name: str) -> pd.DataFrame:
 
 
 def _scored(sparse_m: FloatImage, truth_m: FloatImage) -> Iterator[dict[str, Any]]:
-    """The errors of each method on one window near and after completion, and its median time [ms]."""
+    """Yield the errors of each method on one window near and after completion, and its median time [ms]."""
     methods: dict[str, Inpaint] = {"as projected": lambda sparse_m: sparse_m.copy(), **INPAINTINGS}
     for method, fill in methods.items():
         template_m, times_s = fill(sparse_m), []
@@ -68,7 +68,7 @@ def _scored(sparse_m: FloatImage, truth_m: FloatImage) -> Iterator[dict[str, Any
 
 
 def _windows(asked: Experiment, name: str) -> Iterator[tuple[FloatImage, FloatImage]]:
-    """The sparse projection of each window [m], and the true depth of its last frame [m]; both (H, W)."""
+    """Yield the sparse projection of each window [m], and the true depth of its last frame [m]; both (H, W)."""
     camera = asked.recording(name).intrinsics
     grid, odometry = create_grid(CONFIG.device, CONFIG.voxels, camera), PhotometricOdometry(camera)
     registration, window = OrbRegistration(CONFIG, camera.shape), []
@@ -81,7 +81,7 @@ def _windows(asked: Experiment, name: str) -> Iterator[tuple[FloatImage, FloatIm
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """Dilation against bilinear interpolation in quality and time, and convex upsampling against both."""
+    """Return the claims about dilation against bilinear interpolation, and convex upsampling against both."""
     psnrs_db, times_ms = (pivot(table, "sequence", "method", values) for values in (PSNR, TIME))
     lead_db = (psnrs_db["dilation"] - psnrs_db["bilinear"]).dropna()
     ordered = psnrs_db.reindex(columns=["bilinear", "dilation", "convex"]).dropna()

@@ -36,12 +36,12 @@ def answer(asked: Experiment) -> Findings:
 
 
 def _times_ms(table: pd.DataFrame) -> pd.DataFrame:
-    """Those of the shortest distance, by sequence and method: they do not depend on it."""
+    """Return the times at the shortest distance, by sequence and method: they do not depend on it."""
     return pivot(table[table[DISTANCE] == DISTANCES[0]], "sequence", "method", TIME).drop(columns=list(UNMOVED))
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """The times of flows against the limit, and the error of the fastest against that of registration."""
+    """Return the claims about the times of flows, and about the error of the fastest beside that of registration."""
     flows_ms = _times_ms(table)[list(FLOWS)]
     is_over = (flows_ms > BUDGET_MS).to_numpy().ravel()
     found = "; ".join(f"{name} {listed(of_flows_ms, '.1f', 'ms')}" for name, of_flows_ms in flows_ms.iterrows())

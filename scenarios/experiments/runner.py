@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def find_experiment(name: str) -> Experiment:
-    """The experiment of a name; a wrong name is a `ScenarioError`."""
+    """Return the experiment of a name; a wrong name is a `ScenarioError`."""
     if name not in CATALOGUE:
         raise ScenarioError(no_such("experiment", name, CATALOGUE))
     found: Experiment = import_module(f"{__package__}.{name}").EXPERIMENT
@@ -67,6 +67,6 @@ def run(name: str, experiment: Experiment, command: str, console: "Console") -> 
 
 
 def claim_table(found: Sequence[tuple[str, Claim]]) -> Table:
-    """The verdicts on the claims of several experiments, each with the name of its experiment."""
+    """Return the verdicts on the claims of several experiments, each with the name of its experiment."""
     rows = [(name, claim.paper, claim.found, claim.verdict) for name, claim in found]
     return Table.of(summary([claim for _, claim in found]), ("experiment", "the paper claims", "here", "verdict"), rows)

@@ -61,7 +61,7 @@ def answer(asked: Experiment) -> Findings:
 
 
 def steps(asked: Experiment, name: str) -> Iterator[Step]:
-    """The images of a sequence in the order of the paper's figures; a `ScenarioError` if no frame is corrected."""
+    """Yield the images of a sequence in the order of the paper's figures; a `ScenarioError` if none is corrected."""
     camera, captures = asked.recording(name).intrinsics, list(asked.captures(name))
     frames = list(map(frame_of, captures))
     results = list(map(VoxDepth(camera, CONFIG).process, frames))
@@ -90,7 +90,7 @@ def steps(asked: Experiment, name: str) -> Iterator[Step]:
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """Whether inpainting makes a dense template of a sparse projection."""
+    """Return the claim that inpainting makes a dense template of a sparse projection."""
     filled = pivot(table, "sequence", "step", FILLED)
     return (
         Claim(

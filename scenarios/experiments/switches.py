@@ -39,7 +39,7 @@ def answer(asked: Experiment) -> Findings:
 
 
 def _ends(asked: Experiment, name: str) -> dict[str, Any]:
-    """A row with the ends of epochs by the rules about matches alone."""
+    """Return a row with the ends of epochs by the rules about matches alone."""
     corrector = VoxDepth(asked.recording(name).intrinsics, BY_MATCHES)
     ends = [corrector.align(frame).diagnostics.epoch_end for frame in asked.frames_of(name)]
     few, refused = ends.count(EpochEnd.FEW_MATCHES), ends.count(EpochEnd.DEGENERATE)
@@ -49,7 +49,7 @@ def _ends(asked: Experiment, name: str) -> dict[str, Any]:
 
 
 def _movement(asked: Experiment, name: str, distance: int) -> dict[str, Any]:
-    """A row with the image motion between pairs of frames at a distance, and how registration follows it."""
+    """Return a row with the image motion between pairs of frames at a distance, and how registration follows it."""
     recording = asked.recording(name)
     pairs = [(recording[k], recording[k + distance]) for k in pair_starts(asked.frames, distance, MAX_PAIRS)]
     flows_px = [np.linalg.norm(dis(later.gray_left, earlier.gray_left), axis=2).mean() for earlier, later in pairs]
@@ -60,7 +60,7 @@ def _movement(asked: Experiment, name: str, distance: int) -> dict[str, Any]:
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """Whether rendered datasets switch less, and whether flow and registration tell how far the camera moved."""
+    """Return the claims that rendered datasets switch less, and that flow and registration show the motion."""
     rates = table.drop_duplicates("sequence").set_index("sequence")[RATE]
     synthetic, real = (float(rates.reindex(names).mean()) for names in (SYNTHETIC, REAL))
     known = synthetic >= 0 and real > 0

@@ -32,7 +32,7 @@ def answer(asked: Experiment) -> Findings:
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """The chosen size against the largest in quality and time."""
+    """Return the claims about the chosen size against the largest in quality and time."""
     psnrs_db, times_ms = (pivot(table, SIZE, "sequence", values) for values in (PSNR, TIME))
     change_db = psnrs_db.loc[CHOSEN] - psnrs_db.loc[LARGEST]
     saved = 100 * (1 - times_ms.loc[CHOSEN] / times_ms.loc[LARGEST])

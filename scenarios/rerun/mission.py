@@ -411,7 +411,7 @@ class MissionRecorder(Recorder):
 
 
 def drone_name(drone: int, leaders: set[int]) -> str:
-    """A drone as its label and its tab call it."""
+    """Return a drone as its label and its tab call it."""
     return f"leader {drone}" if drone in leaders else f"drone {drone}"
 
 

@@ -46,7 +46,7 @@ class Drone(Flight):
     """Standard deviation of a slow disturbance of the desired velocity, along each axis."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
-        """One pose per frame, at most 240 per second; see `Flight.poses`."""
+        """Yield one pose per frame, at most 240 per second; see `Flight.poses`."""
         from ..world import PHYSICS_HZ
 
         if rate_hz > PHYSICS_HZ:
@@ -91,7 +91,7 @@ class _PurePursuit:
         return self._target_m >= self.track.length_m + self._lookahead_m
 
     def command(self, state: DroneState, time_s: float) -> VelocityCommand:
-        """The command that takes the drone towards the target."""
+        """Return the command that takes the drone towards the target."""
         to_target_m = self._advance_target(state.position_m)
         direction = to_target_m / length(to_target_m)
         velocity_m_s = self._safe_speed_m_s() * direction + self._gusts_m_s(time_s)
@@ -107,7 +107,7 @@ class _PurePursuit:
             self._target_m += TARGET_STEP_M
 
     def _safe_speed_m_s(self) -> float:
-        """Highest speed from which the drone can brake in time for every bend within the braking distance."""
+        """Return the highest speed from which the drone brakes in time for every bend within the braking distance."""
         curvature_per_m = np.maximum(self.track.curvature_per_m(self._target_m + self._ahead_m), 1e-9)
         braking_m = np.maximum(self._ahead_m, 0)
         squared = self._accel_m_s2 * (1 / curvature_per_m + 2 * braking_m)

@@ -72,16 +72,16 @@ class Walk(Flight):
     """Standard deviation of the slow variation of the heading; that of the pitch is half as large."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
-        """Poses from the start to the last way point; see `Flight.poses`."""
+        """Return the poses from the start to the last way point; see `Flight.poses`."""
         track = self.track(path_m)
         return map(self.trajectory(track, seed), frame_times_s(rate_hz, self.duration_s(track)))
 
     def track(self, path_m: FloatArray) -> Track:
-        """The curve of the walk."""
+        """Return the curve of the walk."""
         return Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * self.speed_m_s)
 
     def duration_s(self, track: Track) -> float:
-        """Time from the start to the last way point. A path that ends before the start raises a `SceneError`."""
+        """Return the time from the start to the last way point; a path that ends before is a `SceneError`."""
         if self.start_m >= track.length_m:
             raise SceneError(
                 f"the walk starts {self.start_m:g} m along a path of {track.length_m:.1f} m: expected a start before "
@@ -90,7 +90,7 @@ class Walk(Flight):
         return (track.length_m - self.start_m) / self.speed_m_s
 
     def trajectory(self, track: Track, seed: int) -> Trajectory:
-        """The trajectory of the camera, in the time since the start."""
+        """Return the trajectory of the camera, in the time since the start."""
         rng = stream(seed, Purpose.FLIGHT)
         first_step_rad = rng.uniform(0, 4 * np.pi)
         sigma_rad = np.radians(self.look_around_deg) * np.array([1.0, 0.5])
@@ -127,7 +127,7 @@ class Cut(Flight):
     """Frames per take: the camera jumps at each multiple of this number."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
-        """Poses of the takes; see `Flight.poses`."""
+        """Return the poses of the takes; see `Flight.poses`."""
         track = self.walk.track(path_m)
         duration_s = self.walk.duration_s(track)
         shortest_s = 2 * self.every / rate_hz
@@ -178,7 +178,7 @@ class Hover(Flight):
         return self
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
-        """Poses without an end; see `Flight.poses`."""
+        """Return poses without an end; see `Flight.poses`."""
         track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
         if self.at_m > track.length_m:
             raise SceneError(f"at_m must lie on the path of {track.length_m:.3g} m, got {self.at_m:g} m; reduce it")
@@ -213,7 +213,7 @@ class Stations(Flight):
     """Pitch of the first pose; a positive pitch looks up."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
-        """Poses without an end; see `Flight.poses`."""
+        """Return poses without an end; see `Flight.poses`."""
         track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
         place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
         return self._stand(place_m, track.heading_rad(self.at_m), stream(seed, Purpose.FLIGHT), rate_hz)
@@ -234,7 +234,7 @@ class Stations(Flight):
 
 
 def _jump(rng: np.random.Generator, off: FloatArray, axes: int, reach: float) -> FloatArray:
-    """A random direction, unit norm, shape (axes,), which leads back along every axis that is beyond half the reach."""
+    """Return a random direction, shape (axes,), of length 1, which leads back on axes beyond half the reach."""
     direction = rng.standard_normal(axes)
     back = (np.abs(off) > reach / 2) & (direction * off > 0)
     return np.asarray(np.where(back, -direction, direction) / length(direction))

@@ -25,7 +25,7 @@ class Flight(Model, ABC):
 
     @abstractmethod
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
-        """One pose per frame; pose k is at k / `rate_hz` and does not depend on how many are drawn.
+        """Return one pose per frame; pose k is at k / `rate_hz` and does not depend on how many are drawn.
 
         The path consists of way points on the ground in the world frame, shape (n, 3). A path that the flight cannot
         follow, or a rate that is too high for it, raises a `SceneError`.
@@ -33,7 +33,7 @@ class Flight(Model, ABC):
 
 
 def frame_times_s(rate_hz: float, duration_s: float = np.inf) -> Iterator[float]:
-    """The frame times up to and including `duration_s` [s]."""
+    """Return the frame times up to and including `duration_s` [s]."""
     return takewhile(lambda time_s: time_s <= duration_s, (k / rate_hz for k in count()))
 
 
@@ -51,7 +51,7 @@ class SmoothNoise:
         self._phase_rad = rng.uniform(0, 2 * np.pi, shape)
 
     def __call__(self, time_s: float) -> FloatArray:
-        """Values at a time, shape (c,)."""
+        """Return the values at a time, shape (c,)."""
         waves = sin(self._rate_rad_s * time_s + self._phase_rad)
         return np.asarray(self._amplitude * waves.sum(axis=1))
 
@@ -90,22 +90,23 @@ class Track:
         self._turns_rad = np.diff(headings)
 
     def position_m(self, along_m: float) -> FloatArray:
-        """Point of the curve, shape (3,)."""
+        """Return the point of the curve, shape (3,)."""
+        # The position is the integral of the direction, to which each corner adds its bend by a smooth step.
         ramps_m = self._rounding_m * _ramp((along_m - self._corners_m) / self._rounding_m)
         return np.asarray(self._start_m + along_m * self._direction + matmul(ramps_m, self._bends))
 
     def heading_rad(self, along_m: float) -> float:
-        """Heading, from the world's x axis towards y, without jumps of a full turn."""
+        """Return the heading, from the world's x axis towards y, without jumps of a full turn."""
         return self._heading_rad + float(matmul(_step((along_m - self._corners_m) / self._turning_m), self._turns_rad))
 
     def curvature_per_m(self, along_m: FloatArray) -> FloatArray:
-        """Change of the unit direction per arc length, shape (m,) for m arc lengths."""
+        """Return the change of the unit direction per arc length, shape (m,) for m arc lengths."""
         bells = _bell((along_m[:, None] - self._corners_m) / self._rounding_m) / self._rounding_m
         return np.asarray(np.linalg.norm(matmul(bells, self._bends), axis=1))
 
 
 def _way_points(path_m: FloatArray) -> FloatArray:
-    """The way points without those that are at, or directly above, the one before."""
+    """Return the way points without those that are at, or directly above, the one before."""
     points = np.asarray(path_m, np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
         raise SceneError(
@@ -123,17 +124,17 @@ def _way_points(path_m: FloatArray) -> FloatArray:
 
 
 def _bell(u: FloatArray) -> FloatArray:
-    """Raised cosine on -1..1 with unit area."""
+    """Return the raised cosine on -1..1 with unit area."""
     return np.asarray((1 + cos(np.pi * np.clip(u, -1, 1))) / 2)
 
 
 def _step(u: FloatArray) -> FloatArray:
-    """Integral of the bell: from 0 before -1 to 1 after 1."""
+    """Return the integral of the bell: from 0 before -1 to 1 after 1."""
     c = np.clip(u, -1, 1)
     return np.asarray((1 + c + sin(np.pi * c) / np.pi) / 2)
 
 
 def _ramp(u: FloatArray) -> FloatArray:
-    """Integral of the step: from 0 before -1 to u after 1."""
+    """Return the integral of the step: from 0 before -1 to u after 1."""
     c = np.clip(u, -1, 1)
     return np.asarray(((1 + c) ** 2 / 2 - (1 + cos(np.pi * c)) / np.pi**2) / 2 + np.maximum(u - 1, 0))

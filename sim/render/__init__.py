@@ -11,7 +11,7 @@ RENDERER_NAMES: tuple[RendererName, ...] = get_args(RendererName)
 
 
 def create_renderer(name: str, world: World, *, threads: int = 2) -> Renderer:
-    """The renderer with a name, for one world. The number of threads changes only its speed.
+    """Return the renderer with a name, for one world. The number of threads changes only its speed.
 
     A name that no renderer has, or a renderer that does not work on this machine, raises a `RenderError`.
     """

@@ -57,7 +57,7 @@ class TinyRenderer:
         self._sun = world.scene.weather.to_sun
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """One `Images` per camera of the present state of the world, always with gray images."""
+        """Return one `Images` per camera of the present state of the world, always with gray images."""
         return [_camera_image(camera, TINY, self._client, self._sun) for camera in cameras]
 
 
@@ -83,7 +83,7 @@ class EglRenderer:
         self._real[[copy + 1 for copy in copies]] = list(copies.values())
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """One `Images` per camera of the present state of the world, always with gray images."""
+        """Return one `Images` per camera of the present state of the world, always with gray images."""
         for copy, real in self._moving.items():
             position, q_xyzw = pybullet.getBasePositionAndOrientation(real, physicsClientId=self._world.client)
             pybullet.resetBasePositionAndOrientation(copy, position, q_xyzw, physicsClientId=self._client)
@@ -112,7 +112,7 @@ class EglRenderer:
 
 @cache
 def egl_plugin() -> str:
-    """Path of PyBullet's EGL plugin, after a trial in another process, because a failure ends the whole process.
+    """Return the path of PyBullet's EGL plugin, after a trial in another process, since a failure ends its process.
 
     A plugin that is missing, or does not work on this machine, raises a `RenderError`.
     """
@@ -158,7 +158,7 @@ def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[flo
 
 
 def view_matrix(T_world_cam: FloatArray) -> list[float]:
-    """OpenGL view matrix, column-major, of a camera pose with any roll."""
+    """Return the OpenGL view matrix, column-major, of a camera pose with any roll."""
     R_cam_world = T_world_cam[:3, :3].T
     T_opengl_world = np.eye(4)
     T_opengl_world[:3] = np.column_stack([R_cam_world, -matmul(R_cam_world, T_world_cam[:3, 3])])
@@ -167,7 +167,7 @@ def view_matrix(T_world_cam: FloatArray) -> list[float]:
 
 
 def projection_matrix(intrinsics: Intrinsics | Pinhole, engine: Engine) -> list[float]:
-    """OpenGL projection matrix, column-major, that places the samples of an engine at integer pixel coordinates.
+    """Return the OpenGL projection matrix, column-major, whose samples are at integer pixel coordinates.
 
     OpenGL samples the centre of each pixel, and TinyRenderer its lower left corner.
     """

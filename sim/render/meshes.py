@@ -54,12 +54,12 @@ class SceneMeshes:
             self.R_world_body[i] = frames.rotation_from_quaternion(np.array(pose[1]))
 
     def in_world(self, bodies: range) -> list[Mesh]:
-        """Meshes of some bodies in the world frame, at the poses that were read."""
+        """Return meshes of some bodies in the world frame, at the poses that were read."""
         return [moved(self.meshes[i], self.R_world_body[i], self.position_m[i]) for i in bodies]
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one; the triangles keep their order."""
+    """Return several meshes as one; the triangles keep their order."""
     offsets = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes[:-1])])
     return Mesh(
         np.concatenate([mesh.vertices_m for mesh in meshes]),
@@ -68,25 +68,25 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def moved(mesh: Mesh, rotation: FloatArray, position_m: FloatArray) -> Mesh:
-    """A mesh after a rigid transformation."""
+    """Return a mesh after a rigid transformation."""
     return Mesh(matmul(mesh.vertices_m, rotation.T) + position_m, mesh.triangles)
 
 
 def normals(mesh: Mesh) -> FloatArray:
-    """Unit normals of the triangles, shape (T, 3); 0 for a triangle without area."""
+    """Return the unit normals of the triangles, shape (T, 3); 0 for a triangle without area."""
     a, b, c = np.moveaxis(mesh.vertices_m[mesh.triangles], 1, 0)
     normal = np.cross(b - a, c - a)
     return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(np.float64).tiny))
 
 
 def bounding_sphere(mesh: Mesh) -> FloatArray:
-    """Centre and radius [m], shape (4,)."""
+    """Return the centre and radius [m], shape (4,)."""
     center_m = (mesh.vertices_m.min(axis=0) + mesh.vertices_m.max(axis=0)) / 2
     return np.append(center_m, np.sqrt(((mesh.vertices_m - center_m) ** 2).sum(axis=1).max()))
 
 
 def mesh_of_shape(shape: Shape) -> Mesh:
-    """A shape of a scene as a mesh in its own frame."""
+    """Return a shape of a scene as a mesh in its own frame."""
     match shape:
         case Box(size_m):
             return box(np.array(size_m))
@@ -100,7 +100,7 @@ def mesh_of_shape(shape: Shape) -> Mesh:
 
 
 def box(size_m: FloatArray) -> Mesh:
-    """A box with the origin at its centre."""
+    """Return a box with the origin at its centre."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
@@ -108,7 +108,7 @@ def box(size_m: FloatArray) -> Mesh:
 
 
 def cylinder(*, radius_m: float, height_m: float) -> Mesh:
-    """A closed cylinder along z with the origin at its centre."""
+    """Return a closed cylinder along z with the origin at its centre."""
     n = ROUND_SEGMENTS
     angle = np.arange(n) * 2 * np.pi / n
     ring = np.stack([radius_m * cos(angle), radius_m * sin(angle)], axis=1)
@@ -123,7 +123,7 @@ def cylinder(*, radius_m: float, height_m: float) -> Mesh:
 
 
 def sphere(radius_m: float) -> Mesh:
-    """A sphere of rings and segments with the origin at its centre."""
+    """Return a sphere of rings and segments with the origin at its centre."""
     n, rings = ROUND_SEGMENTS, ROUND_SEGMENTS // 2
     polar, around = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.arange(n) * 2 * np.pi / n, indexing="ij")
     unit = np.stack([sin(polar) * cos(around), sin(polar) * sin(around), cos(polar)], axis=-1)
@@ -137,7 +137,7 @@ def sphere(radius_m: float) -> Mesh:
 
 
 def heightfield(field: Heightfield) -> Mesh:
-    """Ground with two triangles per grid cell, which is split along the same diagonal as in PyBullet."""
+    """Return ground with two triangles per grid cell, which is split along the same diagonal as in PyBullet."""
     rows, columns = field.height_m.shape
     x = (np.arange(columns) - (columns - 1) / 2) * field.spacing_m
     y = (np.arange(rows) - (rows - 1) / 2) * field.spacing_m

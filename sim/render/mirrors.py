@@ -63,7 +63,7 @@ class Mirrors:
                 self._planes += [(body, plane, reflectivity) for plane in planes]
 
     def panes(self, camera: Camera, hits: Hits) -> Iterator[Pane]:
-        """The panes that a camera sees, in the order of the bodies."""
+        """Yield the panes that a camera sees, in the order of the bodies."""
         if not self._planes:
             return
         plane_of_pixel = self._plane_of_triangle[hits.triangle]
@@ -81,6 +81,7 @@ class Mirrors:
             rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
             top, left, bottom, right = int(rows[0]), int(cols[0]), int(rows[-1]) + 1, int(cols[-1]) + 1
             i, window = camera.intrinsics, (slice(top, bottom), slice(left, right))
+            # The camera behind the mirror, of the window alone. It sees nothing between itself and the plane.
             virtual = Camera(
                 T_world_cam=matmul(mirrored(normal, offset_m), camera.T_world_cam),
                 intrinsics=Pinhole(i.fx_px, i.fy_px, i.cx_px - left, i.cy_px - top, right - left, bottom - top),
@@ -101,7 +102,7 @@ class Mirrors:
 
 
 def mirrored(normal: FloatArray, offset_m: float) -> FloatArray:
-    """The reflection at the plane `normal . p + offset = 0`, shape (4, 4); the normal has the length 1."""
+    """Return the reflection at the plane `normal . p + offset = 0`, shape (4, 4); the normal has the length 1."""
     reflection = np.eye(4)
     reflection[:3, :3] -= 2 * np.outer(normal, normal)
     reflection[:3, 3] = -2 * offset_m * normal
@@ -109,7 +110,7 @@ def mirrored(normal: FloatArray, offset_m: float) -> FloatArray:
 
 
 def planes_of(mesh: Mesh) -> FloatArray:
-    """The plane `a x + b y + c z + d = 0` of each triangle, shape (T, 4), rounded so that equal ones are the same."""
+    """Return the plane `a x + b y + c z + d = 0` of each triangle, shape (T, 4), rounded to make equals alike."""
     normal = normals(mesh)
     offset_m = -(normal * mesh.vertices_m[mesh.triangles[:, 0]]).sum(axis=1)
     return np.column_stack([normal, offset_m]).round(PLANE_DECIMALS) + 0.0  # Which makes 0 of -0.

@@ -96,13 +96,13 @@ BUFFERS = named_tuple(Buffers, TABLE, INDICES, TABLE, int32[:, ::1], FLOATS)
 
 @compiled_part(float64(VECTOR, VECTOR))
 def dot(a: Vector, b: Vector) -> float:
-    """Scalar product."""
+    """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled(VECTOR(VECTOR, VECTOR))
 def cross(a: Vector, b: Vector) -> Vector:
-    """Vector product."""
+    """Return the vector product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
@@ -136,7 +136,7 @@ def project(
 
 @compiled(CORNER(TABLE, uint32))
 def corner(corners: FloatArray, i: np.uint32) -> Corner:
-    """One of the corners that `project` has placed."""
+    """Return one of the corners that `project` has placed."""
     return corners[i, 0], corners[i, 1], corners[i, 2], corners[i, 3], corners[i, 4]
 
 
@@ -170,7 +170,7 @@ def choose(
 
 @compiled_part(RANGE(float64, float64, int64))
 def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
-    """First and last pixel of an image between two places; the last is before the first if there is none."""
+    """Return the first and last pixel of an image between two places; the last is before the first if there is none."""
     low, high = max(low_px, 0.0), min(high_px, size - 1.0)
     if not low <= high:  # Also if a place is not a number.
         return 0, -1
@@ -389,7 +389,7 @@ class Rasteriser:
         compile_all()
 
     def first_hits(self, cameras: Sequence[Camera]) -> list[Hits]:
-        """The first hits of the pixels of each camera, with the bodies at the poses that were read last."""
+        """Return the first hits of the pixels of each camera, with the bodies at the poses that were read last."""
         self._place(self._meshes.moving)
         return list(self._map(self._drawn, cameras))
 
@@ -406,7 +406,7 @@ class Rasteriser:
             self._spheres_m[body, :3] = matmul(R, self._own_spheres_m[body][:3]) + position_m
 
     def _drawn(self, camera: Camera) -> Hits:
-        """The bodies whose spheres may be in the image, from the nearest on."""
+        """Return the bodies whose spheres may be in the image, from the nearest on."""
         view = view_of(camera)
         center_m, radius_m = matmul(self._spheres_m[:, :3] - view.origin_m, view.R_cam_world.T), self._spheres_m[:, 3]
         is_inward = (matmul(center_m, _inward(camera.intrinsics).T) > -radius_m[:, None]).all(axis=1)
@@ -421,7 +421,7 @@ class Rasteriser:
         return Hits(depth_m, nearest)
 
     def _buffers(self, size: int) -> Buffers:
-        """The buffers of a thread, for all vertices, the triangles of the largest body and the pixels of an image."""
+        """Return a thread's buffers, for all vertices, the triangles of the largest body and the pixels of an image."""
         if not hasattr(self._thread_local, "buffers") or len(self._thread_local.buffers.inverse_depth) < size:
             most = int(np.diff(self._bodies.first_triangle).max())
             self._thread_local.buffers = Buffers(
@@ -436,7 +436,7 @@ class Rasteriser:
 
 
 def view_of(camera: Camera) -> View:
-    """A camera as the loops of rasterisation read it."""
+    """Return a camera as the loops of rasterisation read it."""
     i, T = camera.intrinsics, camera.T_world_cam
     return View(
         R_cam_world=np.ascontiguousarray(T[:3, :3].T, np.float64),
@@ -452,7 +452,7 @@ def view_of(camera: Camera) -> View:
 
 
 def _near_clip(camera: Camera) -> Vector:
-    """The inverse depth at which the ray of a pixel passes the plane of a camera; see `View.near_clip`."""
+    """Return the inverse depth at which the ray of a pixel passes the plane of a camera; see `View.near_clip`."""
     if camera.clip_plane is None:
         return np.inf, 0.0, 0.0
     i, T, normal = camera.intrinsics, camera.T_world_cam, camera.clip_plane[:3]
@@ -462,7 +462,7 @@ def _near_clip(camera: Camera) -> Vector:
 
 
 def _inward(i: Intrinsics | Pinhole) -> FloatArray:
-    """Normals in the camera frame of the four planes that bound an image, shape (4, 3); they point inwards."""
+    """Return normals in the camera frame of the four planes that bound an image, shape (4, 3); they point inwards."""
     left, top = -i.cx_px / i.fx_px, -i.cy_px / i.fy_px
     right, bottom = (i.width_px - 1 - i.cx_px) / i.fx_px, (i.height_px - 1 - i.cy_px) / i.fy_px
     inward = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
@@ -470,5 +470,5 @@ def _inward(i: Intrinsics | Pinhole) -> FloatArray:
 
 
 def _offsets(lengths: Iterable[int]) -> IdImage:
-    """Where each of several successive parts begins, and the end of the last one."""
+    """Return where each of several successive parts begins, and the end of the last one."""
     return np.cumsum([0, *lengths], dtype=np.int32)

@@ -44,7 +44,7 @@ class RayCaster:
         self._fixed = RaycastScene(meshes.in_world(meshes.fixed), threads)
 
     def first_hits(self, cameras: Sequence[Camera]) -> list[Hits]:
-        """The first hits of the pixels of each camera, with the bodies at the poses that were read last."""
+        """Return the first hits of the pixels of each camera, with the bodies at the poses that were read last."""
         rays = np.stack([rays_of(camera) for camera in cameras])
         depth_m, triangle = self._fixed.cast(rays)
         if moving := self._meshes.in_world(self._meshes.moving):
@@ -70,18 +70,18 @@ class RaycastScene:
             self._scene.add_triangles(vertices, self._o3d.core.Tensor(mesh.triangles))
 
     def cast(self, rays: Rays) -> tuple[FloatImage, IdImage]:
-        """Depth of the first hit of each ray, +inf without one, and the index of its triangle; rays are (..., 6)."""
+        """Return the depth of each ray's first hit, +inf without, and the index of its triangle; rays are (..., 6)."""
         answer = self._scene.cast_rays(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
         return answer["t_hit"].numpy(), answer["primitive_ids"].numpy().astype(np.int32)
 
     def is_blocked(self, rays: Rays) -> npt.NDArray[np.bool_]:
-        """Whether each ray hits anything; rays have shape (..., 6)."""
+        """Return whether each ray hits anything; rays have shape (..., 6)."""
         answer = self._scene.test_occlusions(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
         return np.asarray(answer.numpy())
 
 
 def rays_of(camera: Camera) -> Rays:
-    """The rays of a camera's pixels in raster order, shape (H * W, 6)."""
+    """Return the rays of a camera's pixels in raster order, shape (H * W, 6)."""
     rays = np.empty((camera.intrinsics.height_px * camera.intrinsics.width_px, 6), np.float32)
     rays[:, :3] = camera.T_world_cam[:3, 3]
     rotation = camera.T_world_cam[:3, :3].astype(np.float32)
@@ -91,7 +91,7 @@ def rays_of(camera: Camera) -> Rays:
 
 @lru_cache(maxsize=8)
 def unit_depth_directions(intrinsics: Intrinsics | Pinhole) -> Rays:
-    """Ray directions in the camera frame with z = 1, shape (H * W, 3), in raster order."""
+    """Return the ray directions in the camera frame with z = 1, shape (H * W, 3), in raster order."""
     col, row = np.meshgrid(np.arange(intrinsics.width_px), np.arange(intrinsics.height_px))
     x = (col - intrinsics.cx_px) / intrinsics.fx_px
     y = (row - intrinsics.cy_px) / intrinsics.fy_px
@@ -100,7 +100,7 @@ def unit_depth_directions(intrinsics: Intrinsics | Pinhole) -> Rays:
 
 @cache
 def open3d() -> Any:
-    """The module `open3d`, imported after libusb, which it needs and which the wheel `libusb-package` provides.
+    """Return the module `open3d`, imported after libusb, which it needs and which the wheel `libusb-package` provides.
 
     A machine on which Open3D cannot be imported raises a `RenderError`.
     """

@@ -48,7 +48,7 @@ class ShadedRenderer:
         compile_all()
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """One `Images` per camera of the present state of the world. Without `gray`, the gray images are black.
+        """Return one `Images` per camera of the present state of the world. Without `gray`, the gray images are black.
 
         Cameras with different intrinsics raise a `RenderError`.
         """
@@ -82,7 +82,7 @@ class ShadedRenderer:
                 pane.show(reflection.gray, image.gray)
 
     def _sunlit(self, cameras: Sequence[Camera], hits: Sequence[Hits]) -> list[FloatImage]:
-        """1 where the sun reaches a hit, 0 in the shadow of a fixed body, for each camera."""
+        """Return 1 where the sun reaches a hit, 0 in the shadow of a fixed body, for each camera."""
         if self._casters is None:
             lit: FloatImage = np.ones(max(hit.depth_m.size for hit in hits), np.float32)
             return [lit[: hit.depth_m.size].reshape(hit.depth_m.shape) for hit in hits]
@@ -95,7 +95,7 @@ class ShadedRenderer:
         return sunlit
 
     def _shadow_rays(self, camera: Camera, hits: Hits) -> tuple[npt.NDArray[np.intp], Rays]:
-        """The pixels of one camera whose surface faces the sun, and rays from these surfaces towards the sun."""
+        """Return the pixels of one camera whose surface faces the sun, and rays from these surfaces towards the sun."""
         faces_sun = np.append(self._materials.light[:, 1] > 0, False)
         pixels = np.flatnonzero(faces_sun[hits.triangle])
         towards_sun = rays_of(camera)[pixels]
@@ -104,13 +104,13 @@ class ShadedRenderer:
         return pixels, towards_sun
 
     def _black(self, camera: Camera, hits: Hits) -> Images:
-        """An image without brightness."""
+        """Return an image without brightness."""
         segment_id = self._id_of_triangle.take(hits.triangle)
         gray = np.zeros(hits.depth_m.shape, np.uint8)
         return Images(gray=gray, depth_m=hits.depth_m, segment_id=segment_id, T_world_cam=camera.T_world_cam)
 
     def _image(self, camera: Camera, hits: Hits, sunlit: FloatImage) -> Images:
-        """The image of a camera; `sunlit` is 0 in a shadow and 1 elsewhere, shape (H, W)."""
+        """Return the image of a camera; `sunlit` is 0 in a shadow and 1 elsewhere, shape (H, W)."""
         projection, materials = projection_of(camera), self._materials
         depth_m, lit, size = hits.depth_m.reshape(-1), sunlit.reshape(-1), hits.depth_m.size
         points, detail = self._buffers(size)
@@ -130,7 +130,7 @@ class ShadedRenderer:
         )
 
     def _buffers(self, size: int) -> tuple[FloatImage, FloatImage]:
-        """Points and their details, which are 0, for images of a size; new pages of memory cost more than their use."""
+        """Return points and their details, which are 0, for images of a size, in memory that has been used."""
         if len(getattr(self._thread_local, "buffer", ())) < 5 * size:
             self._thread_local.buffer = np.empty(5 * size, np.float32)
         points, detail = np.split(self._thread_local.buffer[: 5 * size], [4 * size])
@@ -138,7 +138,7 @@ class ShadedRenderer:
         return points.reshape(4, size), detail
 
     def _illuminate(self, first: int) -> None:
-        """Light on the triangles of the bodies from the first one on, from the sky and from the sun.
+        """Set the light on the triangles of the bodies from the first one on, from the sky and from the sun.
 
         Surfaces that face down receive less ambient light.
         """
@@ -150,7 +150,7 @@ class ShadedRenderer:
         self._materials.light[start:, 1] = (1 - ambient) * np.maximum(to_sun, 0)
 
     def _seen_from(self, camera: Camera) -> FloatImage:
-        """Pose of a camera in the frame of each body, shape (bodies, 3, 4)."""
+        """Return the pose of a camera in the frame of each body, shape (bodies, 3, 4)."""
         R_body_world = self._meshes.R_world_body.transpose(0, 2, 1)
         offset_m = camera.T_world_cam[:3, 3] - self._meshes.position_m
         T = np.concatenate(

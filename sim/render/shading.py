@@ -111,7 +111,7 @@ def locate(
 
 @compiled_part(float32(float32))
 def transmittance(optical_depth: np.float32) -> np.float32:
-    """`exp(-x)` of x >= 0, in a form that compilers vectorise: `exp(-x / 64)` by its series, and six squarings."""
+    """Return `exp(-x)` of x >= 0, in a form that compilers vectorise: `exp(-x / 64)` by its series, squared 6 times."""
     x = min(optical_depth, OPAQUE) / SIXTY_FOUR
     share = ONE - x * (ONE - x / TWO * (ONE - x / THREE * (ONE - x / FOUR)))
     for _ in range(6):
@@ -227,14 +227,14 @@ def find_spans(
 
 
 def projection_of(camera: Camera) -> Projection:
-    """A camera as the loops of shading read it."""
+    """Return a camera as the loops of shading read it."""
     i = camera.intrinsics
     fx, fy, cx, cy = (np.float32(x) for x in (i.fx_px, i.fy_px, i.cx_px, i.cy_px))
     return Projection(i.width_px, fx, fy, cx, cy, camera.T_world_cam[:3, :3].astype(np.float32))
 
 
 def materials_of(world: World, meshes: SceneMeshes) -> Materials:
-    """The materials of a world's bodies, in the order of their meshes, and of the sky; without light."""
+    """Return the materials of a world's bodies, in the order of their meshes, and of the sky; without light."""
     seed, weather, n = world.scene.seed, world.scene.weather, len(meshes.body_ids)
     surfaces = [world.surfaces[body] for body in meshes.body_ids]
     seeds = stream(seed, Purpose.SURFACE, 0).integers(1 << 30, size=n)

@@ -85,7 +85,7 @@ TO_UNIT = np.float32(1 / 65535)
 
 @compiled_part(float32(uint32))
 def hash_to_unit(key: np.uint32) -> np.float32:
-    """A pseudo-random number in 0..1 from a key."""
+    """Return a pseudo-random number in 0..1 from a key."""
     h = np.uint32((key ^ (key >> SHIFT_1)) * MIX_1)
     h = np.uint32((h ^ (h >> SHIFT_2)) * MIX_2)
     return np.float32(np.int32(h >> SHIFT_3)) * TO_UNIT
@@ -93,25 +93,25 @@ def hash_to_unit(key: np.uint32) -> np.float32:
 
 @compiled_part(float32(float32))
 def smoothstep(t: np.float32) -> np.float32:
-    """Cubic interpolation from 0..1 to 0..1 with zero slope at both ends."""
+    """Return the cubic interpolation from 0..1 to 0..1 with zero slope at both ends."""
     return np.float32(t * t * (THREE - TWO * t))
 
 
 @compiled_part(float32(float32, float32, float32))
 def lerp(a: np.float32, b: np.float32, t: np.float32) -> np.float32:
-    """Linear interpolation from a to b."""
+    """Return the linear interpolation from a to b."""
     return np.float32(a * (ONE - t) + b * t)
 
 
 @compiled(float32(float32, float32, float32))
 def clamp(x: np.float32, low: np.float32, high: np.float32) -> np.float32:
-    """The nearest number between two limits."""
+    """Return the nearest number between two limits."""
     return min(max(x, low), high)
 
 
 @compiled_part(uint32(float32, uint32))
 def lattice_key(floor: np.float32, step: np.uint32) -> np.uint32:
-    """Contribution of one coordinate of a lattice point to its key."""
+    """Return the contribution of one coordinate of a lattice point to its key."""
     return np.uint32(np.uint32(np.int32(floor)) * step)
 
 

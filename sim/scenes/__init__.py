@@ -29,7 +29,7 @@ KINDS: dict[Any, type[SceneSpec]] = {spec.model_fields["kind"].default: spec for
 
 
 def _spec_of(scene: Any) -> SceneSpec:
-    """A specification, or that of a table with its `kind`."""
+    """Return a specification, or that of a table with its `kind`."""
     if isinstance(scene, SceneSpec):
         return scene
     kind = scene.get("kind") if isinstance(scene, dict) else None
@@ -39,7 +39,7 @@ def _spec_of(scene: Any) -> SceneSpec:
 
 
 def _loaded(kind: Any) -> type[SceneSpec]:
-    """The specification of a kind of another distribution."""
+    """Return the specification of a kind of another distribution."""
     if kind is None:
         raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})
     others = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}

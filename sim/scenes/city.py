@@ -86,7 +86,7 @@ class CitySpec(SceneSpec):
         return sum(self.tower_side_m) / 2 + self.street_width_m
 
     def build(self, seed: int) -> Scene:
-        """The city of a seed: it begins at x = 0 and is centred on y = 0."""
+        """Return the city of a seed: it begins at x = 0 and is centred on y = 0."""
         rng = stream(seed, Purpose.SCENE)
         ground = flat_ground(self.columns * self.pitch_m / 2, PAVED)
         towers = [_tower(self, rng, column, row) for column in range(self.columns) for row in range(self.rows)]
@@ -101,7 +101,7 @@ class CitySpec(SceneSpec):
         return Scene(seed=seed, bodies=bodies, movers=movers, weather=self.weather, path_m=self._path_m())
 
     def _path_m(self) -> FloatArray:
-        """A path along the first street in direction y, between its poles and the towers; empty in narrow streets."""
+        """Return a path along the first street in direction y, between poles and towers; empty in narrow streets."""
         to_pole_m = POLE_SHIFT_M + self.pole_radius_m
         to_tower_m = (self.pitch_m - self.tower_side_m[1]) / 2 - self.jitter_m
         if to_tower_m - to_pole_m < 2 * PATH_CLEARANCE_M:
@@ -122,7 +122,7 @@ def _tower(spec: CitySpec, rng: np.random.Generator, column: int, row: int) -> B
 
 
 def _weakened(spec: CitySpec, rng: np.random.Generator, towers: list[Body]) -> list[Body]:
-    """The towers, of which a random share of those with a texture has a weak one."""
+    """Return the towers, of which a random share of those with a texture has a weak one."""
     strengths = rng.uniform(*spec.weak_texture, len(towers))
     chosen = random_share(spec.weak_share, len(towers), rng)
     return [
@@ -132,7 +132,7 @@ def _weakened(spec: CitySpec, rng: np.random.Generator, towers: list[Body]) -> l
 
 
 def _pole(spec: CitySpec, rng: np.random.Generator, index: int) -> Body:
-    """A pole near the middle of a street in direction y."""
+    """Return a pole near the middle of a street in direction y."""
     column = int(rng.integers(0, spec.columns))
     x = (column + 1) * spec.pitch_m + rng.uniform(-POLE_SHIFT_M, POLE_SHIFT_M)
     y = rng.uniform(-0.5, 0.5) * spec.rows * spec.pitch_m
@@ -141,7 +141,7 @@ def _pole(spec: CitySpec, rng: np.random.Generator, index: int) -> Body:
 
 
 def _wire(spec: CitySpec, rng: np.random.Generator, index: int, towers: list[Body]) -> list[Body]:
-    """A wire from the middle of a tower halfway to that of the next one along y or x, and its pole there."""
+    """Return a wire from the middle of a tower halfway to that of the next one along y or x, and its pole there."""
     along_y = spec.columns == 1 or (spec.rows > 1 and rng.uniform() < 0.5)
     column = int(rng.integers(spec.columns - (not along_y)))
     row = int(rng.integers(spec.rows - along_y))
@@ -164,7 +164,7 @@ def _wire(spec: CitySpec, rng: np.random.Generator, index: int, towers: list[Bod
 
 
 def _mover(spec: CitySpec, rng: np.random.Generator, index: int) -> Mover:
-    """A crate or a drum that goes to and fro on one side of a street in direction y."""
+    """Return a crate or a drum that goes to and fro on one side of a street in direction y."""
     column, side = int(rng.integers(spec.columns)), int(rng.choice((-1, 1)))
     x = (column + 1) * spec.pitch_m + side * MOVER_LANE_M
     way_m = float(rng.uniform(*spec.mover_way_m))

@@ -52,7 +52,7 @@ class CorridorSpec(SceneSpec):
         return self
 
     def build(self, seed: int) -> Scene:
-        """The corridor of a seed: it begins at x = 0 and is centred on y = 0. The path leads through it along x."""
+        """Return the corridor of a seed: it begins at x = 0 and is centred on y = 0. The path leads along x."""
         path_m = _path(self, stream(seed, Purpose.SCENE, PATH))
         pillars = [_pillar(self, seed, i, path_m) for i in range(self.pillars)]
         # The choice of textureless walls has its own random stream, and moves no wall.
@@ -63,7 +63,7 @@ class CorridorSpec(SceneSpec):
 
 
 def _path(spec: CorridorSpec, rng: np.random.Generator) -> FloatArray:
-    """Gentle curves within the street, straight through the passage."""
+    """Return gentle curves within the street, straight through the passage."""
     x = np.linspace(0, spec.length_m, round(spec.length_m / WAY_POINT_STEP_M) + 1)
     swing_m = min(MAX_SWING_M, (spec.width_m / 2 - CLEARANCE_M) / 2)
     to_passage_m = np.abs(x - spec.length_m / 2) - spec.passage_m / 2
@@ -73,7 +73,7 @@ def _path(spec: CorridorSpec, rng: np.random.Generator) -> FloatArray:
 
 
 def _row(spec: CorridorSpec, seed: int, name: str, key: int, side: int) -> list[Body]:
-    """Adjoining walls; the last one may extend beyond the street."""
+    """Return adjoining walls; the last one may extend beyond the street."""
     rng = stream(seed, Purpose.SCENE, key)
     walls: list[Body] = []
     end_m = 0.0
@@ -89,7 +89,7 @@ def _row(spec: CorridorSpec, seed: int, name: str, key: int, side: int) -> list[
 
 
 def _passage(spec: CorridorSpec, seed: int) -> list[Body]:
-    """Two walls that narrow the street, and a ceiling on top of them."""
+    """Return two walls that narrow the street, and a ceiling on top of them."""
     if spec.passage_m == 0:
         return []
     rng = stream(seed, Purpose.SCENE, PASSAGE)
@@ -108,7 +108,7 @@ def _passage(spec: CorridorSpec, seed: int) -> list[Body]:
 
 
 def _pillar(spec: CorridorSpec, seed: int, index: int, path_m: FloatArray) -> Body:
-    """An obstacle between the clearance of the path and the wall, or half in the wall where the street is narrow."""
+    """Return an obstacle between the clearance of the path and the wall, or half in the wall of a narrow street."""
     rng = stream(seed, Purpose.SCENE, PILLARS, index)
     shape, reach_m = _obstacle(rng)
     x = (index + rng.uniform(0.2, 0.8)) / spec.pillars * (spec.length_m - spec.passage_m)
@@ -123,7 +123,7 @@ def _pillar(spec: CorridorSpec, seed: int, index: int, path_m: FloatArray) -> Bo
 
 
 def _obstacle(rng: np.random.Generator) -> tuple[Box | Cylinder, float]:
-    """A pillar, a pole or a box, and its largest distance from its axis [m]."""
+    """Return a pillar, a pole or a box, and its largest distance from its axis [m]."""
     kind = rng.integers(3)
     size, height = rng.uniform(0.3, 0.6), rng.uniform(2.5, 4.0)
     if kind == 0:

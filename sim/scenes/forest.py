@@ -31,7 +31,7 @@ class ForestSpec(SceneSpec):
     bushes: int = Field(default=60, ge=0, le=5_000)
 
     def build(self, seed: int) -> Scene:
-        """The forest of a seed: it begins at x = 0 and is centred on y = 0. A path winds through it along x."""
+        """Return the forest of a seed: it begins at x = 0 and is centred on y = 0. A path winds through it along x."""
         path_m = winding_path(stream(seed, Purpose.SCENE, PATH), self.length_m, SWING_M)
         low_m, high_m = (0, -self.width_m / 2), (self.length_m, self.width_m / 2)
         garden = Garden(seed=seed, layout=Layout(path_m), candidates=lambda rng: rng.uniform(low_m, high_m, (TRIES, 2)))

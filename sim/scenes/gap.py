@@ -37,7 +37,7 @@ class GapSpec(SceneSpec):
     """Number of thin posts between the walls."""
 
     def build(self, seed: int) -> Scene:
-        """The gaps of a seed: the first wall is at x = `spacing_m`, and the path starts at x = 0."""
+        """Return the gaps of a seed: the first wall is at x = `spacing_m`, and the path starts at x = 0."""
         gaps_m = [stream(seed, Purpose.SCENE, WALLS, i).uniform(-self.shift_m, self.shift_m) for i in range(self.walls)]
         halves = [body for i, y in enumerate(gaps_m) for body in _wall(self, seed, i, y)]
         posts = [_post(self, seed, i) for i in range(self.posts)]
@@ -46,7 +46,7 @@ class GapSpec(SceneSpec):
 
 
 def _path_m(spec: GapSpec, gaps_m: list[float]) -> FloatArray:
-    """Straight lines from gap to gap, perpendicular to each wall."""
+    """Return straight lines from gap to gap, perpendicular to each wall."""
     walls_m = spec.spacing_m * (np.arange(spec.walls) + 1)
     square_m = np.stack([walls_m - spec.spacing_m / 4, walls_m + spec.spacing_m / 4], axis=1).ravel()
     length_m = spec.spacing_m * (spec.walls + 1)
@@ -55,7 +55,7 @@ def _path_m(spec: GapSpec, gaps_m: list[float]) -> FloatArray:
 
 
 def _wall(spec: GapSpec, seed: int, index: int, gap_m: float) -> list[Body]:
-    """Both halves of a wall."""
+    """Return both halves of a wall."""
     rng = stream(seed, Purpose.SCENE, WALLS, index, 1)
     pattern: Pattern = "facade" if rng.uniform() < 0.5 else "plain"
     albedo = rng.uniform(0.35, 0.75)
@@ -71,7 +71,7 @@ def _wall(spec: GapSpec, seed: int, index: int, gap_m: float) -> list[Body]:
 
 
 def _post(spec: GapSpec, seed: int, index: int) -> Body:
-    """A post between two walls, beside their gaps."""
+    """Return a post between two walls, beside their gaps."""
     rng = stream(seed, Purpose.SCENE, POSTS, index)
     wall = int(rng.integers(spec.walls + 1))
     x = (wall + rng.uniform(0.35, 0.65)) * spec.spacing_m

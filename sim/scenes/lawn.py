@@ -41,7 +41,7 @@ class LawnSpec(SceneSpec):
     """Benches and boxes."""
 
     def build(self, seed: int) -> Scene:
-        """The lawn of a seed: its path begins at x = 0 near y = 0."""
+        """Return the lawn of a seed: its path begins at x = 0 near y = 0."""
         path_m = winding_path(stream(seed, Purpose.SCENE, PATH), self.length_m, SWING_M)
         layout = Layout(path_m)
 
@@ -77,7 +77,7 @@ def _wall(spec: LawnSpec, seed: int, layout: Layout, path_m: FloatArray) -> list
 
 
 def _line(path_m: FloatArray, start_m: float, length_m: float, offset_m: float) -> FloatArray:
-    """Corners (x, y) of a line beside the path, shape (n, 2); a positive offset is to the left."""
+    """Return corners (x, y) of a line beside the path, shape (n, 2); a positive offset is to the left."""
     x = np.linspace(start_m, start_m + length_m, int(np.ceil(length_m / PIECE_M)) + 1)
     return np.stack([x, np.interp(x, path_m[:, 0], path_m[:, 1]) + offset_m], axis=1)
 
@@ -85,7 +85,7 @@ def _line(path_m: FloatArray, start_m: float, length_m: float, offset_m: float) 
 def _row(
     name: str, line_m: FloatArray, depth_m: float, height_m: float, surface: Surface, layout: Layout
 ) -> list[Body]:
-    """Boxes between successive corners of a line."""
+    """Return boxes between successive corners of a line."""
     bodies = []
     for i, (start, end) in enumerate(pairwise(line_m)):
         x, y = ((start + end) / 2).tolist()

@@ -67,7 +67,7 @@ class Layout:
 
 
 def distance_to_path_m(points_m: FloatArray, path_m: FloatArray) -> FloatArray:
-    """Horizontal distance of points, shape (n, 2), to the nearest segment of a path, shape (m, 2)."""
+    """Return the horizontal distance of points, shape (n, 2), to the nearest segment of a path, shape (m, 2)."""
     start, along = path_m[:-1], np.diff(path_m, axis=0)
     offset = points_m[:, None] - start
     fraction = np.clip((offset * along).sum(axis=2) / (along * along).sum(axis=1), 0, 1)
@@ -75,7 +75,7 @@ def distance_to_path_m(points_m: FloatArray, path_m: FloatArray) -> FloatArray:
 
 
 def winding_path(rng: np.random.Generator, length_m: float, swing_m: float) -> FloatArray:
-    """Way points from x = 0 to `length_m` at height 0, on a sine curve about y = 0 with the amplitude `swing_m`."""
+    """Return way points from x = 0 to `length_m` at height 0, on a sine about y = 0 of the amplitude `swing_m`."""
     x = np.linspace(0, length_m, round(length_m / WAY_POINT_STEP_M) + 1)
     y = swing_m * sin(2 * np.pi * (x / rng.uniform(40, 60) + rng.uniform()))
     return np.stack([x, y, np.zeros_like(x)], axis=1)
@@ -97,7 +97,7 @@ def places_beside(rng: np.random.Generator, path_m: FloatArray, x_m: tuple[float
 
 
 def flat_ground(x_m: float, surface: Surface) -> Body:
-    """Level ground around (x, 0), with its top at height 0."""
+    """Return level ground around (x, 0), with its top at height 0."""
     shape = Box((GROUND_SIDE_M, GROUND_SIDE_M, 1.0))
     return Body(name="ground", kind="ground", shape=shape, position_m=(x_m, 0.0, -0.5), surface=surface)
 
@@ -117,10 +117,10 @@ def with_changed_share(bodies: list[Body], share: float, rng: np.random.Generato
 
 
 def random_share(share: float, n: int, rng: np.random.Generator) -> MaskImage:
-    """Which of n things belong to a random share of them, shape (n,)."""
+    """Return which of n things belong to a random share of them, shape (n,)."""
     return np.asarray(rng.permutation(n) < round(share * n))
 
 
 def with_surface(body: Body, **changes: float) -> Body:
-    """The body with some values of its surface changed."""
+    """Return the body with some values of its surface changed."""
     return replace(body, surface=replace(body.surface, **changes))  # type: ignore[arg-type]

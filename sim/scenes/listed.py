@@ -58,12 +58,12 @@ class ListedBody(Model):
         return shape
 
     def body(self, name: str) -> Body:
-        """The body at `position_m`."""
+        """Return the body at `position_m`."""
         yaw_rad = float(np.radians(self.yaw_deg))
         return Body(name=name, shape=self.shape, position_m=self.position_m, yaw_rad=yaw_rad, surface=self.surface)
 
     def mover(self, body: Body) -> Mover:
-        """The body as one that moves to `to_m` and back."""
+        """Return the body as one that moves to `to_m` and back."""
         ends_m = np.array(self.position_m), np.array(self.to_m)
         return shuttle(replace(body, kind="mover"), *ends_m, speed_m_s=self.speed_m_s, waits_m=self.waits_m)
 
@@ -77,7 +77,7 @@ class ListedSpec(SceneSpec):
     """Way points on the ground for the flights of recorded sequences; drones do not need them."""
 
     def build(self, seed: int) -> Scene:
-        """The ground and the listed bodies, in order."""
+        """Return the ground and the listed bodies, in order."""
         listed = [(one, one.body(one.name or f"body-{index}")) for index, one in enumerate(self.bodies)]
         name, count = Counter(["ground", *(body.name for _, body in listed)]).most_common(1)[0]
         if count > 1:

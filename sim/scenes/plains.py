@@ -58,7 +58,7 @@ class PlainsSpec(SceneSpec):
     """Share of the light that the ground reflects."""
 
     def build(self, seed: int) -> Scene:
-        """The plains of a seed: the path begins at x = 0 and winds along x; the ground begins 40 m before it."""
+        """Return the plains of a seed: the path begins at x = 0 and winds along x; the ground begins 40 m before it."""
         path_m = winding_path(stream(seed, Purpose.SCENE, PATH), self.length_m - 2 * RUN_OUT_M, SWING_M)
         ground = _ground(self, seed)
         x_m, side_m = (-RUN_OUT_M, self.length_m - RUN_OUT_M), self.width_m / 2 - SWING_M
@@ -81,7 +81,7 @@ class PlainsSpec(SceneSpec):
 
 
 def ground_height_m(ground: Body, x_m: FloatArray | float, y_m: FloatArray | float) -> FloatArray:
-    """Exact height of a heightfield, whose grid cells are two triangles that share the diagonal from +x to +y.
+    """Return the exact height of a heightfield, whose cells are two triangles that share the diagonal from +x to +y.
 
     The ground has no yaw, and both coordinates have the same shape. Outside of the grid, the nearest height on its
     border counts.
@@ -115,7 +115,7 @@ def _ground(spec: PlainsSpec, seed: int) -> Body:
 
 
 def _hills(rng: np.random.Generator, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-    """Smooth noise: octaves of plane waves in random directions."""
+    """Return smooth noise: octaves of plane waves in random directions."""
     total = np.zeros_like(x_m)
     for octave in range(OCTAVES):
         for heading, phase in rng.uniform(0, 2 * np.pi, (WAVES, 2)):

@@ -57,7 +57,7 @@ class RoomSpec(SceneSpec):
         return self
 
     def build(self, seed: int) -> Scene:
-        """The room of a seed: it begins at x = 0 and is centred on y = 0."""
+        """Return the room of a seed: it begins at x = 0 and is centred on y = 0."""
         rng = stream(seed, Purpose.SCENE, WALLS)
         plain = Surface(albedo=0.4, texture=self.wall_texture, pattern="ground", gloss=self.wall_gloss)
         floor = flat_ground(LENGTH_M / 2, plain)
@@ -120,7 +120,7 @@ def _ends(length_m: float) -> tuple[float, float]:
 
 
 def _walls(spec: RoomSpec, rng: np.random.Generator) -> list[Body]:
-    """Walls around the room, and a ceiling on top of them."""
+    """Return walls around the room, and a ceiling on top of them."""
     depth_m, length_m, width_m, height_m = WALL_DEPTH_M, LENGTH_M, WIDTH_M, HEIGHT_M
     parts: list[Part] = [((depth_m, width_m, height_m), (x, 0, height_m / 2)) for x in (-depth_m / 2, length_m + 0.1)]
     beside_m = (width_m + depth_m) / 2
@@ -145,7 +145,7 @@ def _shelf() -> list[Part]:
 
 
 def _chair(spec: RoomSpec, seed: int, index: int) -> list[Body]:
-    """A chair with its back towards the start of the path; the slats of every other one are level."""
+    """Return a chair with its back towards the start of the path; the slats of every other one are level."""
     rng = stream(seed, Purpose.SCENE, CHAIRS, index)
     legs: list[Part] = [
         ((LEG_M, LEG_M, SEAT_HEIGHT_M), (x + SEAT_M / 2, y, SEAT_HEIGHT_M / 2))
@@ -170,7 +170,7 @@ def _screen(spec: RoomSpec, seed: int, index: int) -> list[Body]:
 
 
 def _box(spec: RoomSpec, seed: int, index: int) -> Body:
-    """A box on the table, on the shelf or on the floor, in turn."""
+    """Return a box on the table, on the shelf or on the floor, in turn."""
     rng = stream(seed, Purpose.SCENE, BOXES, index)
     depth_m, width_m, height_m = rng.uniform(0.08, 0.3, 3).tolist()
     half_m = np.array(TABLE_M) / 2 - 0.15

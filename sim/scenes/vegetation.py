@@ -53,7 +53,7 @@ class TreeRanges(NamedTuple):
     crown_radius_m: tuple[float, float] = (1.1, 2.4)
 
     def draw(self, rng: np.random.Generator) -> TreeSize:
-        """Dimensions of one tree."""
+        """Draw the dimensions of one tree."""
         return TreeSize(*(rng.uniform(*bounds) for bounds in self))
 
 
@@ -171,7 +171,7 @@ def blob(
 
 @lru_cache
 def geodesic(fineness: int) -> tuple[FloatArray, npt.NDArray[np.uint32]]:
-    """Vertices and triangles of a unit sphere: an icosahedron whose edges are divided into `fineness` parts.
+    """Return the vertices and triangles of a unit sphere: an icosahedron with edges in `fineness` parts.
 
     There are `20 fineness**2` triangles.
     """

@@ -157,7 +157,7 @@ class Episode:
         return StepResult(reward, terminated, outcome is not None and not terminated)
 
     def _distances_m(self, drone: int) -> tuple[float, float]:
-        """True distances of a learner from its leader and from its slot."""
+        """Return the true distances of a learner from its leader and from its slot."""
         states, role = self.mission.world.states, self.roles[drone]
         from_leader_m = states[drone].position_m - states[role.team.leader].position_m
         return length(from_leader_m), length(from_leader_m - role.offset_m)

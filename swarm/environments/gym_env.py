@@ -76,7 +76,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         return self.__dict__
 
     def __copy__(self) -> "LeaderFollowerEnv":
-        """An environment of its own."""
+        """Return an environment of its own."""
         return deepcopy(self)
 
     @property

@@ -57,7 +57,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         return self.__dict__
 
     def __copy__(self) -> "FollowersEnv":
-        """An environment of its own."""
+        """Return an environment of its own."""
         return deepcopy(self)
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:

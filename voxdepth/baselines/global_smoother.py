@@ -51,7 +51,7 @@ class GlobalSmoother(Baseline):
         return np.where(valid, frame.depth_m, weight / weighted)
 
     def _weights(self, gray: GrayImage) -> FloatImage:
-        """Smoothness weight between each row and the next, shape (n - 1, m)."""
+        """Return the smoothness weight between each row and the next, shape (n - 1, m)."""
         step = np.maximum(gray[1:], gray[:-1]) - np.minimum(gray[1:], gray[:-1])
         weights: FloatImage = self._weight_of_step[step]
         return weights

@@ -43,7 +43,7 @@ def _completed(inverted_m: FloatImage) -> FloatImage:
 
 
 def _extended_to_the_top(dense_m: FloatImage) -> FloatImage:
-    """The uppermost filled pixel of a column fills all above it; a column without any stays."""
+    """Fill all above the uppermost filled pixel of a column with its depth; a column without any stays."""
     filled = dense_m > EMPTY_M
     top_m = dense_m[np.argmax(filled, axis=0), np.arange(dense_m.shape[1])]
     seen = np.logical_or.accumulate(filled, axis=0)
@@ -63,6 +63,6 @@ def _square(size_px: int) -> Kernel:
 
 
 def _diamond(size_px: int) -> Kernel:
-    """Pixels at most half the size away in city blocks."""
+    """Return a mask of the pixels at most half the size away in city blocks."""
     away_px = np.abs(np.arange(size_px) - size_px // 2)
     return (away_px[:, None] + away_px <= size_px // 2).astype(np.uint8)

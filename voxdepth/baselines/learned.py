@@ -103,7 +103,7 @@ class Learned(StreamCorrector):
         return CorrectedDepth(**self._upsampler.show(frame.depth_m, estimate)._asdict())
 
     def _moved(self, gray: GrayImage) -> tuple[Result, GrayImage]:
-        """The last result as seen from this frame, and the change of gray value; zeros without one."""
+        """Return the last result as seen from this frame, and the change of gray value; zeros without one."""
         if self._last is None:
             return Result(*np.zeros((2, *gray.shape), np.float32)), np.zeros_like(gray)
         last_gray, last = self._last
@@ -119,7 +119,7 @@ def _padded(gray: GrayImage) -> GrayImage:
 
 
 def optical_flow() -> cv2.DISOpticalFlow:
-    """Inverse search of patches, then variational refinement: Kroeger et al. 2016, DOI 10.1007/978-3-319-46493-0_29.
+    """Return inverse search with refinement: Kroeger et al. 2016, DOI 10.1007/978-3-319-46493-0_29.
 
     The result depends a little on OpenCV's number of threads.
     """
@@ -127,7 +127,7 @@ def optical_flow() -> cv2.DISOpticalFlow:
 
 
 def landing_in(last_gray: GrayImage, gray: GrayImage, flow: cv2.DISOpticalFlow) -> Landing:
-    """Column and row in the last image of each pixel, shape (h, w, 2), by optical flow between the halved images."""
+    """Return column and row in the last image of each pixel, (h, w, 2), by optical flow between the halved images."""
     height, width = gray.shape
     half = max(1, width // 2), max(1, height // 2)
     start, end = (
@@ -140,7 +140,7 @@ def landing_in(last_gray: GrayImage, gray: GrayImage, flow: cv2.DISOpticalFlow) 
 
 
 def landing_of(flow_px: FlowImage) -> Landing:
-    """Column and row of the pixel that each pixel flows to, shape (H, W, 2); outside the image if it leaves it."""
+    """Return column and row that each pixel flows to, shape (H, W, 2); outside of the image if it leaves it."""
     height, width = flow_px.shape[:2]
     landing = flow_px.copy()
     landing[..., 0] += np.arange(width, dtype=np.float32)
@@ -149,12 +149,12 @@ def landing_of(flow_px: FlowImage) -> Landing:
 
 
 def taken(image: Any, landing: Landing) -> Any:
-    """The pixels of an image at the targets, without interpolation; 0 outside of it."""
+    """Return the pixels of an image at the targets, without interpolation; 0 outside of it."""
     return cv2.remap(image, landing, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)  # type: ignore[call-overload]
 
 
 def typical_disparity(measured_px: FloatImage, previous_px: FloatImage) -> np.float32:
-    """The mean of the measured disparities, or else of the previous ones [px]; 0 without any.
+    """Return the mean of the measured disparities, or else of the previous ones [px]; 0 without any.
 
     The network sees multiples of it, so that a scene that is twice as far is filled twice as far.
     """
@@ -166,7 +166,7 @@ def typical_disparity(measured_px: FloatImage, previous_px: FloatImage) -> np.fl
 
 
 def network_input(measurement: Measurement, previous: Result, gray_change: GrayImage, scale_px: np.float32) -> Images:
-    """The images of the network, shape (1, 10, h', w'): sides are padded to `MULTIPLE_PX` with what is unknown.
+    """Return the images of the network, shape (1, 10, h', w'): sides are padded to `MULTIPLE_PX` with what is unknown.
 
     They are measured disparity in units of the scale, validity, gray value, the previous disparity and its confidence,
     the change of gray value, and the disparities that are measured next along the row and the column.
@@ -194,7 +194,7 @@ def network_input(measurement: Measurement, previous: Result, gray_change: GrayI
 
 
 def next_measured(disparity_px: FloatImage) -> FloatImage:
-    """The measured disparity that is next to the left, to the right, above and below, shape (4, h, w); 0 without any.
+    """Return the measured disparity next to the left, right, above and below, shape (4, h, w); 0 without any.
 
     That of a measured pixel is its own in all directions.
     """
@@ -237,14 +237,14 @@ def interpreted(
 
 
 def _range(measured_px: FloatImage, previous_px: FloatImage) -> tuple[np.float32, np.float32]:
-    """The smallest and the largest disparity of both, of which at least one has any."""
+    """Return the smallest and the largest disparity of both, of which at least one has any."""
     known = [disparity_px for disparity_px in (measured_px, previous_px) if disparity_px.any()]
     ends_px = [cv2.minMaxLoc(disparity_px, above(disparity_px, 0))[:2] for disparity_px in known]
     return np.float32(min(low for low, _ in ends_px)), np.float32(max(high for _, high in ends_px))
 
 
 def origin(measured_px: FloatImage, previous: Result, result: Result) -> GrayImage:
-    """One `PixelClass` per pixel: an unmeasured one is remembered where it is right if the previous result was.
+    """Return one `PixelClass` per pixel: an unmeasured one is remembered where it is right if the previous result was.
 
     That is where the previous result was confident, and the new one differs from it by no more than a right depth may.
     """

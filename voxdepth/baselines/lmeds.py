@@ -52,21 +52,22 @@ class LMedS(Baseline):
         return depth_m
 
     def _samples(self, history_m: Samples, at: npt.NDArray[np.intp]) -> Samples:
-        """Depths [m] around some pixels in all frames, shape (N, samples); infinite where invalid."""
+        """Return the depths [m] around some pixels in all frames, shape (N, samples); infinite where invalid."""
         row, col = np.unravel_index(at, self._shape)
         padded_width = history_m.shape[2]
         offset = np.arange(2 * REACH_PX + 1)
-        corner = row * padded_width + col
+        corner = row * padded_width + col  # The padding moves the upper left corner of the window to (row, col).
         around = corner[:, None] + (offset[:, None] * padded_width + offset).ravel()
         samples = np.concatenate([image_m.ravel()[around] for image_m in history_m], axis=1)
         samples[samples == 0] = np.inf
         return samples
 
     def _estimated(self, measured_m: Samples, samples_m: Samples) -> Samples:
-        """New depth of pixels [m], shape (N,), given their own depth and the samples around them, (N, samples)."""
+        """Return the new depth of pixels [m], shape (N,), by their own and the samples around them, (N, samples)."""
         n = np.isfinite(samples_m).sum(axis=1)
         location_m, half_width_m = least_median_of_squares(samples_m)
         with np.errstate(invalid="ignore", over="ignore"):  # Of a spread beyond 32 bits nothing lies apart.
+            # 1.4826 turns a median of absolute deviations into a standard deviation; few samples get a larger one.
             deviation_m = np.float32(1.4826) * (1 + 5 / np.maximum(n - 1, 1)).astype(np.float32) * half_width_m
             outlier = np.abs(measured_m - location_m) > np.float32(DEVIATIONS) * deviation_m
         replaced = (n >= MIN_SAMPLES) & (outlier | (measured_m == 0))
@@ -74,7 +75,7 @@ class LMedS(Baseline):
 
 
 def least_median_of_squares(samples: Samples) -> tuple[Samples, Samples]:
-    """The location whose median squared distance to the samples is least, by row.
+    """Return the location whose median squared distance to the samples is least, by row.
 
     It is the midpoint of the shortest interval that holds `n // 2 + 1` of n samples, and half its length is the root of
     that median: Rousseeuw 1984, DOI 10.1080/01621459.1984.10477105. Ties go to the first interval.
@@ -89,7 +90,7 @@ def least_median_of_squares(samples: Samples) -> tuple[Samples, Samples]:
     half_length = np.full(len(ordered), np.inf, np.float32)
     for half in np.unique(n[n > 0] // 2):
         rows = np.flatnonzero((n // 2 == half) & (n > 0))
-        of_group = ordered[rows]
+        of_group = ordered[rows]  # Their intervals of `half + 1` samples start at the same places; infinite ones lose.
         high = of_group[:, half : 2 * half + 1]
         length = high - of_group[:, : high.shape[1]]
         shortest = np.argmin(length, axis=1)[:, None]
@@ -99,7 +100,7 @@ def least_median_of_squares(samples: Samples) -> tuple[Samples, Samples]:
 
 
 def _step_m(depth_m: FloatImage) -> FloatImage:
-    """Largest difference to one of the four neighbours that are valid [m], shape (H, W); 0 in holes."""
+    """Return the largest difference to one of the four neighbours that are valid [m], shape (H, W); 0 in holes."""
     steepest = np.zeros_like(depth_m)
     for axis in (0, 1):
         near, far = (np.moveaxis(image, axis, 0) for image in (depth_m, steepest))

@@ -33,7 +33,7 @@ LEAST_VALID = 2
 
 
 def smooth_in_space(disparity: FloatImage) -> FloatImage:
-    """A smoothed copy of disparity [1/32 px], shape (H, W); holes (0) stay, and nothing is mixed across them.
+    """Return a smoothed copy of disparity [1/32 px], shape (H, W); holes (0) stay, and nothing is mixed across them.
 
     It smooths along rows and columns, forwards and backwards, and stops at edges: the recursive filter of the domain
     transform (Gastal and Oliveira 2011, DOI 10.1145/2010324.1964964) with a threshold instead of a weight by distance.
@@ -58,7 +58,7 @@ def smooth_columns(image: FloatImage) -> None:
     before = np.empty(width, np.float32)
     for start, step in ((0, 1), (height - 1, -1)):
         for col in range(width):
-            before[col] = image[start, col]
+            before[col] = image[start, col]  # As it was before this pass, in which edges are sought.
         for k in range(1, height):
             row, last = image[start + k * step], image[start + (k - 1) * step]
             for col in range(width):
@@ -86,7 +86,7 @@ class RealSenseLeft(Baseline):
 
 @compiled(void(FLOAT_IMAGE))
 def fill_from_left(depth_m: FloatImage) -> None:
-    """Mode 0 of hole filling, in place: a hole takes the nearest depth to its left; without one it stays."""
+    """Fill each hole with the nearest depth to its left, mode 0, in place; without one it stays."""
     for row in range(depth_m.shape[0]):
         for col in range(1, depth_m.shape[1]):
             if depth_m[row, col] == 0:
@@ -95,7 +95,7 @@ def fill_from_left(depth_m: FloatImage) -> None:
 
 @compiled(void(FLOAT_IMAGE))
 def fill_farthest(depth_m: FloatImage) -> None:
-    """Mode 1, the default, in place: a hole takes the largest of five depths beside it.
+    """Fill each hole with the largest of five depths beside it, mode 1, the default, in place.
 
     They lie above, above left, left, below left and below. The first and the last row and the first column stay as they
     are, as in the SDK.
@@ -152,7 +152,7 @@ class RealSenseChain(Baseline):
         return depth_m
 
     def _smooth_in_time(self, disparity: FloatImage) -> FloatImage:
-        """The mean of a new image and the past where both agree, the new value where they do not.
+        """Return the mean of a new image and the past where both agree, the new value where they do not.
 
         All are disparities [1/32 px] of shape (H, W), 0 = invalid. A hole takes the last mean if that persists. The
         motion of the camera is not compensated for.
@@ -166,5 +166,5 @@ class RealSenseChain(Baseline):
         return np.where(valid | persists, self._mean, np.float32(0))
 
     def _divided(self, image: FloatImage) -> FloatImage:
-        """Depth [units] of disparity [1/32 px], and the other way round; 0 stays 0."""
+        """Return the depth [units] of disparity [1/32 px], and the other way round; 0 stays 0."""
         return np.divide(self._factor, image, out=np.zeros_like(image), where=image > 0)

@@ -49,7 +49,7 @@ class Baseline(ABC):
 
     @abstractmethod
     def _corrected(self, frame: Frame) -> FloatImage:
-        """Corrected depth [m], shape (H, W), in a new array; 0 = invalid."""
+        """Return the corrected depth [m], shape (H, W), in a new array; 0 = invalid."""
 
 
 class Raw(Baseline):

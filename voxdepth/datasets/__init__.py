@@ -34,20 +34,20 @@ class Dataset(Protocol):
     """Unit of the depth."""
 
     def __len__(self) -> int:
-        """Number of frames."""
+        """Return the number of frames."""
 
     def assumed(self) -> Iterator[str]:
-        """What nobody states of the camera and of the depth, and is read as usual; clauses that follow the path.
+        """Return what nobody states of the camera and of the depth, and is read as usual; clauses that follow the path.
 
         Raises:
             DatasetError: The first frame contradicts it, or cannot be read.
         """
 
     def name(self, index: int) -> str:
-        """Name of a frame without a suffix, unique, usable as a file name, perhaps with dots; sorts like the frames."""
+        """Return the unique name of a frame without suffix, fit for files, perhaps with dots; sorts like the frames."""
 
     def header(self, index: int) -> "Header":
-        """Time of a frame to the nanosecond, and the name of its coordinate frame."""
+        """Return the time of a frame to the nanosecond, and the name of its coordinate frame."""
 
     def __getitem__(self, index: int) -> Frame:
         """Read one frame. It has a pose only where the dataset has an estimate of the camera; never the true one.

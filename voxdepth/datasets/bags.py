@@ -131,11 +131,11 @@ class BagDataset:
 
     @classmethod
     def lacking(cls, path: Path) -> str:
-        """What is missing for a bag, in words; empty if there is one."""
+        """Return what is missing for a bag, in words; empty if there is one."""
         return "" if bag_in(path) else f"one file {' or '.join(SUFFIXES)}, or metadata.yaml of ROS 2"
 
     def __len__(self) -> int:
-        """Number of frames."""
+        """Return the number of frames."""
         return len(self._frames)
 
     def assumed(self) -> Iterator[str]:
@@ -145,11 +145,11 @@ class BagDataset:
                 yield self.unit.told(values_of(self._depth[self._frames[0][1]]))
 
     def name(self, index: int) -> str:
-        """Number of the frame."""
+        """Return the number of the frame."""
         return f"{range(len(self))[index]:06d}"
 
     def header(self, index: int) -> Header:
-        """Time of a frame and the coordinate frame of its depth."""
+        """Return the time of a frame and the coordinate frame of its depth."""
         stamp_ns, depth, _ = self._frames[index]
         return Header(stamp_ns, self._depth.headers[depth].frame_id)
 
@@ -177,7 +177,7 @@ class BagDataset:
 
 
 def _frames(depth: "Stream", gray: "Stream", within_s: float) -> list[tuple[int, int, int]]:
-    """Time [ns] and messages of depth and gray of every frame, in the order in which they were recorded."""
+    """Return time [ns] and messages of depth and gray of every frame, in the order of recording."""
     faults: list[str] = []  # Not the errors, which would keep the file open.
     for by_stamp in (True, False):
         try:
@@ -205,12 +205,12 @@ class Images:
         self._doubts: dict[str, str] = {}
 
     def depth(self, named: str | None) -> str:
-        """The topic of the depth: the one that is named, or the only one; anything else is a `DatasetError`."""
+        """Return the topic of the depth: the one that is named, or the only one; anything else is a `DatasetError`."""
         topics = self._of_kind(lambda first: encoding_of(first) in DEPTH_ENCODINGS)
         return self._chosen(named, topics, f"depth ({', '.join(DEPTH_ENCODINGS)})", "--depth-topic")
 
     def gray(self, named: str | None, depth: str) -> str:
-        """The topic of the gray or colour image: the one that is named, or the only one of the camera of the depth.
+        """Return the topic of the gray or colour image: the one that is named, or the only one of the depth's camera.
 
         One that is named gets a warning if something says that it is of another camera.
         """
@@ -223,7 +223,7 @@ class Images:
         return chosen
 
     def camera(self, depth: str, gray: str) -> Intrinsics:
-        """The camera of the depth, or else of the gray image, by the `camera_info` nearest to it.
+        """Return the camera of the depth, or else of the gray image, by the `camera_info` nearest to it.
 
         The baseline is that of the bag if it has one.
 
@@ -237,7 +237,7 @@ class Images:
         return replace(cameras[0], baseline_m=self._baseline_m(depth) or cameras[0].baseline_m)
 
     def unit(self, topic: str) -> Unit:
-        """The unit of the depth; the usual one where the bag does not state it."""
+        """Return the unit of the depth; the usual one where the bag does not state it."""
         unit_m = self._option(topic, "Depth_Units")
         # The option is a float of 32 bits.
         return Unit(float(f"{1 / unit_m:.6g}")) if unit_m else Unit(convention="ROS has it (REP 118)")
@@ -264,12 +264,12 @@ class Images:
         return ", ".join(f"{topic} ({kinds[topic]}{doubts.get(topic, '')})" for topic in sorted(kinds)) or "no images"
 
     def _of_kind(self, is_kind: Callable[[Any], bool]) -> list[str]:
-        """Topics of a kind of images, without compressed copies of topics that are there as they are."""
+        """Return topics of a kind of images, without compressed copies of topics that are there as they are."""
         found = [topic for topic, first in self._images.items() if is_kind(first)]
         return [topic for topic in found if _original(topic) == topic or _original(topic) not in found]
 
     def _doubt(self, depth: str, gray: str) -> str:
-        """What says that a gray image shows another view than the depth, as a clause; empty if nothing does."""
+        """Return what says that a gray image shows another view than the depth, as a clause; empty if nothing does."""
         if any(part in gray for part in RIGHT_INFRARED):
             return "is that of the right camera"
         infos = [self._infos.get(self._info(topic)) for topic in (depth, gray)]
@@ -284,7 +284,7 @@ class Images:
         return ""
 
     def _info(self, topic: str) -> str:
-        """The `camera_info` that shares most of its path with an image, or has its coordinate frame; "" without.
+        """Return the `camera_info` that shares most of its path with an image, or has its coordinate frame; "" without.
 
         One that lies elsewhere and names another coordinate frame is of another camera.
         """
@@ -297,7 +297,7 @@ class Images:
         return fitting[0] if len(nearest) == len(fitting) == 1 else ""
 
     def _constant(self, name: str) -> Intrinsics:
-        """The camera of a `camera_info`, which must be the same in all messages."""
+        """Return the camera of a `camera_info`, which must be the same in all messages."""
         first = None
         for number, (_, info) in enumerate(self._bag.messages(name)):
             where = f"message {number} of {name} in {self._bag.path}, at {header_of(info).stamp_ns / 1e9:.6f} s,"
@@ -315,7 +315,7 @@ class Images:
         return first
 
     def _baseline_m(self, topic: str) -> float | None:
-        """The baseline of the sensor, or of the only stereo pair whose topics are beside those of the image."""
+        """Return the baseline of the sensor, or of the only stereo pair whose topics are beside those of the image."""
         in_mm = self._option(topic, "Stereo_Baseline")
         if in_mm:
             return in_mm / 1000
@@ -325,7 +325,7 @@ class Images:
         return found[0] if found and np.allclose(found, found[0], rtol=SAME_LENS) else None
 
     def _option(self, topic: str, name: str) -> float | None:
-        """The value of an option of the sensor of a topic, which files of librealsense have."""
+        """Return the value of an option of the sensor of a topic, which files of librealsense have."""
         sensor = SENSOR.match(topic)
         message = self._bag.first(f"{sensor[0]}/option/{name}/value") if sensor else None
         try:
@@ -335,29 +335,29 @@ class Images:
 
 
 def _is_gray(first: Any) -> bool:
-    """Whether it has 8 bits; a compressed image that does not say its encoding has."""
+    """Return whether an image has 8 bits; a compressed one that does not say its encoding has."""
     return encoding_of(first) in GRAY_ENCODINGS or not (hasattr(first, "encoding") or encoding_of(first))
 
 
 def _lens_of(info: Any) -> Intrinsics | None:
-    """The camera of a `camera_info`, with a baseline if it is the right one of a pair; None without or of no camera."""
+    """Return the camera of a `camera_info`, with a baseline if it is a pair's right one; None without one."""
     with suppress(FrameError):
         return None if info is None else Intrinsics.from_camera_info(info)
     return None
 
 
 def _original(topic: str) -> str:
-    """The topic whose images a topic of compressed images has."""
+    """Return the topic whose images a topic of compressed images has."""
     return COPIES.sub("", topic)
 
 
 def _folder(topic: str) -> str:
-    """The part of a topic that the image and the `camera_info` of one camera share."""
+    """Return the part of a topic that the image and the `camera_info` of one camera share."""
     return topic.rsplit("/", 1)[0]
 
 
 def _n_shared(first: str, second: str) -> int:
-    """Number of parts that two topics have in common from the beginning on."""
+    """Return the number of parts that two topics have in common from the beginning on."""
     alike = [a == b for a, b in zip(first.split("/"), second.split("/"), strict=False)]
     return [*alike, False].index(False)
 
@@ -383,16 +383,16 @@ class Bag:
         weakref.finalize(self, self._reader.close)
 
     def first(self, topic: str) -> Any:
-        """The first message of a topic, or None where it has none."""
+        """Return the first message of a topic, or None where it has none."""
         return next((message for _, message in self.messages(topic)), None)
 
     def firsts(self, *kinds: str) -> dict[str, Any]:
-        """The first messages of all topics of some types that have one."""
+        """Return the first messages of all topics of some types that have one."""
         topics = [connection.topic for connection in self._reader.connections if connection.msgtype in kinds]
         return {topic: message for topic in topics if (message := self.first(topic)) is not None}
 
     def recorded(self, topic: str) -> list[int]:
-        """The numbers of the messages of a topic, as `messages` gives them, in the order in which they were recorded.
+        """Return the numbers of the messages of a topic, as `messages` gives them, in the order of recording.
 
         It gives them by file and time, which is another order where a clock was set back.
         """
@@ -403,8 +403,10 @@ class Bag:
                 parts = enumerate(_storages(self._reader))
                 times = [(number, time_ns) for number, part in parts for time_ns in _stored_ns(part, topic)]
             else:
+                # An entry is time, chunk and offset: by the latter two, messages lie as they were written.
                 index = sorted(e[1:] + e[:1] for each in connections for e in reader.indexes[each.id])
                 times = [(0, time_ns) for *_, time_ns in index]
+        # `read` lists the messages as they are read; the argsort of an argsort is the place of each in that list.
         read = sorted(range(len(times)), key=times.__getitem__)
         return sorted(read, key=read.__getitem__)
 
@@ -455,7 +457,7 @@ class Stream:
         self._next, self._later = 0, self._bag.messages(topic)
 
     def times(self, by_stamp: bool) -> list[tuple[int, int]]:
-        """Time [ns] and number of each message in the order of recording: its stamp, or when it was received.
+        """Return time [ns] and number of each message in the order of recording: its stamp, or when it was received.
 
         Raises:
             DatasetError: The times do not increase.
@@ -482,13 +484,13 @@ class Stream:
 
 
 def _is_repeat(before_ns: int, before: Any, received_ns: int, message: Any) -> bool:
-    """Whether an image is that before, which drivers send again at once now and then."""
+    """Return whether an image is that before, which drivers send again at once now and then."""
     is_of_its_time = received_ns - before_ns < AT_ONCE_NS and header_of(before) == header_of(message)
     return is_of_its_time and np.array_equal(before.data, message.data)
 
 
 def _stored_ns(storage: Any, topic: str) -> list[int]:
-    """When the messages of a topic in a file of ROS 2 were received [ns], as they lie in the file."""
+    """Return when the messages of a topic in a file of ROS 2 were received [ns], as they lie in the file."""
     if hasattr(storage, "dbconn"):
         query = "SELECT timestamp FROM messages JOIN topics ON topic_id = topics.id WHERE name = ? ORDER BY messages.id"
         return [time_ns for (time_ns,) in storage.dbconn.execute(query, (topic,))]
@@ -497,13 +499,13 @@ def _stored_ns(storage: Any, topic: str) -> list[int]:
 
 
 def _storages(reader: "AnyReader") -> list[Any]:
-    """The files of a bag of ROS 2."""
+    """Return the files of a bag of ROS 2."""
     storage: Any = reader.readers[0].storage  # type: ignore[union-attr]
     return list(getattr(storage, "storages", [storage]))
 
 
 def _signed(time_ns: int) -> int:
-    """A time [ns] that was stored unsigned."""
+    """Return a time [ns] that was stored unsigned."""
     return time_ns - END_NS if time_ns >= END_NS // 2 else time_ns
 
 
@@ -546,7 +548,7 @@ def _bag_errors(path: Path) -> Iterator[None]:
 
 
 def _profile(path: Path) -> str:
-    """The profile in the header of an MCAP file, or of one in a folder."""
+    """Return the profile in the header of an MCAP file, or of one in a folder."""
     with (next(path.glob("*.mcap")) if path.is_dir() else path).open("rb") as file:
         header = file.read(64)
     return header[21 : 21 + int.from_bytes(header[17:21], "little")].decode(errors="replace")

@@ -47,7 +47,7 @@ def require_dataset(path: Path, suffixes: Collection[str]) -> None:
 
 
 def list_folder(folder: Path) -> list[Path]:
-    """Content of a folder, sorted by name; empty if there is no such folder."""
+    """Return the content of a folder, sorted by name; empty if there is no such folder."""
     try:
         return sorted(folder.iterdir()) if folder.is_dir() else []
     except OSError as error:
@@ -55,7 +55,7 @@ def list_folder(folder: Path) -> list[Path]:
 
 
 def list_images(folder: Path, suffixes: Collection[str]) -> list[Path]:
-    """The files of a folder that end in one of some suffixes, given in lower case; sorted by name."""
+    """Return the files of a folder that end in one of some suffixes, given in lower case; sorted by name."""
     return [path for path in list_folder(folder) if path.suffix.lower() in suffixes and not path.name.startswith(".")]
 
 
@@ -92,7 +92,7 @@ def read_text(path: Path, *, has_names: bool = False) -> str:
 
 
 def path_inside(folder: Path, name: str, source: str) -> Path:
-    """The file that a list names relative to its folder, below which it must lie, without `..`; links are followed.
+    """Return the file that a list names relative to its folder, in which it must lie, without `..`; follows links.
 
     The source, which errors name, is the list and the line.
     """
@@ -105,12 +105,12 @@ def path_inside(folder: Path, name: str, source: str) -> Path:
 
 
 def calibration_path(dataset: Path) -> Path:
-    """Where the camera of a folder or of a bag may be stated."""
+    """Return where the camera of a folder or of a bag may be stated."""
     return (dataset if dataset.is_dir() else dataset.parent) / CALIBRATION
 
 
 def read_calibration(dataset: Path) -> dict[str, object]:
-    """What the `calibration.toml` beside a dataset states; empty without one."""
+    """Return what the `calibration.toml` beside a dataset states; empty without one."""
     path = calibration_path(dataset)
     if not path.exists():
         return {}
@@ -121,7 +121,7 @@ def read_calibration(dataset: Path) -> dict[str, object]:
 
 
 def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callable[[], Intrinsics]) -> Intrinsics:
-    """The given intrinsics, else those of a `calibration.toml` in the folder, else those that `of_format` returns.
+    """Return the given intrinsics, else those of a folder's `calibration.toml`, else those that `of_format` returns.
 
     A file that has no more than the fields that may be left out, as the baseline, adds them to those of the format.
     """
@@ -141,7 +141,7 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
 
 
 def no_camera(reason: str, dataset: Path, shape: tuple[int, int] | None = None) -> DatasetError:
-    """The error that nothing tells the camera of a dataset; the lines that would are a note, with the shape (H, W)."""
+    """Return the error that nothing tells a dataset's camera; lines that would are a note, with the shape (H, W)."""
     keys = ", ".join(WANTED)
     error = DatasetError(f"{reason}; write {calibration_path(dataset)} with {keys} and perhaps baseline_m")
     _note_lines(error, WANTED, shape)
@@ -157,7 +157,7 @@ def _note_lines(error: DatasetError, names: Iterable[str], shape: tuple[int, int
 
 
 def choose_unit(dataset: Path, given: float | None, of_format: Unit) -> Unit:
-    """The unit of the depth that is given, else that of a `calibration.toml` beside a dataset, else that of the format.
+    """Return the given unit of the depth, else that of a `calibration.toml` beside a dataset, else the format's.
 
     Raises:
         FrameError: The given number makes no sense.
@@ -173,12 +173,12 @@ def choose_unit(dataset: Path, given: float | None, of_format: Unit) -> Unit:
 
 
 def stated(intrinsics: Intrinsics) -> dict[str, int | float]:
-    """The fields that are not None, by name."""
+    """Return the fields that are not None, by name."""
     return {name: value for name, value in asdict(intrinsics).items() if value is not None}
 
 
 def intrinsics_from(values: Mapping[str, object], path: Path, found: Iterable[str] = ()) -> Intrinsics:
-    """Intrinsics of the fields that the file `path` gives; those that have a default may be left out.
+    """Return the intrinsics of the fields that the file `path` gives; those that have a default may be left out.
 
     A `DatasetError` tells all unknown and missing keys at once, with the missing lines as a note, after what was found
     before; else what is wrong with the first number that makes no sense.

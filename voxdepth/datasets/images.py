@@ -66,7 +66,7 @@ def read_depth(path: Path, shape: Shape) -> npt.NDArray[Any]:
 
 
 def is_deep(path: Path) -> bool:
-    """Whether an image has values of more than 8 bits, as depth has and gray has not."""
+    """Return whether an image has values of more than 8 bits, as depth has and gray has not."""
     if path.suffix == ARRAY:
         return True
     header = _open(read_bytes(path), path)
@@ -74,7 +74,7 @@ def is_deep(path: Path) -> bool:
 
 
 def _floats(image: npt.NDArray[Any], path: Path) -> npt.NDArray[np.float32]:
-    """The floats of 32 bits whose four bytes are the channels of a PNG in the order of OpenCV, as TartanAir V2 has."""
+    """Return the floats of 32 bits whose bytes are the channels of a PNG in OpenCV's order, as TartanAir V2 has."""
     values = np.ascontiguousarray(image).view("<f4")[..., 0].astype(np.float32)
     if image.dtype != np.uint8 or not np.all((values >= 0) & (values < LARGEST_FLOAT_M) | (values == np.inf)):
         raise DatasetError(

@@ -95,14 +95,14 @@ class MidAirDataset(PairedImages):
 
 
 def true_depths(folder: Path) -> list[Path]:
-    """The files of the exact depth of all frames, where that is not what is read as measured."""
+    """Return the files of the exact depth of all frames, where that is not what is read as measured."""
     if MidAirDataset.lacking(folder) or not all((folder / name).is_dir() for name in (DISPARITY, RANGE)):
         return []
     return [path for name in _trajectories(folder) for path in _by_number(folder / RANGE / name, (".png",)).values()]
 
 
 def read_range(path: Path, intrinsics: Intrinsics) -> FloatImage:
-    """Depth along the axis of an image of distances along the ray, shape (H, W) [m]; 0 beyond `FARTHEST_M`."""
+    """Return the depth along the axis of an image of distances along the ray, (H, W) [m]; 0 beyond `FARTHEST_M`."""
     range_m = _read_halves(path, intrinsics)
     x = (np.arange(intrinsics.width_px) - intrinsics.cx_px) / intrinsics.fx_px
     y = (np.arange(intrinsics.height_px) - intrinsics.cy_px) / intrinsics.fy_px
@@ -111,7 +111,7 @@ def read_range(path: Path, intrinsics: Intrinsics) -> FloatImage:
 
 
 def _read_disparity(path: Path, intrinsics: Intrinsics) -> FloatImage:
-    """`z = f B / d`, shape (H, W) [m]; 0 beyond `FARTHEST_M`."""
+    """Return `z = f B / d`, shape (H, W) [m]; 0 beyond `FARTHEST_M`."""
     disparity_px = _read_halves(path, intrinsics)
     scale = np.float32(intrinsics.fx_px * (intrinsics.baseline_m or BASELINE_M))
     depth_m = np.zeros_like(disparity_px)
@@ -120,7 +120,7 @@ def _read_disparity(path: Path, intrinsics: Intrinsics) -> FloatImage:
 
 
 def _read_halves(path: Path, intrinsics: Intrinsics) -> FloatImage:
-    """Floats of 16 bits that a PNG of whole numbers has the bits of, shape (H, W); NaN and negative ones are errors."""
+    """Return the floats of 16 bits whose bits a PNG has, shape (H, W); NaN and negative ones are errors."""
     values: FloatImage = read_depth_16(path, intrinsics.shape).view(np.float16).astype(np.float32)
     if not (values >= 0).all():
         raise DatasetError(f"expected floats of 16 bits of at least 0 in {path}, got {values.min():g}; restore it")

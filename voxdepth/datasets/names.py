@@ -69,7 +69,7 @@ def in_order(paths: Sequence[Path]) -> Named:
 
 
 def _read(stems: Sequence[str], pattern: re.Pattern[str], read: Reader) -> list[int] | None:
-    """The times [ns] of a pattern in names that are alike around it; None if they are not, or are no such times."""
+    """Return the times [ns] of a pattern in names that are alike around it; None if they are not, or no such times."""
     found = [match for stem in stems if (match := pattern.search(stem))]
     times_ns = read(found) if found and len(found) == len(stems) else None
     around = [f"{match.string[: match.start()]}\0{match.string[match.end() :]}" for match in found]
@@ -77,7 +77,7 @@ def _read(stems: Sequence[str], pattern: re.Pattern[str], read: Reader) -> list[
 
 
 def _numbers(stems: Sequence[str]) -> list[int] | None:
-    """The only numbers in which names differ, or the last ones; None if they differ in more or have none."""
+    """Return the only numbers in which names differ, or the last ones; None if they differ in more or have none."""
     parts = [re.split(r"([0-9]+)", stem) for stem in stems]
     for at in range(min(map(len, parts), default=3) - 2, 0, -2):
         numbers = [int(part[at]) for part in parts]
@@ -88,7 +88,7 @@ def _numbers(stems: Sequence[str]) -> list[int] | None:
 
 
 def _is_alike(around: Sequence[str], times: Sequence[int]) -> bool:
-    """Whether the names around some times are alike, but for one number that may count along with them."""
+    """Return whether the names around some times are alike, but for one number that may count along with them."""
     if len({re.sub(r"[0-9]+", "#", text) for text in around}) > 1:
         return False
     in_time = [around[at] for at in sorted(range(len(times)), key=times.__getitem__)]
@@ -110,7 +110,7 @@ def _of_seconds(found: Sequence[Match]) -> list[int]:
 
 
 def _of_decimals(found: Sequence[Match]) -> list[int] | None:
-    """Decimal numbers; None if they are pairs of whole ones, as 1.9 and 1.10."""
+    """Return times of decimal numbers; None if they are pairs of whole ones, as 1.9 and 1.10."""
     texts = [match[0] for match in found]
     is_padded = len({len(text.partition(".")[2]) for text in texts}) == 1
     has_zeros = any(text.endswith("0") and not text.endswith(".0") for text in texts)
@@ -118,14 +118,14 @@ def _of_decimals(found: Sequence[Match]) -> list[int] | None:
 
 
 def _by_size(texts: Sequence[str]) -> list[int] | None:
-    """Times [ns] whose unit is told by their size; None if they have several."""
+    """Return times [ns] whose unit is told by their size; None if they have several."""
     times = [Fraction(text) for text in texts]
     units = {next(per_s for least, per_s in PER_S if time >= least) for time in times}
     return [int(time * NS_PER_S / per_s) for per_s in units for time in times] if len(units) == 1 else None
 
 
 def _parts_ns(found: Sequence[Match], group: int) -> list[int]:
-    """Parts of a second [ns]. What is the same in all names is none, but the number of a camera, for instance."""
+    """Return parts of a second [ns]; 0 where they are the same in all names, as the number of a camera is."""
     texts = [match[group] or "" for match in found]
     widths = set(map(len, texts))
     if len(set(texts)) == 1:

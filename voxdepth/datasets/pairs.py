@@ -85,27 +85,27 @@ class PairedImages(ABC):
     @classmethod
     @abstractmethod
     def lacking(cls, folder: Path) -> str:
-        """Missing parts of a folder of this format, in words; empty if it is complete."""
+        """Return the missing parts of a folder of this format, in words; empty if it is complete."""
 
     @abstractmethod
     def _find_pairs(self, folder: Path) -> list[Pair]:
-        """Files of all frames in the order of time."""
+        """Return the files of all frames in the order of time."""
 
     @abstractmethod
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
-        """Intrinsics that the format defines or describes, for a folder without a `calibration.toml`."""
+        """Return the intrinsics that the format defines or describes, for a folder without a `calibration.toml`."""
 
     def _matched(self, depth: Stream[Path], gray: Stream[Path], depth_source: str, gray_source: str) -> list[Pair]:
-        """The frames of images of nearest time, see `matched`."""
+        """Return the frames of images of nearest time, see `matched`."""
         frames = matched(depth, gray, depth_source, gray_source, within_s=self._within_s)
         return [Pair(stamp_s=stamp_s, gray=gray, depth=depth) for stamp_s, depth, gray in frames]
 
     def __len__(self) -> int:
-        """Number of frames."""
+        """Return the number of frames."""
         return len(self._pairs)
 
     def name(self, index: int) -> str:
-        """Name of a frame: that of its depth image, or its number where those would not sort."""
+        """Return the name of a frame: that of its depth image, or its number where those would not sort."""
         return self._names[index]
 
     def assumed(self) -> Iterator[str]:
@@ -115,7 +115,7 @@ class PairedImages(ABC):
                 yield self.unit.told(read_depth(self._pairs[0].depth, self.intrinsics.shape))
 
     def header(self, index: int) -> Header:
-        """Time of a frame; the formats do not name the coordinate frame of the camera."""
+        """Return the time of a frame; the formats do not name the coordinate frame of the camera."""
         return Header(round(self._pairs[index].stamp_s * 1e9), FRAME_ID)
 
     def __getitem__(self, index: int) -> Frame:
@@ -126,7 +126,7 @@ class PairedImages(ABC):
             return Frame(stamp_s=pair.stamp_s, gray=gray, depth_m=self._depth_m(pair))
 
     def _depth_m(self, pair: Pair) -> FloatImage:
-        """Depth of a frame along the axis [m], shape (H, W); 0 = invalid."""
+        """Return the depth of a frame along the axis [m], shape (H, W); 0 = invalid."""
         return self.unit.metres(read_depth(pair.depth, self.intrinsics.shape))
 
     @contextmanager
@@ -139,7 +139,7 @@ class PairedImages(ABC):
 
 
 def parse_stamp(text: str, source: str) -> float:
-    """A time [s] as a list has it; it must be finite. The source, for the error, is the list and the line."""
+    """Return a time [s] as a list has it; it must be finite. The source, for the error, is the list and the line."""
     try:
         stamp_s = float(text)
     except ValueError:
@@ -215,7 +215,7 @@ def _rate(stamps_s: Sequence[float]) -> str:
 
 
 def associate(first_s: Sequence[float], second_s: Sequence[float], *, within_s: float) -> list[tuple[int, int]]:
-    """Pairs of two streams of increasing times [s] that are nearest in time and at most `within_s` apart.
+    """Return pairs of two streams of increasing times [s] that are nearest in time and at most `within_s` apart.
 
     The algorithm is greedy: it takes the closest pair first, then the closest of the remaining ones.
 

@@ -73,7 +73,7 @@ class RealSenseDataset(PairedImages):
         return f"a folder of depth ({', '.join(DEPTHS)}) and one of images ({', '.join(GRAYS)})"
 
     def _find_pairs(self, folder: Path) -> list[Pair]:
-        """Files of one number, or of nearest time."""
+        """Return the files of one number, or of nearest time."""
         depth_folder, gray_folder = (_named(folder, names) or folder / names[0] for names in (DEPTHS, GRAYS))
         depth, gray = in_order(_depth_files(depth_folder)), in_order(list_images(gray_folder, GRAY_SUFFIXES))
         if depth.are_times and gray.are_times:
@@ -97,7 +97,7 @@ class RealSenseDataset(PairedImages):
         return [Pair(stamp_s=number * (1 / rate_hz), gray=grays[number], depth=depths[number]) for number in both]
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
-        """The camera of `intrinsic_matrix`, `width` and `height` in the metadata."""
+        """Return the camera of `intrinsic_matrix`, `width` and `height` in the metadata."""
         path, metadata = self._metadata_path, self._metadata
         if not metadata:
             reason = f"expected the camera in {CALIBRATION} or {' or '.join(METADATA)} in {folder}, got none"
@@ -122,13 +122,13 @@ class RealSenseDataset(PairedImages):
 
 
 def _named(folder: Path, names: Sequence[str]) -> Path | None:
-    """The first folder in a folder that has one of some names, in upper or lower case; None without one."""
+    """Return the first folder in a folder that has one of some names, in upper or lower case; None without one."""
     found = {path.name.lower(): path for path in list_folder(folder) if path.is_dir()}
     return next((found[name] for name in names if name in found), None)
 
 
 def _depth_files(folder: Path) -> list[Path]:
-    """The images of depth, in the first format that is there."""
+    """Return the images of depth, in the first format that is there."""
     found = next((files for suffix in DEPTH_SUFFIXES if (files := list_images(folder, (suffix,)))), [])
     if not found and (others := list_images(folder, GRAY_SUFFIXES)):
         raise DatasetError(
@@ -139,7 +139,7 @@ def _depth_files(folder: Path) -> list[Path]:
 
 
 def _read_metadata(folder: Path) -> tuple[Path, Mapping[str, Any]]:
-    """The description of the camera by Open3D's tools; empty without one."""
+    """Return the description of the camera by Open3D's tools; empty without one."""
     path = next((folder / name for name in METADATA if (folder / name).exists()), folder / METADATA[0])
     if not path.exists():
         return path, {}

@@ -37,7 +37,7 @@ class RecordingDataset(PairedImages):
 
 
 def _read_stamps(path: Path) -> list[float]:
-    """Times of the frames [s]. A last row without a line break was being written, and is left out."""
+    """Return the times of the frames [s]. A last row without a line break was being written, and is left out."""
     header, *rows = read_text(path).split("\n")[:-1] or [_HEADER]
     if header != _HEADER:
         raise DatasetError(f"expected {_HEADER!r} as the first line of {path}, got {header[:80]!r}; restore it")

@@ -83,7 +83,7 @@ class TumDataset(PairedImages):
         yield from super().assumed()
 
     def _is_of(self, camera: str) -> bool:
-        """Whether the intrinsics are those of a camera of the benchmark, perhaps in images of another size."""
+        """Return whether the intrinsics are those of a camera of the benchmark, perhaps in images of another size."""
         given, published = (
             fx_px / width_px
             for fx_px, width_px in (
@@ -95,13 +95,13 @@ class TumDataset(PairedImages):
 
 
 def _camera_of(folder: Path) -> str:
-    """The camera of the benchmark that the name of a folder tells, or that of what it is a link to; else empty."""
+    """Return the camera of the benchmark that the name of a folder tells, or that of what it links to; else empty."""
     found = _CAMERA.search(folder.name) or _CAMERA.search(folder.resolve().name)
     return found[1] if found else ""
 
 
 def _listed(path: Path) -> list[tuple[float, Path]]:
-    """Time [s] and file of every line that is no comment."""
+    """Return the time [s] and the file of every line that is no comment."""
     entries = []
     for number, line in enumerate(read_text(path, has_names=True).split("\n"), 1):
         words = line.split()

@@ -118,7 +118,7 @@ def _nearest(times_s: Sequence[float], stamp_s: float) -> int:
 
 
 def _read_trajectory(path: Path) -> tuple[list[float], list[FloatArray]]:
-    """Times [s], and poses of shape (4, 4)."""
+    """Return the times [s], and the poses of shape (4, 4)."""
     times_s, poses = [], []
     for number, line in enumerate(read_text(path).split("\n"), 1):
         words, source = line.split(), f"line {number} of {path}"
@@ -136,7 +136,7 @@ def _read_trajectory(path: Path) -> tuple[list[float], list[FloatArray]]:
 
 
 def _pose(numbers: FloatArray, source: str) -> FloatArray:
-    """The rigid motion of a position and a quaternion xyzw, shape (4, 4)."""
+    """Return the rigid motion of a position and a quaternion xyzw, shape (4, 4)."""
     length = float(np.linalg.norm(numbers[3:]))
     if abs(length - 1) > NORM_ERROR:
         raise DatasetError(f"expected a quaternion qx qy qz qw of length 1 in {source}, got one of length {length:.3g}")

@@ -41,19 +41,19 @@ class Network:
         self._input = self._session.get_inputs()[0].name
 
     def run(self, images: Images) -> Sequence[Images]:
-        """The outputs for images of shape (1, C, h, w)."""
+        """Return the outputs for images of shape (1, C, h, w)."""
         outputs: Sequence[Any] = self._session.run(None, {self._input: images})
         return outputs
 
 
 def has_runtime() -> bool:
-    """Whether ONNX Runtime is installed. It is not imported."""
+    """Return whether ONNX Runtime is installed. It is not imported."""
     return find_spec("onnxruntime") is not None
 
 
 @cache
 def load(name: str, folder: Path = FOLDER) -> Network:
-    """A network of the library, which all of its users share.
+    """Return a network of the library, which all of its users share.
 
     Raises:
         ConfigError: ONNX Runtime is not installed; or the card or the network is missing or damaged.
@@ -75,7 +75,7 @@ def load(name: str, folder: Path = FOLDER) -> Network:
 
 
 def read_card(file: Path) -> dict[str, Any]:
-    """What is known of a network, of which the library needs `sha256`; else it is a `ConfigError`."""
+    """Return what is known of a network, of which the library needs `sha256`; else it is a `ConfigError`."""
     try:
         card = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

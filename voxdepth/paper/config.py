@@ -76,7 +76,7 @@ class VoxDepthConfig(Model):
 
 
 def authors_config() -> VoxDepthConfig:
-    """The parameters of the public code of the paper's authors, where it differs from the paper.
+    """Return the parameters of the public code of the paper's authors, where it differs from the paper.
 
     It fills only what is empty, chains the registration, asks for more and better matches, has longer windows and
     epochs, and stops while it fuses. Its "erosion" takes the maximum of a window of 5 pixels: our dilation.

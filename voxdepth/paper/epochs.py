@@ -160,7 +160,7 @@ class Epochs:
         return self._window is not None or self._pending is not None
 
     def phase(self, registration: Registration) -> Phase:
-        """State of the method for a frame with this registration."""
+        """Return the state of the method for a frame with this registration."""
         if self.template is None or not registration.ok:
             return Phase.PASSTHROUGH
         return Phase.FUSING if self.is_fusing else Phase.CORRECTING

@@ -197,7 +197,7 @@ def _label(
 
 
 def poses_in_last(window: Sequence[Frame], odometry: PhotometricOdometry) -> list[FloatArray | None]:
-    """`T_last_frame`, shape (4, 4), of each frame of a window; None for a frame whose pose is not known.
+    """Return `T_last_frame`, shape (4, 4), of each frame of a window; None for a frame whose pose is not known.
 
     As in the paper, the motion between the first two frames holds for the whole window: frame i is `T^(n-1-i)` away
     from the last, which gives the cloud of the nested Eq. fuse up to voxel rounding. Without that motion only the last
@@ -256,7 +256,7 @@ def fuse_window(
 
 
 def dilated(sparse_m: FloatImage, size_px: int) -> FloatImage:
-    """Every pixel, filled or not, takes the maximum of its window: paper, Eq. dilate.
+    """Give every pixel, filled or not, the maximum of its window: paper, Eq. dilate.
 
     Depth [m] has shape (H, W), 0 = unknown. A pixel stays empty if its whole window is empty. Every depth edge moves by
     half the window, the far side over the near one.

@@ -86,7 +86,7 @@ class PhotometricOdometry:
         self._solver = _opencv_solver(self._coarse_camera)
 
     def estimate(self, source: Frame, target: Frame) -> FloatArray | None:
-        """`T_target_source`, shape (4, 4); None if it is too large, or if the images do not confirm it."""
+        """Return `T_target_source`, shape (4, 4); None if it is too large, or if the images do not confirm it."""
         before, after = view_of(source, self._camera), view_of(target, self._camera)
         comparison = Comparison(before, after, self._camera)
         T = self._coarse(before, after) if comparison.n_points >= MIN_POINTS else None
@@ -96,7 +96,7 @@ class PhotometricOdometry:
         return T if is_plausible(T) and comparison.confirms(T) else None
 
     def _coarse(self, source: "View", target: "View") -> FloatArray | None:
-        """OpenCV's estimate on small images of the same mean brightness, shape (4, 4); None if it has none."""
+        """Return OpenCV's estimate on small images of the same mean brightness, shape (4, 4); None if it has none."""
         gray_a, units_a = _opencv_images(source, self._coarse_camera)
         gray_b, units_b = _opencv_images(target, self._coarse_camera)
         solved, T_target_source = self._solver.compute(units_a, gray_a, units_b, gray_b)
@@ -105,7 +105,7 @@ class PhotometricOdometry:
 
 
 def motion_between(source: Frame, target: Frame, odometry: PhotometricOdometry) -> FloatArray | None:
-    """`T_target_source` by the poses of both frames, or by an odometry if one has none; None if it is not found.
+    """Return `T_target_source` by the poses of both frames, or by an odometry if one has none; None if it is not found.
 
     Poses may jump, for example when a loop is closed, so their motion must be plausible as well.
     """
@@ -116,7 +116,7 @@ def motion_between(source: Frame, target: Frame, odometry: PhotometricOdometry) 
 
 
 def is_plausible(T: FloatArray) -> bool:
-    """Whether translation and rotation are within the limits, and not NaN."""
+    """Return whether translation and rotation are within the limits, and not NaN."""
     cos_angle = np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)
     turned_deg = math.degrees(math.acos(cos_angle))
     moved_m = length(T[:3, 3])
@@ -163,12 +163,12 @@ class Comparison:
         return T
 
     def confirms(self, T_target_source: FloatArray) -> bool:
-        """Whether both images show the same surfaces after warping by a motion."""
+        """Return whether both images show the same surfaces after warping by a motion."""
         residual_px, overlap = self.residual_px(T_target_source), self.overlap(T_target_source)
         return overlap >= MIN_OVERLAP and residual_px is not None and residual_px <= MAX_RESIDUAL_PX
 
     def residual_px(self, T_target_source: FloatArray) -> float | None:
-        """Median absolute gray difference after warping, exposure removed, over the median gradient.
+        """Return the median absolute gray difference after warping, exposure removed, over the median gradient.
 
         That is about the shift in the reduced image which would explain it. None if too few pixels are compared.
         """
@@ -178,7 +178,7 @@ class Comparison:
         return float(np.median(np.abs(self._difference(seen[0, there], there))) / np.median(self._gradient[there]))
 
     def overlap(self, T_target_source: FloatArray) -> float:
-        """Share of the source's pixels with depth that land where the target has a depth."""
+        """Return the share of the source's pixels with depth that land where the target has a depth."""
         moved = transform(T_target_source, self._samples)
         u_px, v_px = (np.rint(x) for x in self._projected(moved))
         height_px, width_px = self._camera.shape
@@ -187,7 +187,7 @@ class Comparison:
         return float((landed_m > 0).sum() / max(len(moved), 1))
 
     def _step(self, T: FloatArray) -> FloatArray | None:
-        """One step of Gauss-Newton: translation and rotation vector of the target's points, shape (6,)."""
+        """Return one step of Gauss-Newton: translation and rotation vector of the target's points, shape (6,)."""
         moved = transform(T, self._points)
         seen, there = self._look_up(moved)
         if there.sum() < MIN_POINTS:
@@ -195,6 +195,7 @@ class Comparison:
         x, y, z = moved[there].T
         gray, slope_u, slope_v = seen[:, there]
         difference = self._difference(gray, there)
+        # j is the derivative of the gray value by the point; by a rotation vector it is the vector product p x j.
         jx = slope_u * np.float32(self._camera.fx_px) / z
         jy = slope_v * np.float32(self._camera.fy_px) / z
         jz = -(jx * x + jy * y) / z
@@ -205,7 +206,7 @@ class Comparison:
         return step if np.isfinite(step).all() else None
 
     def _look_up(self, moved: PointArray) -> tuple[Any, Any]:
-        """Gray value and gradient at the projected points, shape (3, N), and which of them lie in the image."""
+        """Return gray value and gradient at the projected points, shape (3, N), and which of them lie in the image."""
         u_px, v_px = (position_px[None] for position_px in self._projected(moved))
         seen = np.empty((len(self._target_with_slopes), 1, len(moved)), np.float32)
         for image, values in zip(self._target_with_slopes, seen, strict=True):
@@ -213,18 +214,18 @@ class Comparison:
         return seen[:, 0], np.isfinite(seen[0, 0]) & (moved[:, 2] > NEAREST_M)
 
     def _projected(self, moved: PointArray) -> tuple[Any, Any]:
-        """Column and row of points in the target's camera [px], float32."""
+        """Return the column and row of points in the target's camera [px], float32."""
         c, z = self._camera, np.maximum(moved[:, 2], np.float32(NEAREST_M))
         return moved[:, 0] * float(c.fx_px) / z + float(c.cx_px), moved[:, 1] * float(c.fy_px) / z + float(c.cy_px)
 
     def _difference(self, gray: Any, there: Any) -> Any:
-        """Gray value of the target minus that of the source after matching the exposure, shape (N,)."""
+        """Return the gray value of the target minus the source's after matching the exposure, shape (N,)."""
         wanted = self._gray[there]
         return gray * np.median(wanted / np.maximum(gray, 1)) - wanted
 
 
 def view_of(frame: Frame, camera: Intrinsics) -> View:
-    """A frame at the size of a camera."""
+    """Return a frame at the size of a camera."""
     size = (camera.width_px, camera.height_px)
     gray = cv2.resize(frame.gray, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     depth_m = cv2.resize(frame.depth_m, size, interpolation=cv2.INTER_NEAREST_EXACT)
@@ -235,14 +236,14 @@ def view_of(frame: Frame, camera: Intrinsics) -> View:
 
 
 def _subsampled(camera: Intrinsics, every_px: int) -> Intrinsics:
-    """The camera of every n-th row and column, from the first on."""
+    """Return the camera of every n-th row and column, from the first on."""
     fx, fy, cx, cy = (x / every_px for x in (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px))
     width_px, height_px = -(-camera.width_px // every_px), -(-camera.height_px // every_px)
     return Intrinsics(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, width_px=width_px, height_px=height_px)
 
 
 def _slopes(gray: FloatImage) -> tuple[Any, Any]:
-    """Gray change per pixel along columns and rows, two arrays of shape (h, w)."""
+    """Return the gray change per pixel along columns and rows, two arrays of shape (h, w)."""
     padded = np.pad(gray, 1, mode="reflect")
     across, down = padded[:, 2:] - padded[:, :-2], padded[2:] - padded[:-2]
     along_cols = across[:-2] + 2 * across[1:-1] + across[2:]
@@ -251,13 +252,13 @@ def _slopes(gray: FloatImage) -> tuple[Any, Any]:
 
 
 def _weights(difference: Any) -> Any:
-    """Cauchy weights, shape (N,): large differences are occlusions or reflections."""
+    """Return the weights of Cauchy, shape (N,): large differences are occlusions or reflections."""
     deviation = 1.4826 * np.median(np.abs(difference)) + 1e-3
     return 1 / (1 + (difference / np.float32(OUTLIER_DEVIATIONS * deviation)) ** 2)
 
 
 def _opencv_images(view: View, camera: Intrinsics) -> tuple[Any, Any]:
-    """Gray as uint8 with `COARSE_MEAN_GRAY` and depth in OpenCV's units, both of shape (height, width)."""
+    """Return gray as uint8 with `COARSE_MEAN_GRAY` and depth in OpenCV's units, both of shape (height, width)."""
     size = (camera.width_px, camera.height_px)
     gain = COARSE_MEAN_GRAY / max(float(view.gray.mean()), 1.0)
     gray = cv2.convertScaleAbs(cv2.resize(view.gray, size, interpolation=cv2.INTER_AREA), alpha=gain)
@@ -266,7 +267,7 @@ def _opencv_images(view: View, camera: Intrinsics) -> tuple[Any, Any]:
 
 
 def _opencv_solver(camera: Intrinsics) -> Any:
-    """OpenCV's odometry, with its own limits on the motion disabled."""
+    """Return OpenCV's odometry, with its own limits on the motion disabled."""
     settings = cv2.OdometrySettings()
     settings.setCameraMatrix(
         np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]], np.float32)

@@ -123,7 +123,7 @@ class ChainedRegistration(OrbRegistration):
 
 
 def fitted_map(source: npt.NDArray[np.float32], target: npt.NDArray[np.float32]) -> FloatArray:
-    """The affine map, shape (2, 3), from points to points, both of shape (N, 2), with the least squared error.
+    """Return the affine map, shape (2, 3), from points to points, both of shape (N, 2), with the least squared error.
 
     OpenCV ends its search for inliers with the same fit, of which its processor decides the last digits.
     """
@@ -138,7 +138,7 @@ def resize_map(scale_x: float, scale_y: float) -> FloatArray:
 
 
 def warped(image: FloatImage, M_frame_template: FloatArray, out: FloatImage | None = None) -> FloatImage:
-    """An image of the template in the pixels of a frame, shape (H, W), sampled at the nearest pixel; 0 outside of it.
+    """Return an image of the template in the pixels of a frame, shape (H, W), by the nearest pixel; 0 outside of it.
 
     `out` is overwritten and returned; None makes a new image.
     """
@@ -152,7 +152,7 @@ def warped(image: FloatImage, M_frame_template: FloatArray, out: FloatImage | No
 
 @compiled(void(READABLE_IMAGE, float64[:, ::1], FLOAT_IMAGE))
 def _sample_nearest(image: FloatImage, backward: FloatArray, samples: FloatImage) -> None:
-    """The pixel of an image that is nearest to where an affine map, shape (2, 3), puts each pixel; 0 outside of it."""
+    """Return the pixel of an image nearest to where an affine map, shape (2, 3), puts each pixel; 0 outside of it."""
     height, width = image.shape
     for row in range(height):
         for col in range(width):

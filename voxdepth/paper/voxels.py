@@ -86,7 +86,7 @@ class VoxelGrid:
         _mark(np.ascontiguousarray(depth_m), rays.rows, rays.cols, rays.offset, self.config.shape, self.words)
 
     def project(self) -> FloatImage:
-        """Depth image [m], shape (H, W), float32, of the centres of the voxels as the camera of the grid sees them.
+        """Return the depth [m], shape (H, W), float32, of the voxels' centres as the camera of the grid sees them.
 
         It is 0 where no centre falls.
         """
@@ -96,7 +96,7 @@ class VoxelGrid:
         return depth_m
 
     def occupied(self) -> "OccupiedVoxels":
-        """The voxels of the grid as they are now."""
+        """Return the voxels of the grid as they are now."""
         return OccupiedVoxels.of(self.words, self.config)
 
 
@@ -144,7 +144,7 @@ class OccupiedVoxels:
 
     @classmethod
     def of(cls, words: Words, config: VoxelConfig) -> Self:
-        """Those of a grid with these words, as a copy."""
+        """Return the occupied voxels of a grid with these words, as a copy."""
         at = np.flatnonzero(words != 0)  # four times as fast as without the comparison
         return cls(config, at, words[at])
 

@@ -122,5 +122,5 @@ class WarpVoxelGrid:
         return projected_m
 
     def occupied(self) -> OccupiedVoxels:
-        """The voxels of the grid as they are now."""
+        """Return the voxels of the grid as they are now."""
         return OccupiedVoxels.of(self._words.numpy(), self.config)

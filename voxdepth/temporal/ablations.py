@@ -164,7 +164,7 @@ ABLATIONS: dict[str, type[Steps]] = {
 
 
 def find_ablation(part: str) -> type[Steps]:
-    """The steps of the default method without a part; a name that is none of `ABLATIONS` is a `ConfigError`."""
+    """Return the steps of the default method without a part; a name that is none of `ABLATIONS` is a `ConfigError`."""
     if part not in ABLATIONS:
         raise ConfigError(no_such("part of the default method", part, ABLATIONS))
     return ABLATIONS[part]

@@ -41,7 +41,7 @@ PRIOR_SHARE = 0.02
 
 @compiled_part(float32(float32, boolean))
 def fill_probability(share: float, is_remembered: bool) -> float:
-    """Probability in 0..1 that a hole is filled with the right surface, by the share of votes and prior that is for it.
+    """Return the probability, 0..1, that a hole is filled with the right surface, by its share of votes and the prior.
 
     The exponent of the share is 3/2, or 1/2 where the memory is one of the voters for it.
     """
@@ -59,7 +59,7 @@ def estimate_confidence(
     inpainting_probability: FloatImage,
     roughness_px: FloatImage,
 ) -> FloatImage:
-    """Probability in 0..1 that each depth is right, shape (h, w), float32; arbitrary where there is no depth.
+    """Return the probability, 0..1, that each depth is right, shape (h, w), float32; arbitrary where there is none.
 
     Args:
         disparity_px: Disparity.

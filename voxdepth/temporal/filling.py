@@ -194,7 +194,7 @@ class HoleFiller:
         return inpainted, self._vote(known, pixels, pixel_rays, self._pixel_rules)
 
     def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules) -> Filled:
-        """What places are filled with; lone ends of their rays are continued to them."""
+        """Return what places are filled with; lone ends of their rays are continued to them."""
         filled = Filled.empty(place)
         continue_lone_ends(known.disparity_px, place, rules, rays)
         fill_places(known, rays, rules, filled)
@@ -203,7 +203,7 @@ class HoleFiller:
 
 @compiled(PLACES(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE))
 def find_places(hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> Places:
-    """The working pixels that are holes or contain one, row by row; of each block that votes as one, the first."""
+    """Return the working pixels that are or contain a hole, row by row; of each block that votes as one, the first."""
     (height, width), decimation = hole.shape, depth_m.shape[1] // hole.shape[1]
     known, votes = np.empty(decimation * width, np.uint8), np.empty(width, np.uint8)
     places, n = np.empty((height * width, 2), np.int32), np.uintp(0)
@@ -228,7 +228,7 @@ def find_places(hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> Place
 
 
 def find_blocks(unknown: GrayImage) -> GrayImage:
-    """The side of the block that each pixel votes in, less 1; pixels of which nothing is known are 255 in the mask."""
+    """Return the side of the block that each pixel votes in, less 1; unknown pixels are 255 in the mask."""
     deep = np.asarray(cv2.erode(unknown, DEEP_KERNEL), np.uint8)
     return deep & np.uint8(1) | np.asarray(cv2.erode(deep, DEEPER_KERNEL), np.uint8) & np.uint8(3)
 

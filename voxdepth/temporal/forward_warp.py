@@ -61,7 +61,7 @@ class Reprojection(NamedTuple):
 
     @classmethod
     def of(cls, resolution: WorkingResolution, T_target_source: FloatArray) -> "Reprojection":
-        """The map for a motion of the camera, shape (4, 4)."""
+        """Return the map for a motion of the camera, shape (4, 4)."""
         K_R = matmul(resolution.K, T_target_source[:3])
         H = matmul(K_R[:, :3], resolution.K_inverse).astype(np.float32)
         epipole = (K_R[:, 3] / resolution.focal_baseline_px_m).astype(np.float32)
@@ -89,7 +89,7 @@ class ForwardWarp:
         self._marked_px, self._sampled_px = np.empty((2, height, width), np.float32)
 
     def warp(self, disparity_px: FloatImage, weight: GrayImage, T_target_source: FloatArray) -> Warped:
-        """The image as the target camera sees it after a motion, shape (4, 4).
+        """Return the image as the target camera sees it after a motion, shape (4, 4).
 
         Disparity and weight have shape (H, W); 0 = no surface. The larger weight wins between equal disparities.
         """
@@ -109,7 +109,7 @@ class ForwardWarp:
         return warped
 
     def motion_px2(self, warped: Warped) -> float:
-        """The mean squared distance by which the surfaces of the image have moved, in its pixels; 0 without any."""
+        """Return the mean squared distance by which the surfaces of the image have moved, in its pixels; 0 without."""
         return _mean_motion_px2(warped)
 
 
@@ -168,7 +168,7 @@ def _round(
     # output
     nearest: npt.NDArray[np.int32],
 ) -> None:
-    """The nearest pixel along a side of the image, and -1 or the length of the side beyond it."""
+    """Find the nearest pixel along a side of the image, and -1 or the length of the side beyond it."""
     last = float32(side)
     for col in range(len(nearest)):
         nearest[col] = int32(min(max(np.rint(position_px[col]), float32(-1)), last))
@@ -226,7 +226,7 @@ def _read_keys(
     disparity_px: FloatImage,
     weight: GrayImage,
 ) -> None:
-    """Disparity and weight of the keys without their margin; both are 0 where there is no surface."""
+    """Read disparity and weight of the keys without their margin; both are 0 where there is no surface."""
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):
             key = keys[row + 1, col + 1]
@@ -286,7 +286,7 @@ def _resample(
 
 @compiled(float64(WARPED_TYPE))
 def _mean_motion_px2(warped: Warped) -> float:
-    """The mean squared distance between pixels of the surfaces and their positions in the source image.
+    """Return the mean squared distance between pixels of the surfaces and their positions in the source image.
 
     Every `MOTION_STRIDE_PX`th pixel of such rows is enough, since motion varies little.
     """

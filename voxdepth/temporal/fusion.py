@@ -158,7 +158,7 @@ COMPARISON_TYPE = named_tuple(Comparison, *[BYTE_IMAGE] * 3, FLOAT_IMAGE, BYTE_I
 
 
 def fuse(memory: Memory, measurement: Measurement, comparison: Comparison) -> tuple[Fused, Memory]:
-    """The fused disparity, and the memory for the next frame, from the memory warped to this frame."""
+    """Return the fused disparity, and the memory for the next frame, from the memory warped to this frame."""
     max_gray_change = max(MAX_GRAY_CHANGE, MAX_RELATIVE_GRAY_CHANGE * _sparse_median(comparison.gray_change))
     shape = comparison.gray_change.shape
     fused_px, remembered_px, magnification, updated_px, seen_px = (np.empty(shape, np.float32) for _ in range(5))
@@ -172,7 +172,7 @@ def fuse(memory: Memory, measurement: Measurement, comparison: Comparison) -> tu
 
 
 def _sparse_median(image: GrayImage) -> int:
-    """The median of every `NOISE_STRIDE_PX`th pixel of every `NOISE_STRIDE_PX`th row; the lower of two middle ones."""
+    """Return the median of every `NOISE_STRIDE_PX`th pixel and row; the lower of two middle ones."""
     values = image[::NOISE_STRIDE_PX, ::NOISE_STRIDE_PX].ravel()
     middle = (len(values) - 1) // 2
     return int(np.partition(values, middle)[middle])
@@ -193,7 +193,7 @@ def compare(memory: Memory, measurement: Measurement) -> Comparison:
 
 
 def _drift(before_px: FloatImage, difference_px: FloatImage, overlap: GrayImage) -> FloatImage:
-    """The running mean of measured minus remembered disparity after a frame, decimated."""
+    """Return the running mean of measured minus remembered disparity after a frame, decimated."""
     height, width = (DRIFT_DECIMATION * side for side in before_px.shape)
     count, total_px = (
         cv2.resize(image[:height, :width], before_px.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)

@@ -14,11 +14,11 @@ Image = TypeVar("Image", FloatImage, GrayImage)
 
 
 def above(image: FloatImage | GrayImage, bound: float) -> GrayImage:
-    """Mask of the pixels that are greater than a number."""
+    """Return the mask of the pixels that are greater than a number."""
     number: Any = bound  # The types of OpenCV leave numbers out.
     return np.asarray(cv2.compare(image, number, cv2.CMP_GT), np.uint8)
 
 
 def box_mean(image: Image, window_px: int) -> Image:
-    """The mean over a square window around each pixel."""
+    """Return the mean over a square window around each pixel."""
     return np.asarray(cv2.blur(image, (window_px, window_px)))

@@ -73,7 +73,7 @@ MEASUREMENT_TYPE = named_tuple(Measurement, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE,
 
 @compiled(boolean(FLOAT_IMAGE))
 def is_exact(disparity_px: FloatImage) -> bool:
-    """Whether most second differences along the rows of a disparity image are 0, as on planes without any noise."""
+    """Return whether most second differences along the rows of a disparity image are 0, as on planes without noise."""
     n_known, n_exact = 0, 0
     for row in range(0, disparity_px.shape[0], EXACT_STRIDE_PX):
         for col in range(disparity_px.shape[1] - 2):
@@ -126,7 +126,7 @@ def _decimate(
 
 
 def without_speckles(disparity_px: FloatImage) -> FloatImage:
-    """The disparity without speckles that are wrong matches more often than objects, shape (h, w).
+    """Return the disparity without speckles that are wrong matches more often than objects, shape (h, w).
 
     Speckles are surfaces of at most `MAX_SPECKLE_PX` pixels; adjacent pixels are of one surface if they differ by at
     most `MAX_SURFACE_SPAN_PX`. Those are removed that are nearer than the farthest larger surface around them, and
@@ -160,7 +160,7 @@ def _farthest_around(disparity_px: FloatImage, is_speckle: GrayImage, row: int, 
 
 @compiled_part(float32(FLOAT_IMAGE, BYTE_IMAGE))
 def _farthest(disparity_px: FloatImage, is_speckle: GrayImage) -> float:
-    """Disparity of the farthest surface of an image that is no speckle; infinite if there is none."""
+    """Return the disparity of the farthest surface of an image that is no speckle; infinite if there is none."""
     of_col_px = np.empty(disparity_px.shape[1], np.float32)
     for col in range(len(of_col_px)):
         of_col_px[col] = np.inf
@@ -177,7 +177,7 @@ def _farthest(disparity_px: FloatImage, is_speckle: GrayImage) -> float:
 
 @compiled(FLOAT_IMAGE(FLOAT_IMAGE, BYTE_IMAGE))
 def _without_wrong(disparity_px: FloatImage, is_speckle: GrayImage) -> FloatImage:
-    """The disparity without the speckles that are too near or too far; see `without_speckles`."""
+    """Return the disparity without the speckles that are too near or too far; see `without_speckles`."""
     farthest_px, kept_px = _farthest(disparity_px, is_speckle), disparity_px.copy()
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):

@@ -40,7 +40,7 @@ class Memory(NamedTuple):
 
     @classmethod
     def empty(cls, gray: GrayImage) -> "Memory":
-        """A memory of no surface, with a copy of the gray values of the current image."""
+        """Return a memory of no surface, with a copy of the gray values of the current image."""
         return cls(
             disparity_px=np.zeros(gray.shape, np.float32),
             weight=np.zeros_like(gray),
@@ -52,7 +52,7 @@ class Memory(NamedTuple):
         )
 
     def seen_by(self, warped: Warped) -> "Memory":
-        """The memory as a new frame sees it, from its disparity as that frame sees it."""
+        """Return the memory as a new frame sees it, from its disparity as that frame sees it."""
         seen_px, age, filled_px = _sample_nearest(self, warped.source_x, warped.source_y)
         return Memory(
             disparity_px=warped.disparity_px,
@@ -70,18 +70,18 @@ MEMORY_TYPE = named_tuple(Memory, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMA
 
 @compiled(UniTuple(int64, 2)(UniTuple(int64, 2)))
 def coarse_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Shape of the drift of a memory of a shape."""
+    """Return the shape of the drift of a memory of a shape."""
     return max(1, shape[0] // DRIFT_DECIMATION), max(1, shape[1] // DRIFT_DECIMATION)
 
 
 def _sample_gray(gray: GrayImage, x: FloatImage, y: FloatImage) -> GrayImage:
-    """Samples between the pixels of a gray image at columns x and rows y, with the border replicated."""
+    """Return samples between the pixels of a gray image at columns x and rows y, with the border replicated."""
     return np.asarray(cv2.remap(gray, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 @compiled(Tuple((FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE))(MEMORY_TYPE, FLOAT_IMAGE, FLOAT_IMAGE))
 def _sample_nearest(memory: Memory, x: FloatImage, y: FloatImage) -> tuple[FloatImage, GrayImage, FloatImage]:
-    """The nearest `seen_px`, `age` and `filled_px` at columns x and rows y, with the border replicated."""
+    """Return the nearest `seen_px`, `age` and `filled_px` at columns x and rows y, with the border replicated."""
     height, width = x.shape
     seen_px, age, filled_px = np.empty_like(x), np.empty(x.shape, np.uint8), np.empty_like(x)
     last_row, last_col, place = float32(height - 1), float32(width - 1), np.empty(width, np.int32)
@@ -100,7 +100,7 @@ def _sample_nearest(memory: Memory, x: FloatImage, y: FloatImage) -> tuple[Float
 
 
 def _sample_drift(drift_px: FloatImage, x: FloatImage, y: FloatImage) -> FloatImage:
-    """Samples between the pixels of a drift where blocks of pixels lie in the memory, with the border replicated."""
+    """Return samples between the pixels of a drift for blocks of pixels of the memory, with the border replicated."""
     samples = np.empty_like(drift_px)
     interpolate(drift_px, _coarse(x, drift_px.shape[1]), _coarse(y, drift_px.shape[0]), 0.0, samples)
     return samples
@@ -108,7 +108,7 @@ def _sample_drift(drift_px: FloatImage, x: FloatImage, y: FloatImage) -> FloatIm
 
 @compiled(FLOAT_IMAGE(FLOAT_IMAGE, int64))
 def _coarse(position: FloatImage, side: int) -> FloatImage:
-    """Columns or rows of the memory as those of the drift, a side of which has a length: the mean of each block.
+    """Return columns or rows of the memory as those of the drift, a side of which has a length: the mean of each block.
 
     They are moved into the drift.
     """
@@ -120,6 +120,7 @@ def _coarse(position: FloatImage, side: int) -> FloatImage:
             left = np.uintp(DRIFT_DECIMATION * col)
             right = min(left + np.uintp(1), np.uintp(position.shape[1] - 1))
             mean = float32(0.25) * ((upper[left] + upper[right]) + (lower[left] + lower[right]))
+            # Pixel centres: the mean of the pixels 0 and 1 is the place 0 of the drift.
             within = (mean + float32(0.5)) / float32(DRIFT_DECIMATION) - float32(0.5)
             coarse[row, col] = min(max(within, float32(0)), last)
     return coarse

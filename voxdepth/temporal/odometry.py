@@ -122,7 +122,7 @@ def find_corners(gray: GrayImage, cell_px: int = CELL_PX) -> Pixels:
 
 
 def least_eigenvalue(gray: GrayImage) -> FloatImage:
-    """The smaller eigenvalue of the structure tensor of each pixel's neighbourhood of `CORNER_PX` pixels a side.
+    """Return the smaller eigenvalue of the structure tensor of each pixel's neighbourhood of `CORNER_PX` pixels a side.
 
     It equals `cv2.cornerMinEigenVal` up to rounding, which is another one on each processor there: sums of whole
     numbers have no rounding here.
@@ -133,7 +133,7 @@ def least_eigenvalue(gray: GrayImage) -> FloatImage:
 
 @compiled_part(int64(int64, int64))
 def _reflected(at: int, side: int) -> int:
-    """A row or column within the image: positions beyond its sides are those as far within."""
+    """Return a row or column within the image: positions beyond its sides are those as far within."""
     at = abs(at)
     return max(min(at, 2 * (side - 1) - at), 0)
 
@@ -174,7 +174,7 @@ def _sum_along_row(
     # output
     sums: FloatImage,
 ) -> None:
-    """The sum of `CORNER_PX` adjacent values around each of a row, which is reflected at its ends."""
+    """Return the sum of `CORNER_PX` adjacent values around each of a row, which is reflected at its ends."""
     width, reach = len(values), CORNER_PX // 2
     for k in range(reach):
         padded[k] = values[_reflected(k - reach, width)]
@@ -190,7 +190,7 @@ def _sum_along_row(
 
 @compiled(FLOAT_IMAGE(SLOPES, SLOPES))
 def _least_eigenvalue(dx: npt.NDArray[np.int16], dy: npt.NDArray[np.int16]) -> FloatImage:
-    """The smaller eigenvalue of the sums of products of slopes, which run down the image column by column."""
+    """Return the smaller eigenvalue of the sums of products of slopes, which run down the image column by column."""
     (height, width), reach = dx.shape, CORNER_PX // 2
     eigenvalue, tensor = np.empty((height, width), np.float32), np.zeros((3, width), np.float32)
     padded, sums = np.empty(width + 2 * reach, np.float32), np.empty((3, width), np.float32)
@@ -341,12 +341,12 @@ class VisualOdometry:
         return self._camera.points(corners, memory.disparity_px)
 
     def _tracking_image(self, gray: GrayImage) -> TrackingImage:
-        """The tracking image of a gray image of shape (H, W), and its corners."""
+        """Return the tracking image of a gray image of shape (H, W), and its corners."""
         reduced = np.asarray(cv2.resize(gray, self._camera.size, interpolation=cv2.INTER_AREA), np.uint8)
         return TrackingImage(reduced, find_corners(reduced))
 
     def _motion(self, keyframe: View, frame: Frame, image: TrackingImage, T_said: FloatArray | None) -> PoseFit | None:
-        """The motion since the keyframe, or since a stored view, which then becomes the keyframe.
+        """Return the motion since the keyframe, or since a stored view, which then becomes the keyframe.
 
         `T_said` is the motion since the keyframe by the poses of the caller. Without it, and when the keyframe began
         without memory, the stored views come first: one of them may show the same place.
@@ -373,7 +373,7 @@ class VisualOdometry:
         predictions: Iterable[tuple[FloatArray | None, int]],
         known: KnownMotion | None = None,
     ) -> PoseFit | None:
-        """The motion of tracked corners, whose search starts from the first prediction that leads to one.
+        """Return the motion of tracked corners, whose search starts from the first prediction that leads to one.
 
         With each prediction comes the number of halvings of the image in which the search begins.
         """
@@ -390,7 +390,7 @@ class VisualOdometry:
     def _relocalise(
         self, views: list[View], describe: Callable[[], Features], depth_m: FloatImage, image: TrackingImage
     ) -> PoseFit | None:
-        """The motion since the first of these views that the frame shows; it becomes the keyframe."""
+        """Return the motion since the first of these views that the frame shows; it becomes the keyframe."""
         for view in views if self._has_features(image) else ():
             fit = self._fit(*self._relocaliser.match(view.landmarks(), describe()), np.eye(4))
             if fit is None:
@@ -407,7 +407,7 @@ class VisualOdometry:
     def _fit(
         self, points_m: FloatArray, observed_px: FloatArray, T_initial: FloatArray, known: KnownMotion | None = None
     ) -> PoseFit | None:
-        """The motion that moves points to the pixels where they are observed; None if it is not accepted."""
+        """Return the motion that moves points to the pixels where they are observed; None if it is not accepted."""
         if len(points_m) < MIN_TRACKS:
             return None
         fit = fit_pose(points_m, observed_px, self._camera.intrinsics, T_initial, INLIER_PX, known)

@@ -84,13 +84,13 @@ def fit_pose(
 
 
 def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
-    """Pixels, shape (N, 2), of points in the camera frame, shape (N, 3), in double precision."""
+    """Return the pixels, shape (N, 2), of points in the camera frame, shape (N, 3), in double precision."""
     return pixels_of(np.ascontiguousarray(points_m), lens_of(camera))
 
 
 @compiled(MATRIX(READABLE_MATRIX, LENS_TYPE))
 def pixels_of(points_m: FloatArray, lens: Lens) -> FloatArray:
-    """The pixels of points, see `project`, for a camera that is given by its lens."""
+    """Return the pixels of points, see `project`, for a camera that is given by its lens."""
     fx, fy, cx, cy = lens
     pixels = np.empty((len(points_m), 2))
     for k in range(len(points_m)):
@@ -100,7 +100,7 @@ def pixels_of(points_m: FloatArray, lens: Lens) -> FloatArray:
 
 
 def lens_of(camera: Intrinsics) -> Lens:
-    """Focal lengths and principal point of a camera."""
+    """Return the focal lengths and the principal point of a camera."""
     return camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
 
 

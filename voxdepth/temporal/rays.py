@@ -31,7 +31,7 @@ class Rays(NamedTuple):
 
     @classmethod
     def empty(cls, n: int) -> "Rays":
-        """The rays of n places, without values yet."""
+        """Return the rays of n places, without values yet."""
         return cls(*np.empty((2, 2 * AXES, n), np.float32))
 
 
@@ -40,7 +40,7 @@ RAYS = named_tuple(Rays, FLOAT_IMAGE, FLOAT_IMAGE)
 
 
 def trace_rays(known_px: FloatImage, place: Places) -> Rays:
-    """The rays from places, which are in the order of rows, to the pixels with a disparity, shape (h, w)."""
+    """Return the rays from places, which are in the order of rows, to the pixels with a disparity, shape (h, w)."""
     rays, start = Rays.empty(len(place)), np.searchsorted(place[:, 0], np.arange(len(known_px) + 1))
     for is_backward in (False, True):
         trace(known_px, place, start, is_backward, rays)
@@ -54,7 +54,7 @@ def find_known_along_row(
     # output
     known_col: npt.NDArray[np.int32],
 ) -> None:
-    """The column of the nearest known pixel before or after each one of a row; -1 if there is none."""
+    """Find the column of the nearest known pixel before or after each one of a row; -1 if there is none."""
     last, width = int32(-1), len(own_px)
     for k in range(width):
         col = np.uintp(width - 1 - k if is_backward else k)

@@ -62,7 +62,7 @@ class Relocaliser:
         return replace(features, points_px=np.stack(points_px, axis=-1).astype(np.float32))
 
     def landmarks(self, gray: GrayImage, memory: Memory) -> Landmarks:
-        """The features of a view for which its memory has a depth."""
+        """Return the features of a view for which its memory has a depth."""
         features = self.describe(gray)
         points_m, known = self._camera.points(features.points_px, memory.disparity_px)
         with_depth = Features(points_px=features.points_px[known], descriptors=features.descriptors[known])

@@ -20,7 +20,7 @@ PRIOR_SHARE = 0.05
 
 
 def roughness(depth_m: FloatImage, resolution: WorkingResolution) -> FloatImage:
-    """The mean absolute second difference of the disparity along rows around each working pixel [px], shape (h, w).
+    """Return the mean absolute second difference of the disparity along rows around each pixel [px], shape (h, w).
 
     Planes have none, whatever their slope. What is left is the noise of the sensor, and wrong matches among right ones.
 

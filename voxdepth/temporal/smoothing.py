@@ -13,7 +13,7 @@ flattens fine relief."""
 
 
 def smooth_guided(disparity_px: FloatImage, window_px: int) -> FloatImage:
-    """Self-guided filter (He et al. 2013, in one pass): each pixel approaches the mean of its window.
+    """Move each pixel towards the mean of its window by a self-guided filter (He et al. 2013, in one pass).
 
     Args:
         disparity_px: Disparity, shape (h, w); 0 = unknown, which stays so.

@@ -302,7 +302,7 @@ class Steps:
         return compare(memory, measurement)
 
     def _estimate_full(self, fused: Fused, filled: Filled, roughness_px: FloatImage) -> Estimate:
-        """The estimate of the pixels of the frame that are filled one by one, shape (1, N)."""
+        """Return the estimate of the pixels of the frame that are filled one by one, shape (1, N)."""
         row, col = filled.place.T // self._resolution.decimation
         disparity_px = filled.disparity_px[None]
         pixel_class = filled.remembered[None] & np.uint8(PixelClass.REMEMBERED)

@@ -36,7 +36,7 @@ class TrackingCamera:
         return np.divide(self.intrinsics.shape, self.full.shape)[::-1]
 
     def points(self, pixels: Pixels, disparity_px: FloatImage) -> tuple[FloatArray, MaskImage]:
-        """Points [m] of the pixels that have a disparity, shape (M, 3), and which of the pixels have one, shape (N,).
+        """Return the points [m] of pixels with a disparity, shape (M, 3), and which pixels have one, shape (N,).
 
         The disparity has the working resolution, shape (h, w); 0 = unknown.
         """
@@ -44,13 +44,13 @@ class TrackingCamera:
         return _points(pixels, known_px, self.resolution.focal_baseline_px_m, lens_of(self.intrinsics))
 
     def sample(self, image: FloatImage, pixels: npt.NDArray[np.floating]) -> FloatImage:
-        """Nearest values, shape (N,), of a full or working image at pixels of the tracking image, shape (N, 2)."""
+        """Return the nearest values, (N,), of a full or working image at pixels of the tracking image, (N, 2)."""
         decimation = 1 if image.shape == self.full.shape else self.resolution.decimation
         scale = self.scale * decimation
         return _sample(np.ascontiguousarray(image), np.ascontiguousarray(pixels, np.float64), scale[0], scale[1])
 
     def sees(self, points_m: FloatArray) -> MaskImage:
-        """Whether points in the camera frame, shape (N, 3), are in front of the camera and inside the image."""
+        """Return whether points in the camera frame, shape (N, 3), are in front of the camera and inside the image."""
         width_px, height_px = self.size
         return _sees(np.ascontiguousarray(points_m), lens_of(self.intrinsics), width_px, height_px)
 
@@ -85,6 +85,7 @@ def _sample(image: FloatImage, pixels: FloatArray, scale_x: float, scale_y: floa
     """
     values = np.empty(len(pixels), np.float32)
     for k in range(len(pixels)):
+        # As OpenCV resizes, the outer edges of both images coincide, and not the centres of their first pixels.
         col, row = np.rint((pixels[k, 0] + 0.5) / scale_x - 0.5), np.rint((pixels[k, 1] + 0.5) / scale_y - 0.5)
         nearest_row = int(min(max(row, 0), image.shape[0] - 1))
         nearest_col = int(min(max(col, 0), image.shape[1] - 1))

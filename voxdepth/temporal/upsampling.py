@@ -76,7 +76,7 @@ class ImagePool(Generic[Scalar]):
         self._free: list[npt.NDArray[Scalar]] = []
 
     def image(self) -> npt.NDArray[Scalar]:
-        """An image without values yet."""
+        """Return an image without values yet."""
         memory = self._free.pop() if self._free else np.empty(self._shape, self._dtype)
         # The base of the image and of all its views, since that of this array is none.
         flat = np.frombuffer(memory.data, self._dtype)
@@ -96,7 +96,7 @@ class Upsampler:
         self._floats, self._bytes = ImagePool(shape, np.float32), ImagePool(shape, np.uint8)
 
     def show(self, measured_m: FloatImage, estimate: Estimate, min_fill_confidence: float = 0.0) -> Shown:
-        """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
+        """Return the output for a frame of that measured depth, shape (H, W), 0 = invalid.
 
         At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
         measurement if it is of the same surface, and otherwise takes its working pixel without interpolation.
@@ -132,7 +132,7 @@ def _show_odd(measured_m: FloatImage, last: Slices, beside: Slices, shown: Shown
 
 
 def completed(shown: Shown) -> Shown:
-    """The output with the nearest depth where there is none, hardly confident; an empty one stays empty."""
+    """Return the output with the nearest depth where there is none, hardly confident; an empty one stays empty."""
     depth_m = fill_from_nearest(shown.depth_m)
     is_guessed = (shown.depth_m == 0) & (depth_m > 0)
     source = np.where(is_guessed, np.uint8(Source.INPAINTED), shown.source)
@@ -141,7 +141,7 @@ def completed(shown: Shown) -> Shown:
 
 @compiled_part(UniTuple(uint8, 2)(uint8, float32, float32))
 def _sources(pixel_class: int, confidence: float, min_fill_confidence: float) -> tuple[int, int]:
-    """Source of the measured pixels of a working pixel, and of the others: the sensor may have measured only some.
+    """Return the source of a working pixel's measured pixels, and of the others: the sensor may have measured some.
 
     Without enough confidence it is `INVALID`: nothing is shown.
     """

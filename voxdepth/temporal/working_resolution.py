@@ -22,7 +22,7 @@ MAX_FULL_RESOLUTION_PX = 60_000
 
 @compiled_part("f4(f4, f4)")
 def disparity_of(depth_m: float, focal_baseline_px_m: float) -> float:
-    """Disparity [px] of a depth [m]; 0 = invalid in both."""
+    """Return the disparity [px] of a depth [m]; 0 = invalid in both."""
     disparity_px = focal_baseline_px_m / depth_m
     return disparity_px if 0 < disparity_px <= MAX_DISPARITY_PX else 0.0
 
@@ -34,14 +34,14 @@ def disparities_of(
     # output
     disparity_px: FloatImage,
 ) -> None:
-    """Disparity [px] of the first depths [m] of a row, as many as there is room for."""
+    """Find the disparity [px] of the first depths [m] of a row, as many as there is room for."""
     for col in range(len(disparity_px)):
         disparity_px[col] = disparity_of(depth_m[col], focal_baseline_px_m)
 
 
 @compiled("f4(f4, f4)")
 def depth_of(disparity_px: float, focal_baseline_px_m: float) -> float:
-    """Depth [m] of a disparity [px]; 0 = invalid in both."""
+    """Return the depth [m] of a disparity [px]; 0 = invalid in both."""
     return focal_baseline_px_m / disparity_px if disparity_px >= MIN_DISPARITY_PX else 0.0
 
 
@@ -62,7 +62,7 @@ class WorkingResolution:
 
     @classmethod
     def of(cls, camera: Intrinsics, decimation: int) -> "WorkingResolution":
-        """The resolution for a camera. A last odd row or column of the full image is left out."""
+        """Return the resolution for a camera. A last odd row or column of the full image is left out."""
         cx_px, cy_px = (resized(position_px, 1 / decimation) for position_px in (camera.cx_px, camera.cy_px))
         K = np.array([[camera.fx_px / decimation, 0, cx_px], [0, camera.fy_px / decimation, cy_px], [0, 0, 1]])
         return cls(
@@ -86,7 +86,7 @@ class WorkingResolution:
         return np.array([[1 / fx, 0, -cx / fx], [0, 1 / fy, -cy / fy], [0, 0, 1]])
 
     def disparity(self, depth_m: FloatImage) -> FloatImage:
-        """Disparity [px] of depth [m], both of shape (H, W); 0 = invalid in both."""
+        """Return the disparity [px] of depth [m], both of shape (H, W); 0 = invalid in both."""
         with np.errstate(divide="ignore", over="ignore"):
             disparity_px = np.float32(self.focal_baseline_px_m) / depth_m
         return np.where((disparity_px > 0) & (disparity_px <= MAX_DISPARITY_PX), disparity_px, np.float32(0))
@@ -102,5 +102,5 @@ def require_large(camera: Intrinsics, what: str) -> None:
 
 
 def default_decimation(camera: Intrinsics) -> int:
-    """1 for images of up to `MAX_FULL_RESOLUTION_PX` pixels, 2 for larger ones."""
+    """Return 1 for images of up to `MAX_FULL_RESOLUTION_PX` pixels, 2 for larger ones."""
     return 1 if camera.width_px * camera.height_px <= MAX_FULL_RESOLUTION_PX else 2

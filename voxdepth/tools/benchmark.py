@@ -71,7 +71,7 @@ def measure(camera: Intrinsics, frames: int) -> Latencies:
 
 
 def tables(size: str, latencies: Latencies) -> Iterator[Table]:
-    """A table of the methods, with the ratio of their median to that of the first, and one of each one's steps."""
+    """Yield a table of the methods, with the ratio of their median to the first's, and one of each one's steps."""
     columns = [Column(name, "ms") for name in PERCENTILES]
     first_s = np.median(next(iter(latencies.values()))[FRAME])
 
@@ -119,7 +119,7 @@ def walk(frames: int, intrinsics: Intrinsics) -> Iterator[Frame]:
 
 
 def _measure(depth_m: FloatArray, i: Intrinsics, rng: np.random.Generator) -> FloatImage:
-    """Depth with noise of the disparity [m], 0 where a nearer surface hides the pixel from the right camera."""
+    """Return depth with noise of the disparity [m], 0 where a nearer surface hides the pixel from the right camera."""
     disparity_px = i.focal_baseline_px_m / depth_m
     columns = np.arange(i.width_px) - disparity_px
     # From the left, a pixel is hidden if one to its right lies farther left in the right image.
@@ -131,7 +131,7 @@ def _measure(depth_m: FloatArray, i: Intrinsics, rng: np.random.Generator) -> Fl
 
 
 def _correctors(intrinsics: Intrinsics) -> dict[str, StreamCorrector]:
-    """New correctors by name. The paper's fuses a window within the call."""
+    """Return new correctors by name. The paper's fuses a window within the call."""
     paper = VoxDepthConfig(fusion_lag_frames=0)
     found: dict[str, StreamCorrector] = {
         "temporal": TemporalCorrector(intrinsics),
@@ -143,7 +143,7 @@ def _correctors(intrinsics: Intrinsics) -> dict[str, StreamCorrector]:
 
 
 def _librealsense(camera: Intrinsics) -> dict[str, Method]:
-    """The recommended filters of librealsense, C++, where it is installed. Only the filters are timed."""
+    """Return the recommended filters of librealsense, C++, where it is installed. Only the filters are timed."""
     try:
         sdk = SoftwareCamera(camera)
     except (ImportError, OSError):

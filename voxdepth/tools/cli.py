@@ -63,7 +63,7 @@ def start(
 
 
 def create_app() -> typer.Typer:
-    """The command line with the commands of all extensions."""
+    """Return the command line with the commands of all extensions."""
     app = typer.Typer(
         name="voxdepth", cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
     )

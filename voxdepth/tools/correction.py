@@ -153,7 +153,7 @@ def _report(made_from: Mapping[str, Any], lines: Sequence[FrameLine]) -> dict[st
 
 
 def _csv(rows: Sequence[Mapping[str, Fact]]) -> str:
-    """The rows below the names of their columns; a row may lack some."""
+    """Return the rows below the names of their columns; a row may lack some."""
     text = io.StringIO()
     table = csv.DictWriter(text, list(_by_name(rows)), lineterminator="\n")
     table.writeheader()

@@ -35,7 +35,7 @@ class Extension:
 
 @cache
 def extensions() -> tuple[Extension, ...]:
-    """The extensions that are installed. The testbed is an entry of the library, whose package may be missing."""
+    """Return the extensions that are installed. The testbed is one of the library, whose package may be missing."""
     found = []
     for entry in entry_points(group=EXTENSIONS):
         try:

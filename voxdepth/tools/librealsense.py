@@ -15,7 +15,7 @@ Units = npt.NDArray[np.uint16]
 
 
 def librealsense() -> Any:
-    """The module `pyrealsense2`.
+    """Return the module `pyrealsense2`.
 
     Raises:
         ImportError: It is not installed.
@@ -56,20 +56,20 @@ class SoftwareCamera:
         self._sensor.start(self._queue)
 
     def recommended_filters(self) -> list[Any]:
-        """The filters that the documents of librealsense recommend, in their order, with their default settings."""
+        """Return the filters that the documents of librealsense recommend, in order, with their default settings."""
         rs = self.rs
         to_disparity, to_depth = rs.disparity_transform(True), rs.disparity_transform(False)
         return [to_disparity, rs.spatial_filter(), rs.temporal_filter(), to_depth, rs.hole_filling_filter()]
 
     def frame(self, units: Units) -> Any:
-        """A frame of librealsense with a depth image of shape (H, W)."""
+        """Return a frame of librealsense with a depth image of shape (H, W)."""
         self._sensor.on_video_frame(video_frame(self.rs, self._profile, np.ascontiguousarray(units), self._n_frames))
         self._n_frames += 1
         return self._queue.wait_for_frame(TIMEOUT_MS)
 
     @staticmethod
     def filtered(frame: Any, filters: Iterable[Any]) -> Any:
-        """What filters make of a frame."""
+        """Return what filters make of a frame."""
         for each in filters:
             frame = each.process(frame)
         return frame

@@ -61,7 +61,7 @@ class Provenance:
         )
 
     def lines(self) -> list[str]:
-        """What a reader of a time must know."""
+        """Return what a reader of a time must know."""
         return [
             f"machine: {self.machine}, Python {self.python}",
             f"GPU: {', '.join(self.gpus) or 'none'}",

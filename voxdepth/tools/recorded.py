@@ -59,7 +59,7 @@ class Opener:
 
 
 def _assumptions(path: Path, dataset: Dataset) -> Iterator[str]:
-    """What is assumed of the camera and the depth of a dataset, as a clause after its name."""
+    """Yield what is assumed of the camera and the depth of a dataset, as a clause after its name."""
     yield from dataset.assumed()
     if dataset.intrinsics.baseline_m is None:
         yield (

@@ -95,7 +95,7 @@ def stream_into(
 
 
 def view_of(name: str, far_m: float = FAR_M) -> rrb.Spatial2DView:
-    """A view of one image, with its name in words, and that of depth with the depth [m] at the blue end."""
+    """Return a view of one image, with its name in words, and that of depth with the depth [m] at the blue end."""
     words = name.replace("colors/", f"depth, blue from {far_m:g} m, ").replace("_", ", ")
     return rrb.Spatial2DView(name=words, origin=name)
 

@@ -25,7 +25,7 @@ class Requirement(NamedTuple):
     """Its versions that are allowed."""
 
     def allows(self, version: str) -> bool:
-        """Whether a version is allowed; one before a release is allowed if the release is."""
+        """Return whether a version is allowed; one before a release is allowed if the release is."""
         try:
             return self.allowed.contains(version, prereleases=True)
         except InvalidVersion:
@@ -39,7 +39,7 @@ class Requirement(NamedTuple):
 
 
 def requirements() -> list[Requirement]:
-    """Everything that is required beside the library itself; a `PackageNotFoundError` where that is not installed."""
+    """Return all that is required beside the library itself; a `PackageNotFoundError` where that is not installed."""
     found = []
     for each in map(packaging.Requirement, requires("voxdepth") or ()):
         marker = str(each.marker or "")

@@ -23,15 +23,15 @@ class Lossy(io.RawIOBase):
         self.error: OSError | None = None
 
     def writable(self) -> bool:
-        """It is."""
+        """Return True."""
         return True
 
     def isatty(self) -> bool:
-        """Whether the bytes go to a terminal."""
+        """Return whether the bytes go to a terminal."""
         return bool(self._raw.isatty())
 
     def fileno(self) -> int:
-        """The descriptor that the bytes go to."""
+        """Return the descriptor that the bytes go to."""
         return int(self._raw.fileno())
 
     def write(self, data: Any) -> int | None:
@@ -81,14 +81,14 @@ def standard_streams(failed: int) -> Iterator[None]:
 
 
 def _raw(name: str, stream: io.TextIOWrapper | None) -> Any:
-    """What a stream writes its bytes to; of one that was closed, the null device that has its number now."""
+    """Return what a stream writes its bytes to; of one that was closed, the null device that has its number now."""
     if stream is None:
         return open(("stdout", "stderr").index(name) + 1, "wb", buffering=0, closefd=False)
     return getattr(stream.buffer, "raw", stream.buffer)  # There is no buffer between with python -u.
 
 
 def _text(raw: Lossy, stream: io.TextIOWrapper | None) -> io.TextIOWrapper:
-    """A stream of text like the one in whose place it comes."""
+    """Return a stream of text like the one in whose place it comes."""
     encoding = "utf-8" if stream is None else stream.encoding
     by_line = getattr(stream, "line_buffering", False) or getattr(stream, "write_through", False)
     return io.TextIOWrapper(io.BufferedWriter(raw), encoding=encoding, errors="replace", line_buffering=by_line)

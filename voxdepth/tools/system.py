@@ -13,7 +13,7 @@ PACKAGES = {"libglib-2.0": "libglib2.0-0", "libgthread-2.0": "libglib2.0-0", "li
 
 
 def _numbers(*names: str) -> tuple[int, ...]:
-    """The numbers of errors, of those that the system has."""
+    """Return the numbers of errors, of those that the system has."""
     return tuple(getattr(errno, name) for name in names if hasattr(errno, name))
 
 
@@ -56,6 +56,6 @@ def lacking(error: BaseException | None) -> str | None:
 
 
 def _package(library: str, version: str) -> str:
-    """The package of Debian that has a library, whose name follows from that of the library by the policy of Debian."""
+    """Return Debian's package that has a library, named by its policy from the name of the library."""
     separator = "-" if library[-1].isdigit() else ""
     return PACKAGES.get(library, f"{library}{separator}{version}".lower())

@@ -135,7 +135,7 @@ class Table:
             wide.print(self._part(places, title=self.title * (places is parts[0])).rich(), highlight=False)
 
     def _part(self, places: Sequence[int], title: str = "") -> "Table":
-        """The columns at some places."""
+        """Return the columns at some places."""
         columns = [self.columns[place] for place in places]
         return Table.of(title, columns, [[row[place] for place in places] for row in self.rows])
 

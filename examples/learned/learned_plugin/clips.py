@@ -23,7 +23,7 @@ CLIPS_PER_FLIGHT, FRAMES, LONGEST_FLIGHT = 2, 10, 900
 
 
 def samples(folder: Path, flights: int) -> Iterator[Sample]:
-    """The samples of all clips. Files of clips that the folder lacks are made; a file that appears is whole.
+    """Yield the samples of all clips. Files of clips that the folder lacks are made; a file that appears is whole.
 
     Raises:
         SimError, ToolError: A sequence cannot be rendered, or the folder cannot be written.
@@ -41,7 +41,7 @@ def samples(folder: Path, flights: int) -> Iterator[Sample]:
 
 
 def rendered(world: str, seed: int) -> Iterator[Sample]:
-    """The clips of a flight, in its order, without overlap where it is long enough."""
+    """Yield the clips of a flight, in its order, without overlap where it is long enough."""
     random = np.random.default_rng(seed).uniform(0, 0.9, CLIPS_PER_FLIGHT)
     with simulation(sequence(world, seed)) as simulated:
         last = sum(1 for _ in islice(simulated.exposures(), LONGEST_FLIGHT)) - FRAMES
@@ -54,7 +54,7 @@ def rendered(world: str, seed: int) -> Iterator[Sample]:
 
 
 def sequence(world: str, seed: int) -> SeededSequence:
-    """The training world of a shipped sequence, with images of another size and the same field of view."""
+    """Return the training world of a shipped sequence, with images of another size and the same field of view."""
     rig = load_sequence(world, 0, {}).sequence.rig
     width_px = WIDTHS_PX[(seed - FIRST_SEED) % len(WIDTHS_PX)]
     height_px = EVEN_PX * round(width_px * rig.height_px / rig.width_px / EVEN_PX)

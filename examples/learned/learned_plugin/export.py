@@ -55,12 +55,12 @@ def exported(network: Corrector) -> bytes:
 
 @symbolic_helper.parse_args("v", "i")
 def _space_to_depth(graph: Any, image: Any, side: int) -> Any:
-    """`pixel_unshuffle` of one channel as one operator, which is faster than the transpositions that PyTorch writes."""
+    """Return `pixel_unshuffle` of a channel as one operator, faster than the transpositions that PyTorch writes."""
     return graph.op("SpaceToDepth", image, blocksize_i=side)
 
 
 def difference(network: Corrector, content: bytes) -> float:
-    """The largest difference between the outputs of PyTorch and those of ONNX Runtime."""
+    """Return the largest difference between the outputs of PyTorch and those of ONNX Runtime."""
     runtime, generator, largest = Network(content), torch.Generator().manual_seed(0), 0.0
     for size in SIZES_PX:
         images = torch.rand(1, INPUTS, *size, generator=generator)

@@ -64,12 +64,12 @@ def stream_loss(network: Corrector, samples: Sequence[Sample], rng: np.random.Ge
 
 
 def relative(disparity_px: Tensor, scale_px: Tensor) -> Tensor:
-    """Disparity in units of the typical one, as the network sees it."""
+    """Return disparity in units of the typical one, as the network sees it."""
     return (disparity_px / scale_px).clamp(max=float(LARGEST_RATIO))
 
 
 def moved(image: Tensor, landing: Tensor) -> Tensor:
-    """The pixels of an image (N, 1, h, w) at the landing of each pixel, (N, h, w, 2); 0 outside of the image."""
+    """Return the pixels of an image (N, 1, h, w) at the landing of each pixel, (N, h, w, 2); 0 outside of the image."""
     n, _, height, width = image.shape
     col, row = landing[..., 0], landing[..., 1]
     inside = (col >= 0) & (col < width) & (row >= 0) & (row < height)
@@ -78,7 +78,7 @@ def moved(image: Tensor, landing: Tensor) -> Tensor:
 
 
 def typical(*images: Tensor) -> Tensor:
-    """The mean of the pixels above 0 of the first of the images (N, 1, h, w) that has any, or else 1; (N, 1, 1, 1)."""
+    """Return the mean of the pixels above 0 of the first image (N, 1, h, w) that has any, or else 1; (N, 1, 1, 1)."""
     result = torch.ones_like(images[0][:, :, :1, :1])
     for image in reversed(images):
         mean = image.sum((1, 2, 3), keepdim=True) / (image > 0).sum((1, 2, 3), keepdim=True).clamp(min=1)
@@ -87,7 +87,7 @@ def typical(*images: Tensor) -> Tensor:
 
 
 def confidence(disparity_px: Tensor, log_scale: Tensor) -> Tensor:
-    """The probability that a disparity is right, as `voxdepth.baselines.learned.interpreted` has it."""
+    """Return the probability that a disparity is right, as `voxdepth.baselines.learned.interpreted` has it."""
     tolerance = (CORRECT_PX / disparity_px.clamp(min=1e-4)).clamp(min=CORRECT_SHARE)
     return 1 - torch.exp(-tolerance * torch.exp(-log_scale))
 

@@ -45,7 +45,7 @@ class Gated(nn.Module):
         self.conv = nn.Conv2d(inputs, 2 * outputs, size, stride, padding)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Features of shape (N, outputs, h, w)."""
+        """Return features of shape (N, outputs, h, w)."""
         feature, gate = self.conv(x).chunk(2, 1)
         return functional.relu(feature) * torch.sigmoid(gate)
 
@@ -64,7 +64,7 @@ class Trunk(nn.Module):
         )
 
     def forward(self, x: Tensor) -> Tensor:
-        """Features of the cells, shape (N, WIDTHS[0], h / CELL, w / CELL)."""
+        """Return features of the cells, shape (N, WIDTHS[0], h / CELL, w / CELL)."""
         levels = [self.first(self.stem(x))]
         for down in self.down:
             levels.append(down(levels[-1]))
@@ -75,7 +75,7 @@ class Trunk(nn.Module):
 
 
 def smoothly_filled(disparity: Tensor, weight: Tensor) -> Tensor:
-    """A disparity for every cell: the weighted mean where there is any weight, else that of larger and larger cells."""
+    """Return a disparity for every cell: the weighted mean where there is a weight, else that of ever larger cells."""
     total, weights = [functional.avg_pool2d(disparity * weight, CELL)], [functional.avg_pool2d(weight, CELL)]
     for _ in WIDTHS[1:]:
         total.append(functional.avg_pool2d(total[-1], 2))
@@ -89,7 +89,7 @@ def smoothly_filled(disparity: Tensor, weight: Tensor) -> Tensor:
 
 
 def combined(cells: Tensor, logits: Tensor) -> Tensor:
-    """The pixels of cells as convex combinations of 3 x 3 of them: Teed and Deng 2020, their upsampling of flow.
+    """Return the pixels of cells as convex combinations of 3 x 3 of them: Teed and Deng 2020, their upsampling of flow.
 
     Cells have shape (N, 1, h, w), and the logarithms of the weights (N, NEIGHBOURS n, h, w) with n pixels in a cell.
     The result has shape (N, n, h, w), which `pixel_shuffle` makes an image of.
@@ -103,7 +103,7 @@ def combined(cells: Tensor, logits: Tensor) -> Tensor:
 
 
 def chosen(candidates: Sequence[Tensor], logits: Tensor) -> Tensor:
-    """The pixels of cells as convex combinations of the candidates that are not 0, which is unknown.
+    """Return the pixels of cells as convex combinations of the candidates that are not 0, which is unknown.
 
     Each candidate and the result have shape (N, n, h, w), and the logarithms of the weights (N, candidates n, h, w).
     """
@@ -112,12 +112,12 @@ def chosen(candidates: Sequence[Tensor], logits: Tensor) -> Tensor:
 
 
 def weights_of(logits: Tensor, n: int) -> Sequence[Tensor]:
-    """The weights of n values from their logarithms. A softmax along the second axis is slow in ONNX Runtime."""
+    """Return the weights of n values from their logarithms. A softmax along the second axis is slow in ONNX Runtime."""
     return torch.exp(logits.clamp(-LARGEST_LOGIT, LARGEST_LOGIT)).chunk(n, 1)
 
 
 def mean(values: Sequence[Tensor], weights: Sequence[Tensor]) -> Tensor:
-    """The mean of the values by their weights; 0 without any weight."""
+    """Return the mean of the values by their weights; 0 without any weight."""
     total = sum(value * weight for value, weight in zip(values, weights, strict=True))
     return total / sum(weights).clamp(min=SMALLEST_WEIGHT)
 
@@ -138,7 +138,7 @@ class Corrector(nn.Module):
             nn.init.constant_(head.bias, bias)
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """The disparity in units of the input, and the logarithm of the scale of the error of its logarithm.
+        """Return the disparity in units of the input, and the logarithm of the scale of the error of its logarithm.
 
         Both have shape (N, 1, h, w). The prediction is a convex combination of the candidates, and measured pixels are
         drawn towards it as far as they are not trusted.

@@ -34,7 +34,7 @@ class Sample(NamedTuple):
 
     @classmethod
     def of(cls, frames: Sequence[Frame], true_m: FloatArray, camera: Intrinsics) -> "Sample":
-        """The sample of frames with their true depth [m], shape (T, H, W); infinite in the sky."""
+        """Return the sample of frames with their true depth [m], shape (T, H, W); infinite in the sky."""
         resolution = WorkingResolution.of(camera, default_decimation(camera))
         measured, flow = [measure(frame, resolution) for frame in frames], optical_flow()
         landing = [landing_in(last.gray, now.gray, flow) for last, now in pairwise(measured)]
@@ -75,7 +75,7 @@ class Sample(NamedTuple):
 
 
 def _reduced(image: npt.NDArray[np.float64 | np.bool_], resolution: WorkingResolution) -> FloatImage:
-    """An image at the working resolution: of each block the second smallest value, which some pixel has."""
+    """Return an image at the working resolution: of each block the second smallest value, which some pixel has."""
     n, (height, width) = resolution.decimation, resolution.shape
     blocks = image[: n * height, : n * width].reshape(height, n, width, n).swapaxes(1, 2).reshape(height, width, n * n)
     return np.sort(blocks, axis=2)[..., min(1, n * n - 1)].astype(np.float32)

@@ -57,13 +57,13 @@ def train(
 
 
 def digest_of_inputs(*options: int) -> str:
-    """SHA-256 of all that determines the weights on one machine: the options, the code and the packages."""
+    """Return the SHA-256 of all that determines the weights on one machine: the options, the code and the packages."""
     facts = [options, code_digest((*CLIP_SOURCES, (PLUGIN, "*.py"))), versions((*SIMULATION, "torch", "onnx"))]
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
 
 
 def is_finished(folder: Path, digest: str) -> bool:
-    """Whether the folder has the whole network of the inputs with that digest."""
+    """Return whether the folder has the whole network of the inputs with that digest."""
     try:
         load(NAME, folder)
         return read_card(folder / f"{NAME}.toml").get("inputs") == digest

@@ -45,20 +45,20 @@ class Health:
         self._facts: Mapping[str, str | int | float] = {}
 
     def corrected(self, latency_s: float, facts: Mapping[str, str | int | float]) -> None:
-        """A frame was published, so long after its later image had come [s]; the corrector reports facts about it."""
+        """Count a published frame and its time since its later image came [s]; the corrector reports facts about it."""
         with self._lock:
             self._n_corrected += 1
             self._latencies_s.append(latency_s)
             self._facts = facts
 
     def leave_out(self, reason: Reason, n: int = 1, why: str = "") -> None:
-        """Frames or images are left out; `why` says more than the reason."""
+        """Count frames or images that are left out; `why` says more than the reason."""
         with self._lock:
             self._left_out[reason] += n
             self._why = why or self._why
 
     def n_left_out(self, reason: Reason) -> int:
-        """Frames or images that were left out for a reason so far."""
+        """Return the number of frames or images that were left out for a reason so far."""
         with self._lock:
             return self._left_out[reason]
 
@@ -80,7 +80,7 @@ class Health:
 
 
 def _latencies(latencies_s: list[float]) -> dict[str, str]:
-    """The median of latencies, and what 95 % of them do not exceed."""
+    """Return the median of latencies, and what 95 % of them do not exceed."""
     if not latencies_s:
         return {}
     cuts_s = quantiles([*latencies_s, *latencies_s], n=20)  # One alone has no quantiles.

@@ -183,7 +183,7 @@ class VoxDepthNode(Node):
         self._diagnostics.publish(told)
 
     def _published(self, name: str) -> list[str]:
-        """The topics of others that have the type of one of ours."""
+        """Return the topics of others that have the type of one of ours."""
         kind = KINDS[name]
         full = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
         own = f"{self.get_fully_qualified_name()}/"

@@ -222,7 +222,7 @@ class Pairs:
         return (image, partner) if topic == 0 else (partner, image)
 
     def _reach_ns(self) -> float:
-        """Largest difference of the stamps of a pair [ns]."""
+        """Return the largest difference of the stamps of a pair [ns]."""
         periods_ns = [each.period_ns() for each in self._topics if each.is_periodic]
         return min(self._slop_ns, min(periods_ns) / 2) if periods_ns else 0
 
@@ -254,7 +254,7 @@ class _Topic:
         return bool(self._intervals_ns)
 
     def period_ns(self) -> float:
-        """The usual time between two images."""
+        """Return the usual time between two images."""
         return median(self._intervals_ns)
 
     def drop(self, is_passed: Callable[[int], bool]) -> None:
@@ -277,11 +277,11 @@ class Arrivals:
         self._last_s: dict[str, float] = {}
 
     def note(self, topic: str, now_s: float) -> None:
-        """A message has come, at a time by the same clock [s]."""
+        """Take note of a message that has come, at a time by the same clock [s]."""
         self._last_s[topic] = now_s
 
     def missing(self, now_s: float, published: Callable[[str], Sequence[str]]) -> str:
-        """What has not come for some seconds, or never, as a line; empty if all has.
+        """Return what has not come for some seconds, or never, as a line; empty if all has.
 
         Args:
             now_s: Time by the same clock [s].
@@ -300,7 +300,7 @@ class Arrivals:
         return "; ".join(lines)
 
     def _found(self, name: str, published: Sequence[str]) -> str:
-        """What may be wrong with a silent topic."""
+        """Return what may be wrong with a silent topic."""
         full = self.topics[name]
         if full in published:
             return f"{name} ({full}), which is published"

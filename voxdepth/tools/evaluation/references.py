@@ -258,7 +258,7 @@ def _held_out(depth_m: FloatImage, withheld: MaskImage, scored: MaskImage) -> Re
 
 
 def _is_smooth(place: MaskImage, measured: MaskImage, step: MaskImage) -> bool:
-    """Whether enough of a place is measured, and none of it is beside a depth discontinuity."""
+    """Return whether enough of a place is measured, and none of it is beside a depth discontinuity."""
     return not step[place].any() and bool(measured[place].mean() >= MEASURED_SHARE)
 
 

@@ -101,7 +101,7 @@ class Score:
         self.close, self.judged = (*self.close, close), (*self.judged, of)
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
-        """Without the truth the depth itself, and not its error, should stay the same."""
+        """Count how the depth of a pixel changes; without the truth the depth itself, not its error, should stay."""
         steady_m = frame.reference_m if self._reference.is_true else frame.known().astype(np.float32)
         self._flicker.add(depth_m, steady_m, frame.static & frame.near())
 
@@ -142,5 +142,5 @@ class Score:
 
 
 def _is_complete(sums: Sums) -> bool:
-    """Whether every pixel has a depth; completion cannot fill a frame that was given wholly empty."""
+    """Return whether every pixel has a depth; completion cannot fill a frame that was given wholly empty."""
     return sums.filled == sums.pixels

@@ -87,7 +87,7 @@ class Plan:
     out: Path
 
     def __len__(self) -> int:
-        """Number of results."""
+        """Return the number of results."""
         return len(self.sequences) * len(self.methods)
 
 
