@@ -12,6 +12,7 @@ at the end.
 import argparse
 import json
 import re
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -396,11 +397,13 @@ def main() -> None:
     made, kept, data = {}, [], Data(asked.recordings)
     for name in asked.names or MAKERS:
         print(f"{name}: {MAKERS[name].__doc__}")
+        start_s = time.perf_counter()
         try:
             made[name] = to_json(name, MAKERS[name](data))
         except MissingDataError as missing:
             kept.append(f"{name} stays as it was, without {missing}")
             continue
+        print(f"{name}: {(time.perf_counter() - start_s) / 60:.1f} min")
         write(RESULTS / f"{name}.json", f"{json.dumps(made[name], indent=1)}\n".encode())
         if shown := pictures_shown(name):
             pictures = PICTURES[name](data)
