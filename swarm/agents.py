@@ -42,7 +42,7 @@ class Leader:
         self._pilot = pilot
         self._team = role.team
         self._config = config
-        self._track = Track(role.team.start_m, config.rules.separation_radius_m)
+        self._track = LeaderTrack(role.team.start_m, config.rules.separation_radius_m)
 
     def decide(self, situation: Situation) -> Decision:
         """Fly straight to the goal, slower near it and while a follower lags behind."""
@@ -76,7 +76,7 @@ class Follower:
         self._pilot = pilot
         self._role = role
         self._config = config
-        self._track = Track(role.team.start_m, config.rules.separation_radius_m)
+        self._track = LeaderTrack(role.team.start_m, config.rules.separation_radius_m)
 
     def decide(self, situation: Situation) -> Decision:
         """Fly at the sum of the rules to the slot, or to the first place where the drone fits."""
@@ -100,7 +100,7 @@ class Follower:
         )
 
 
-class Track:
+class LeaderTrack:
     """The way that a leader has come, from where its formation started, and the places of its followers.
 
     In single file, they follow each other on the track at the distance `spacing_m`.

@@ -69,10 +69,10 @@ class Sample(NamedTuple):
 
 def sample_of(folder: Path, make: Make, frames: int) -> Sample:
     """Pixels of all kinds of a recording as a corrector shows them; kinds count alike."""
-    opened = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
+    opener = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
     kinds = []
-    for name, kind in kinds_of(folder, opened).items():
-        source = RecordedSource(name, opened(folder), kind)
+    for name, kind in kinds_of(folder, opener).items():
+        source = RecordedSource(name, opener(folder), kind)
         drawn = np.hstack(list(_drawn(source, make(source.intrinsics), frames)))
         kinds.append(drawn if name == HOLES else drawn[:, drawn[2] > 0])  # Methods are given the others' reference.
     kinds = [kind for kind in kinds if kind.size]

@@ -27,7 +27,7 @@ from scenarios.experiments.catalogue import CATALOGUE
 from scenarios.experiments.runner import claim_table, find_experiment, run
 from scenarios.sensor_pictures import make_gallery
 from scenarios.sequences import GROUPS, load_sequence
-from scenarios.study.report import Findings
+from scenarios.study.report import StudyAnalysis
 from scenarios.study.store import read_study
 from tests import calibrate, camera_errors, odometries, speeds
 from voxdepth.errors import no_such
@@ -38,8 +38,8 @@ from voxdepth.tools.evaluate import requested_of
 from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.quantities import ERROR_IN_HOLES
 from voxdepth.tools.evaluation.report import method_table
-from voxdepth.tools.evaluation.shares import Kind
-from voxdepth.tools.evaluation.suite import Evaluation, Plan, Requested, evaluate
+from voxdepth.tools.evaluation.shares import PixelKind
+from voxdepth.tools.evaluation.suite import Evaluation, EvaluationSequence, Plan, evaluate
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import Provenance, source_commit
 from voxdepth.tools.recorded import Opener, restrict_opencv
@@ -152,7 +152,7 @@ def real(data: Data) -> Tables:
     """How many pixels of real cameras are filled right, beside the best baseline."""
     evaluation = _evaluated(_recorded(data, REAL), [*BASELINES, WHOLE], REAL_FRAMES, data)
     rows: list[list[Value]] = []
-    of_kinds: dict[str, list[Kind]] = {}
+    of_kinds: dict[str, list[PixelKind]] = {}
     for shares in evaluation.shares:
         for kind in shares.kinds.values():
             other = _best_other(kind)
@@ -248,7 +248,7 @@ def studies(_: Data) -> Tables:
     return {
         f"{place.name.partition('.')[0]}-{name}": table
         for place in sorted(STUDIES.glob("*.tar.xz"))
-        for name, table in Findings(read_study(place)).tables.items()
+        for name, table in StudyAnalysis(read_study(place)).tables.items()
         if len(table)
     }
 
@@ -279,7 +279,7 @@ def study_pictures(_: Data) -> dict[str, bytes]:
     return {
         f"{place.name.partition('.')[0]}-{figure.name}": figure.png
         for place in sorted(STUDIES.glob("*.tar.xz"))
-        for figure in Findings(read_study(place)).figures
+        for figure in StudyAnalysis(read_study(place)).figures
     }
 
 
@@ -294,13 +294,13 @@ def _factor(flown: speeds.Flown) -> str:
     return f"{flown.real_time_factor:.2f} times real time"
 
 
-def _recorded(data: Data, names: Sequence[str]) -> list[Requested]:
-    opened = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
+def _recorded(data: Data, names: Sequence[str]) -> list[EvaluationSequence]:
+    opener = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
     folders = [data.of_camera(name) for name in names]
-    return [requested for folder in folders for requested in requested_of(folder, opened)]
+    return [requested for folder in folders for requested in requested_of(folder, opener)]
 
 
-def _evaluated(requested: Sequence[Requested], methods: Sequence[str], frames: int, data: Data) -> Evaluation:
+def _evaluated(requested: Sequence[EvaluationSequence], methods: Sequence[str], frames: int, data: Data) -> Evaluation:
     restrict_opencv()
     plan = Plan(sequences=requested, methods=find_methods(methods), frames=frames, out=data.out / "evaluation")
     evaluation = evaluate(plan, lambda what, done: print(f"\r{what}; {done} of {len(plan)} done", end="", flush=True))
@@ -310,15 +310,15 @@ def _evaluated(requested: Sequence[Requested], methods: Sequence[str], frames: i
     return evaluation
 
 
-def _best_other(kind: Kind) -> str:
+def _best_other(kind: PixelKind) -> str:
     return next(method for method in kind.ranked if method != WHOLE)
 
 
-def _two_shares(kind: Kind, other: str) -> list[str]:
+def _two_shares(kind: PixelKind, other: str) -> list[str]:
     return [f"{100 * kind.share(WHOLE).value:.1f}", f"{100 * kind.share(other).value:.1f} `{other}`"]
 
 
-def _points(kind: Kind, method: str, other: str) -> str:
+def _points(kind: PixelKind, method: str, other: str) -> str:
     """The lead of a method over another one in points, with its interval."""
     value, low, high = (f"{100 * end:+.1f}" for end in kind.lead(method, other))
     return f"{value} ({low} to {high})"

@@ -28,7 +28,7 @@ from scenarios.sequences import load_sequence, record, simulation
 from scenarios.study.design import expand
 from scenarios.study.diagnose import CollisionProbe
 from scenarios.study.executors import run_one
-from scenarios.study.report import Findings
+from scenarios.study.report import StudyAnalysis
 from scenarios.study.store import StudyData
 from sim.recording import Recording
 from sim.types import Capture
@@ -216,7 +216,7 @@ def references(hidden: str | None) -> Any:
 
 def report(contents: Callable[[], StudyData]) -> Any:
     """The sentences and the tables of the report of a study."""
-    findings = Findings(contents())
+    findings = StudyAnalysis(contents())
     return {"verdict": findings.verdict, **{name: table.markdown() for name, table in findings.tables.items()}}
 
 

@@ -269,12 +269,12 @@ class Reliability(Addable):
         filled = depth > 0
         said = confidence[judged_pixels(truth_m, mask)][filled].astype(np.float64)
         right = is_correct(depth[filled], truth[filled], focal_baseline_px_m)
-        place = np.minimum((said * BINS).astype(np.intp), BINS - 1)
+        bin_index = np.minimum((said * BINS).astype(np.intp), BINS - 1)
         believed = said >= np.float32(BELIEVED)
         return cls(
-            pixels=np.asarray(np.bincount(place, minlength=BINS), np.float64),
-            confidence=np.asarray(np.bincount(place, said, BINS), np.float64),
-            right=np.asarray(np.bincount(place, right, BINS), np.float64),
+            pixels=np.asarray(np.bincount(bin_index, minlength=BINS), np.float64),
+            confidence=np.asarray(np.bincount(bin_index, said, BINS), np.float64),
+            right=np.asarray(np.bincount(bin_index, right, BINS), np.float64),
             believed=Share(hits=int(np.count_nonzero(believed)), of=said.size),
             believed_right=Share(hits=int(np.count_nonzero(believed & right)), of=int(np.count_nonzero(believed))),
             squared_error=float(np.square(said - right).sum()),

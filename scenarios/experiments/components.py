@@ -12,7 +12,7 @@ from voxdepth.paper.epochs import Phase
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
-from .experiment import Claim, Experiment, Findings, pivot
+from .experiment import Claim, Experiment, ExperimentResult, pivot
 from .paper import COMPONENTS_MS
 from .plots import picture, plotted
 
@@ -26,7 +26,7 @@ ROUNDS, RATE_HZ = 5, 30.0
 MEDIAN, PAPER = "median [ms]", ("paper, Jetson Nano [ms]", "paper, workstation [ms]")
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(asked: Experiment) -> ExperimentResult:
     """Time the steps of the corrector over many frames and fusions."""
     found = {}
     for name in asked.sequences:
@@ -43,7 +43,7 @@ def answer(asked: Experiment) -> Findings:
     )
     shown = pivot(table, "component", "sequence", MEDIAN).join(printed)
     panel = plotted(shown, "", "", "time [ms]", kind="bar", logy=True)
-    return Findings(table=table, figure=picture("Median time of each component, OpenCV on one thread", [panel]))
+    return ExperimentResult(table=table, figure=picture("Median time of each component, OpenCV on one thread", [panel]))
 
 
 def component_times_ms(corrector: VoxDepth, frames: Iterable[Frame]) -> dict[str, pd.Series]:

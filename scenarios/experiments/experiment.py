@@ -12,7 +12,7 @@ from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.tools.evaluation.frames import FrameSource
 from voxdepth.tools.evaluation.methods import find_methods
-from voxdepth.tools.evaluation.suite import Plan, Requested, evaluate
+from voxdepth.tools.evaluation.suite import EvaluationSequence, Plan, evaluate
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
@@ -44,7 +44,7 @@ class Claim:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Findings:
+class ExperimentResult:
     """What was measured."""
 
     table: pd.DataFrame
@@ -59,7 +59,7 @@ class Experiment:
 
     question: str
     """One sentence."""
-    answer: Callable[["Experiment"], Findings]
+    answer: Callable[["Experiment"], ExperimentResult]
     """Raises `ScenarioError`, `SimError` or `VoxDepthError` if a sequence cannot be recorded or a method fails."""
     claims: Callable[[pd.DataFrame], tuple[Claim, ...]]
     """The claims of the paper, and what the table says of them."""
@@ -119,7 +119,7 @@ class Experiment:
         return map(frame_of, self.captures(name))
 
     @property
-    def requested(self) -> list[Requested]:
+    def requested(self) -> list[EvaluationSequence]:
         """The sequences, or the recordings with the truth in their place."""
         if self.data:
             return [with_truth(folder) for folder in self.data]

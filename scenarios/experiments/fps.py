@@ -13,7 +13,7 @@ from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import create_corrector
 from voxdepth.types import Intrinsics
 
-from .experiment import WITHIN, Claim, Experiment, Findings, alike, listed, pivot
+from .experiment import WITHIN, Claim, Experiment, ExperimentResult, alike, listed, pivot
 from .paper import FRAMES_PER_S, OURS, SWARM
 from .plots import picture, plotted
 
@@ -39,7 +39,7 @@ SETUPS: dict[str, Setup] = {
 }
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(asked: Experiment) -> ExperimentResult:
     """Time every setup on frames from files, in alternating runs."""
     rates = pd.DataFrame(_timed(asked)).groupby(["sequence", "method"], sort=False)["rate"]
     spread = rates.agg(**{MEDIAN: "median", "lowest [frames/s]": "min", "highest [frames/s]": "max"})
@@ -50,7 +50,9 @@ def answer(asked: Experiment) -> Findings:
     table[PAPER] = table["method"].map(FRAMES_PER_S)
     shown = pivot(table, "method", "sequence", MEDIAN).assign(**{PAPER: pd.Series(FRAMES_PER_S)})[::-1]
     title = f"Frame rates, median of {RUNS} runs of {asked.frames} frames; the paper's target is {TARGET:g}"
-    return Findings(table=table, figure=picture(title, [plotted(shown, "", "frames per second", "", kind="barh")]))
+    return ExperimentResult(
+        table=table, figure=picture(title, [plotted(shown, "", "frames per second", "", kind="barh")])
+    )
 
 
 def _timed(asked: Experiment) -> Iterator[dict[str, Any]]:

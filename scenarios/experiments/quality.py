@@ -8,7 +8,7 @@ from voxdepth.tools.evaluation.frames import FrameSource
 from voxdepth.tools.evaluation.measurements import select
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR, SETTLED_RMSE
 
-from .experiment import Claim, Experiment, Findings, counted, most_hold
+from .experiment import Claim, Experiment, ExperimentResult, counted, most_hold
 from .paper import M_RMSE, METHODS, OURS, PSNR_DB, SEQUENCES, beside
 from .plots import bars, picture
 
@@ -16,7 +16,7 @@ PSNR, MASKED, CORRECTED = "PSNR [dB]", "masked RMSE [m]", "frames corrected by a
 SELECTORS = {PSNR: SETTLED_PSNR, MASKED: SETTLED_RMSE}
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(asked: Experiment) -> ExperimentResult:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
     shares = {name: corrected_percent(source, asked.frames) for name, source in asked.sources()}
     measured, names, blocks = asked.evaluate(OURS.values()), list(shares), {}
@@ -29,7 +29,7 @@ def answer(asked: Experiment) -> Findings:
         )
     blocks[CORRECTED] = pd.DataFrame.from_dict(shares, orient="index").assign(n=asked.frames)
     table = pd.concat(blocks, names=["metric", "sequence"]).reset_index()
-    return Findings(table=table, figure=draw(table))
+    return ExperimentResult(table=table, figure=draw(table))
 
 
 def corrected_percent(source: FrameSource, frames: int) -> dict[str, float]:

@@ -12,7 +12,7 @@ from voxdepth.tools.evaluation.frames import FrameSource
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 
 from .authors_metrics import UNRELATED, millimetres, stretched_psnr_db, wrapped_rmse
-from .experiment import Claim, Experiment, Findings, counted, pivot
+from .experiment import Claim, Experiment, ExperimentResult, counted, pivot
 from .paper import M_RMSE, METHODS, OURS, SEQUENCES, beside
 from .plots import picture, plotted
 from .quality import leads
@@ -22,7 +22,7 @@ SATURATED, CLOSE = 175.0, 5.0
 METRES, WRAPPED, STRETCHED = "masked RMSE [m]", "in 16 bits", "stretched PSNR [dB]"
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(asked: Experiment) -> ExperimentResult:
     """Correct every sequence by every method, and compute the metrics on the occluded pixels."""
     table = pd.DataFrame(row for name, source in asked.sources() for row in _rows(name, source, asked))
     printed = beside(M_RMSE, pd.Index(table["sequence"].unique())).stack().rename(f"{WRAPPED}, paper")
@@ -30,7 +30,7 @@ def answer(asked: Experiment) -> Findings:
         plotted(pivot(table, "sequence", "method", name), name, "", name, kind="bar") for name in (METRES, WRAPPED)
     ]
     figure = picture("Error of occluded pixels by each method", panels, columns=1, panel_in=(9.0, 3.0))
-    return Findings(table=table.join(printed, on=["sequence", "method"]), figure=figure)
+    return ExperimentResult(table=table.join(printed, on=["sequence", "method"]), figure=figure)
 
 
 def _rows(name: str, source: FrameSource, asked: Experiment) -> Iterator[dict[str, Any]]:

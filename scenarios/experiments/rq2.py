@@ -7,7 +7,7 @@ from voxdepth.registry import PAPER
 from voxdepth.tools.evaluation.measurements import select
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR
 
-from .experiment import Claim, Experiment, Findings, all_hold, listed, pivot
+from .experiment import Claim, Experiment, ExperimentResult, all_hold, listed, pivot
 from .image_motion import GRAY, TIME, UNMOVED, by_registration, score_pairs
 from .plots import picture, plotted
 
@@ -20,7 +20,7 @@ DISTANCE, MAX_PAIRS = 10, 10
 SIZE, CORRECTED = "size [px]", "corrected PSNR [dB]"
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(asked: Experiment) -> ExperimentResult:
     """Register pairs of frames and correct whole sequences at each size."""
     corrected_db = select(asked.evaluate(METHODS), SETTLED_PSNR)["value"]
     scores = {}
@@ -34,7 +34,7 @@ def answer(asked: Experiment) -> Findings:
         plotted(pivot(table, SIZE, "sequence", values).drop(list(UNMOVED)), title, SIZE, values)
         for values, title in ((GRAY, "registration"), (CORRECTED, "corrected depth"), (TIME, "time of registration"))
     ]
-    return Findings(table=table, figure=picture(f"RQ2: size of frames, n = up to {MAX_PAIRS} pairs", panels))
+    return ExperimentResult(table=table, figure=picture(f"RQ2: size of frames, n = up to {MAX_PAIRS} pairs", panels))
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:

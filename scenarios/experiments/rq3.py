@@ -18,7 +18,7 @@ from voxdepth.tools.evaluation.frames import NEAR_M
 from voxdepth.tools.evaluation.scoring import PEAK16_M
 from voxdepth.types import FloatImage
 
-from .experiment import Claim, Experiment, Findings, all_hold, listed, pivot
+from .experiment import Claim, Experiment, ExperimentResult, all_hold, listed, pivot
 from .inpainting import INPAINTINGS, dilation
 from .paper import INPAINTING
 from .plots import picture, plotted
@@ -28,12 +28,12 @@ CONFIG, REPETITIONS = VoxDepthConfig(), 5
 PSNR, TIME, FILLED = "PSNR completed [dB]", "median time [ms]", "filled [%]"
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(asked: Experiment) -> ExperimentResult:
     """Make templates of the same windows with every method."""
     scores = {name: _measured(asked, name) for name in asked.sequences}
     table = pd.concat(scores, names=["sequence", "method"]).reset_index()
     panel = plotted(pivot(table, "method", "sequence", PSNR), "", "", PSNR, ls="")
-    return Findings(table=table, figure=picture(f"RQ3: templates of {asked.frames} frames", [panel]))
+    return ExperimentResult(table=table, figure=picture(f"RQ3: templates of {asked.frames} frames", [panel]))
 
 
 def _measured(asked: Experiment, name: str) -> pd.DataFrame:

@@ -10,7 +10,7 @@ from voxdepth import VoxDepth
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.epochs import EpochEnd
 
-from .experiment import Claim, Experiment, Findings, most_hold, pivot
+from .experiment import Claim, Experiment, ExperimentResult, most_hold, pivot
 from .image_motion import FAILED, GRAY, by_registration, pair_starts, score_pairs, true_displacement_px
 from .optical_flow import dis
 from .paper import MOVEMENT, SEQUENCES, SWITCHES, SWITCHES_FRAMES, dataset
@@ -26,7 +26,7 @@ RATE, PRINTED = f"switches per {SWITCHES_FRAMES} frames", f"paper, {SWITCHES_FRA
 DISTANCE, FLOW, MOVED = "distance [frames]", "flow [px]", "true movement [px]"
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(asked: Experiment) -> ExperimentResult:
     """Count the epochs of a long run, and score registration on pairs of frames at growing distances."""
     ends = pd.DataFrame([_ends(asked, name) for name in asked.sequences])
     distances = [distance for distance in DISTANCES if distance < asked.frames]
@@ -35,7 +35,7 @@ def answer(asked: Experiment) -> Findings:
     panels = [plotted(rates, "epochs that ended; the paper has other data", "", RATE, kind="bar")]
     panels += [plotted(pivot(movement, DISTANCE, "sequence", name), "", DISTANCE, name) for name in (FLOW, MOVED, GRAY)]
     title = f"State switches, {asked.frames} frames of each sequence"
-    return Findings(table=ends.merge(movement, on="sequence"), figure=picture(title, panels, columns=2))
+    return ExperimentResult(table=ends.merge(movement, on="sequence"), figure=picture(title, panels, columns=2))
 
 
 def _ends(asked: Experiment, name: str) -> dict[str, Any]:

@@ -35,7 +35,7 @@ from .tables import (
 )
 
 
-class Findings:
+class StudyAnalysis:
     """The analysis of all results so far."""
 
     def __init__(self, data: StudyData) -> None:
@@ -82,7 +82,7 @@ class Findings:
         return all_figures(self.data.study, self.arms, self.comparisons[self.data.study.endpoint])
 
 
-def write_report(findings: Findings, place: Path, out: Path) -> Path:
+def write_report(findings: StudyAnalysis, place: Path, out: Path) -> Path:
     """Write `report.html`, its tables as `report.md`, and its figures as PNG, into `out`; return the path of the first.
 
     `place` is the folder or the archive of the study. The same results give the same bytes.

@@ -15,7 +15,7 @@ from .. import frames
 from ..errors import SceneError
 from ..seeds import Purpose, stream
 from ..types import BodyPose
-from .trajectory import Flight, SmoothNoise, Track, Trajectory, frame_times_s
+from .trajectory import Flight, SmoothNoise, SmoothPath, Trajectory, frame_times_s
 
 ROUNDING_M = 1.0
 TURNING_S = 1.2
@@ -76,11 +76,11 @@ class Walk(Flight):
         track = self.track(path_m)
         return map(self.trajectory(track, seed), frame_times_s(rate_hz, self.duration_s(track)))
 
-    def track(self, path_m: FloatArray) -> Track:
+    def track(self, path_m: FloatArray) -> SmoothPath:
         """Return the curve of the walk."""
-        return Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * self.speed_m_s)
+        return SmoothPath(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * self.speed_m_s)
 
-    def duration_s(self, track: Track) -> float:
+    def duration_s(self, track: SmoothPath) -> float:
         """Return the time from the start to the last way point; a path that ends before is a `SceneError`."""
         if self.start_m >= track.length_m:
             raise SceneError(
@@ -89,7 +89,7 @@ class Walk(Flight):
             )
         return (track.length_m - self.start_m) / self.speed_m_s
 
-    def trajectory(self, track: Track, seed: int) -> Trajectory:
+    def trajectory(self, track: SmoothPath, seed: int) -> Trajectory:
         """Return the trajectory of the camera, in the time since the start."""
         rng = stream(seed, Purpose.FLIGHT)
         first_step_rad = rng.uniform(0, 4 * np.pi)
@@ -179,7 +179,7 @@ class Hover(Flight):
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Return poses without an end; see `Flight.poses`."""
-        track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
+        track = SmoothPath(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
         if self.at_m > track.length_m:
             raise SceneError(f"at_m must lie on the path of {track.length_m:.3g} m, got {self.at_m:g} m; reduce it")
         rng = stream(seed, Purpose.FLIGHT)
@@ -214,7 +214,7 @@ class Stations(Flight):
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Return poses without an end; see `Flight.poses`."""
-        track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
+        track = SmoothPath(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
         place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
         return self._stand(place_m, track.heading_rad(self.at_m), stream(seed, Purpose.FLIGHT), rate_hz)
 

@@ -38,7 +38,7 @@ FLAT = 2.0**-100
 """Slope that stands for 0. As a power of two it divides without rounding."""
 
 
-class View(NamedTuple):
+class CameraView(NamedTuple):
     """Pose and projection of a camera."""
 
     R_cam_world: FloatArray
@@ -89,7 +89,7 @@ Bounds = tuple[float, float, float, float]
 FLOATS, INDICES, TABLE = float64[::1], int32[::1], float64[:, ::1]
 VECTOR, BOUNDS, CORNER = (types.UniTuple(float64, n) for n in (3, 4, 5))
 RANGE, BOX = types.UniTuple(int64, 2), types.UniTuple(int64, 4)
-VIEW = named_tuple(View, TABLE, FLOATS, *[float64] * 4, VECTOR, int64, int64)
+VIEW = named_tuple(CameraView, TABLE, FLOATS, *[float64] * 4, VECTOR, int64, int64)
 BODIES = named_tuple(Bodies, TABLE, uint32[:, ::1], TABLE, INDICES, INDICES)
 BUFFERS = named_tuple(Buffers, TABLE, INDICES, TABLE, int32[:, ::1], FLOATS)
 
@@ -108,7 +108,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 @compiled(void(VIEW, TABLE, int64, int64, TABLE))
 def project(
-    view: View,
+    view: CameraView,
     vertices_m: FloatArray,
     start: int,
     end: int,
@@ -221,7 +221,7 @@ def is_hidden(box: Box, least_depth_m: float, width: int, inverse_depth: FloatAr
 
 @compiled(int64(VIEW, uint32[:, ::1], int64, FLOATS, BUFFERS))
 def set_up(
-    view: View,
+    view: CameraView,
     triangles: npt.NDArray[np.uint32],
     n_chosen: int,
     inverse_depth: FloatArray,
@@ -298,7 +298,7 @@ def draw(
         rows: As `Buffers.rows`, shape (n or more, 3).
         n: Number of triangles.
         width: Columns of the image.
-        near_clip: As `View.near_clip` [1/m].
+        near_clip: As `CameraView.near_clip` [1/m].
         inverse_depth: What has been drawn [1/m], 0 where there is nothing, shape (H * W,); changed in place.
         nearest: Index of the triangle that has been drawn, shape (H * W,); changed in place.
     """
@@ -329,7 +329,7 @@ def draw(
 
 @compiled(void(VIEW, BODIES, INDICES, types.boolean[::1], BUFFERS, float32[::1], INDICES))
 def rasterise(
-    view: View,
+    view: CameraView,
     bodies: Bodies,
     order: IdImage,
     is_one_sided: MaskImage,
@@ -435,10 +435,10 @@ class Rasteriser:
         return buffers
 
 
-def view_of(camera: Camera) -> View:
+def view_of(camera: Camera) -> CameraView:
     """Return a camera as the loops of rasterisation read it."""
     i, T = camera.intrinsics, camera.T_world_cam
-    return View(
+    return CameraView(
         R_cam_world=np.ascontiguousarray(T[:3, :3].T, np.float64),
         origin_m=T[:3, 3].astype(np.float64),
         fx_px=i.fx_px,
@@ -452,7 +452,7 @@ def view_of(camera: Camera) -> View:
 
 
 def _near_clip(camera: Camera) -> Vector:
-    """Return the inverse depth at which the ray of a pixel passes the plane of a camera; see `View.near_clip`."""
+    """Return the inverse depth at which the ray of a pixel passes the plane of a camera; see `CameraView.near_clip`."""
     if camera.clip_plane is None:
         return np.inf, 0.0, 0.0
     i, T, normal = camera.intrinsics, camera.T_world_cam, camera.clip_plane[:3]

@@ -11,7 +11,7 @@ from tests.pages import require_self_contained
 from voxdepth.tools.evaluation import tiles
 from voxdepth.tools.evaluation.curves import plots_of, untold
 from voxdepth.tools.evaluation.frames import TRUTH, EvaluationFrame, Reference
-from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.measurements import MetricValue
 from voxdepth.tools.evaluation.references import held_out
 from voxdepth.tools.evaluation.reliability import MIN_PIXELS, ConfidenceScore
 from voxdepth.tools.evaluation.report import rendered
@@ -80,12 +80,12 @@ def test_tiles_are_six_by_four_and_count_every_pixel_once() -> None:
     assert np.flatnonzero(tiles.count(corner)).tolist() == [18]
 
 
-def of_bins(mask: str, *bins: tuple[int, float, float, int]) -> list[Measurement]:
+def of_bins(mask: str, *bins: tuple[int, float, float, int]) -> list[MetricValue]:
     """The reliability of one method: number of a bin, what is said, what is right, and pixels."""
-    found = [Measurement(name, mask, "all", "filled", 0.5, "share", 2000) for name in ("said", "right")]
+    found = [MetricValue(name, mask, "all", "filled", 0.5, "share", 2000) for name in ("said", "right")]
     for k, said, right, n in bins:
-        found += [Measurement(f"said_{k}", mask, "all", "filled", said, "share", n)]
-        found += [Measurement(f"right_{k}", mask, "all", "filled", right, "share", n)]
+        found += [MetricValue(f"said_{k}", mask, "all", "filled", said, "share", n)]
+        found += [MetricValue(f"right_{k}", mask, "all", "filled", right, "share", n)]
     return found
 
 

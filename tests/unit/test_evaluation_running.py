@@ -17,7 +17,7 @@ from voxdepth.errors import ConfigError
 from voxdepth.registry import ENTRY_POINTS
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.evaluation.frames import TRUTH
-from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.measurements import MetricValue
 from voxdepth.tools.evaluation.methods import (
     METHOD_NAMES,
     WARM_UP_FRAMES,
@@ -40,7 +40,7 @@ def made(corrector: Callable[[], Any], **given: Any) -> Method:
     return Method(name="x", make=lambda intrinsics: corrector(), **given)
 
 
-def of_frames(done: Scores, metric: str) -> Measurement:
+def of_frames(done: Scores, metric: str) -> MetricValue:
     (found,) = (one for one in done.measurements if one.metric == metric)
     return found
 

@@ -25,7 +25,7 @@ from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import Sums
 from voxdepth.tools.evaluation import tiles
 from voxdepth.tools.evaluation.frames import RANGES, TRUTH, EvaluationFrame, FrameFile, Reference
-from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.measurements import MetricValue
 from voxdepth.tools.evaluation.quantities import QUANTITIES
 from voxdepth.tools.evaluation.references import held_out
 from voxdepth.tools.evaluation.report import method_table, range_table
@@ -38,7 +38,7 @@ MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n[versio
 NEAR_FILLED = ("all", "0-20 m", "filled")
 
 
-def scored(change: Change, reference: Reference = TRUTH) -> dict[tuple[str, ...], Measurement]:
+def scored(change: Change, reference: Reference = TRUTH) -> dict[tuple[str, ...], MetricValue]:
     return scores_of(reference, evaluation_frames(4), change)
 
 

@@ -32,7 +32,7 @@ from voxdepth.tools.evaluation import frames, suite
 from voxdepth.tools.evaluation.measurements import Selector, select
 from voxdepth.tools.evaluation.methods import Method, find_methods
 from voxdepth.tools.evaluation.recordings import HELD_OUT, RecordedSource
-from voxdepth.tools.evaluation.results import STORED, Result, load, path_of, store
+from voxdepth.tools.evaluation.results import STORED, MethodResult, load, path_of, store
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.tools.files import locked, to_toml, unsealed_json
 from voxdepth.tools.recorded import Opener
@@ -52,7 +52,7 @@ def run(out: Path, *folders: Path, methods: tuple[Method, ...] = (GOOD, BAD), fr
     return evaluate(plan, lambda what, done: None)
 
 
-def quality(result: Result) -> Any:
+def quality(result: MethodResult) -> Any:
     return [m for m in result.measurements if m.on != "frames"]
 
 
@@ -150,7 +150,7 @@ def test_other_sources_or_another_number_of_frames_are_another_result(
 
 
 def test_a_result_is_not_taken_for_that_of_another_method_whose_file_has_its_name(tmp_path: Path) -> None:
-    store(tmp_path, Result(sequence="walk", method="mine:a", key={"frames": 1}))
+    store(tmp_path, MethodResult(sequence="walk", method="mine:a", key={"frames": 1}))
     assert load(tmp_path, "walk", "mine:a", {"frames": 1}) is not None
     assert load(tmp_path, "walk", "mine/a", {"frames": 1}) is None
 

@@ -8,7 +8,7 @@ from voxdepth.tools.evaluation.frames import TRUTH
 from voxdepth.tools.evaluation.measurements import Selector, select
 from voxdepth.tools.evaluation.references import held_out
 from voxdepth.tools.evaluation.report import share_table
-from voxdepth.tools.evaluation.results import Result
+from voxdepth.tools.evaluation.results import MethodResult
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.tools.evaluation.tiles import TILES
 from voxdepth.tools.evaluation.verdict import verdict
@@ -16,7 +16,7 @@ from voxdepth.tools.evaluation.verdict import verdict
 
 def results_of(
     hidden: str, shares: dict[str, float | None], recording: str = "walk", pixels: int = 1000, tiles: int = TILES
-) -> list[Result]:
+) -> list[MethodResult]:
     """One kind of pixels: methods with shares of close pixels, a tenth more and a tenth less by turns.
 
     None failed. Half of the pixels are judged.
@@ -34,7 +34,7 @@ def results_of(
     return results
 
 
-def evaluation_of(*results: list[Result]) -> Evaluation:
+def evaluation_of(*results: list[MethodResult]) -> Evaluation:
     return Evaluation(results=tuple(result for part in results for result in part))
 
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from scenarios.errors import ScenarioError
 from scenarios.evaluation import with_truth
 from scenarios.experiments.catalogue import CATALOGUE, Entry, told
-from scenarios.experiments.experiment import Claim, Experiment, Findings, all_hold, counted, most_hold, summary
+from scenarios.experiments.experiment import Claim, Experiment, ExperimentResult, all_hold, counted, most_hold, summary
 from scenarios.experiments.runner import find_experiment, run
 from tests.commands import invoke
 
@@ -22,12 +22,12 @@ TABLE = pd.DataFrame({"method": ["one", "two"], "time [ms]": [1.23456, None], "n
 CLAIM = Claim("one is faster", "it takes 1.2 ms", None, "both are known")
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(asked: Experiment) -> ExperimentResult:
     """The same table for every question."""
-    return Findings(table=TABLE, figure=b"drawn")
+    return ExperimentResult(table=TABLE, figure=b"drawn")
 
 
-def fail(asked: Experiment) -> Findings:
+def fail(asked: Experiment) -> ExperimentResult:
     raise ScenarioError("it failed")
 
 

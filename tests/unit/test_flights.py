@@ -12,7 +12,7 @@ from sim import frames
 from sim.drone import AirframeConfig
 from sim.errors import SceneError
 from sim.flights import Cut, Drone, Flight, Hover, Stations, Walk
-from sim.flights.trajectory import Track
+from sim.flights.trajectory import SmoothPath
 from sim.types import BodyPose
 from sim.world import World
 from voxdepth.types import FloatArray
@@ -85,7 +85,7 @@ def test_bad_paths_are_refused_at_once(flight: Flight) -> None:
 def test_a_track_has_the_slope_that_its_laws_promise(points: list[tuple[float, float, float]], share: float) -> None:
     path_m = np.array([[0, 0, 0], *points])
     path_m[:, 0] += 10 * np.arange(len(path_m))
-    track = Track(path_m, rounding_m=1.5, turning_m=2.0)
+    track = SmoothPath(path_m, rounding_m=1.5, turning_m=2.0)
     along, h = share * track.length_m, 1e-4
     behind, here, ahead = (track.position_m(along + d) for d in (-h, 0, h))
     assert np.linalg.norm(ahead - behind) / (2 * h) < 1 + 1e-6
@@ -94,7 +94,7 @@ def test_a_track_has_the_slope_that_its_laws_promise(points: list[tuple[float, f
 
 
 def test_a_track_keeps_straight_legs_and_rounds_corners_as_documented() -> None:
-    track = Track(CORNER, rounding_m=1.0, turning_m=1.0)
+    track = SmoothPath(CORNER, rounding_m=1.0, turning_m=1.0)
     np.testing.assert_allclose(track.position_m(0.0), CORNER[0])
     np.testing.assert_allclose(track.position_m(5.0), [5, 0, 0])
     np.testing.assert_allclose(track.position_m(11.0), [8, 3, 0])

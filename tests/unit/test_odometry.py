@@ -8,7 +8,7 @@ import pytest
 from sim import frames
 from sim.camera_noise import photon_noise
 from sim.render import create_renderer
-from sim.types import Images
+from sim.types import CameraImages
 from tests.helpers import block, camera_at, wall, world_of
 from voxdepth.geometry import inverse_rigid
 from voxdepth.paper import odometry as parts
@@ -22,7 +22,7 @@ STEP_M = 0.118
 
 
 @cache
-def clean(camera: Intrinsics, x: float, y: float, yaw: float, room: int = 0) -> tuple[Images, FloatArray]:
+def clean(camera: Intrinsics, x: float, y: float, yaw: float, room: int = 0) -> tuple[CameraImages, FloatArray]:
     """A room without noise, and the camera's pose; another room has everything elsewhere."""
     bodies = [wall(6.0), block(3.0, 1.0)] if room == 0 else [wall(4.0, y_m=9.0, name="other"), block(2.0, 0.5)]
     view = camera_at(x, y, 0.0, frames.quaternion_from_yaw(yaw), camera)

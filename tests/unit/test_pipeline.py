@@ -29,12 +29,12 @@ from voxdepth import TemporalCorrector, VoxDepth
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import FrameError, PipelineError
 from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.pipeline import Channel, CorrectionPipeline
+from voxdepth.pipeline import CorrectionPipeline, SingleItemQueue
 from voxdepth.types import DepthCorrector, Frame, Intrinsics, Source
 
 
 def test_what_is_in_a_channel_outlives_its_end_and_not_its_closing() -> None:
-    ended, closed = Channel[int](), Channel[int]()
+    ended, closed = SingleItemQueue[int](), SingleItemQueue[int]()
     for channel in (ended, closed):
         assert channel.put(0)
     ended.end(BROKEN)

@@ -18,7 +18,7 @@ from sim.errors import RenderError
 from sim.render import create_renderer
 from sim.render.meshes import box, sphere
 from sim.scenes import CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec
-from sim.types import Camera, Images
+from sim.types import Camera, CameraImages
 from sim.world import World
 from tests.helpers import camera_at, wall, world_of
 from voxdepth.types import Intrinsics
@@ -34,7 +34,7 @@ SCENES = (
 )
 
 
-def agreement(a: Images, b: Images, *, world: World | None = None) -> float:
+def agreement(a: CameraImages, b: CameraImages, *, world: World | None = None) -> float:
     """Share of pixels away from edges and within 60 m whose depths differ by at most 1 cm.
 
     TinyRenderer draws cylinders with some eight facets, so those of the world may differ by a tenth of their radius
@@ -115,7 +115,7 @@ def test_nothing_shines_through_where_triangles_meet() -> None:
 
 
 def test_threads_change_nothing_whether_they_share_a_batch_or_draw_different_worlds() -> None:
-    def drawn(distance_m: float, threads: int = 1) -> list[Images]:
+    def drawn(distance_m: float, threads: int = 1) -> list[CameraImages]:
         with world_of(wall(distance_m), starts_m=[(2.5, 0.3, 0.0)]) as world:
             cameras = [camera_at(0, 0.02 * i, 0) for i in range(30)]
             return create_renderer("raster", world, threads=threads).render(cameras)

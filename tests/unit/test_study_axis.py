@@ -10,7 +10,7 @@ import pytest
 from scenarios.study.analysis import gains, matched_arms, run_frame, thresholds
 from scenarios.study.design import Study, by_importance, expand
 from scenarios.study.figures import all_figures
-from scenarios.study.report import Findings
+from scenarios.study.report import StudyAnalysis
 from scenarios.study.statistics import LAPSE, crossing, success_threshold, told
 from scenarios.study.store import StudyData
 from swarm.types import Outcome
@@ -126,7 +126,7 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
     assert (gain.first, gain.second, gain.declared, gain.seeds) == ("b", "a", True, 8)
     assert gain.estimate.value == pytest.approx(0.7, abs=0.1)
     assert gain.estimate.interval.low < 0.7 < gain.estimate.interval.high
-    assert Findings(data).verdict.startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
+    assert StudyAnalysis(data).verdict.startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
     a, b = thresholds(data, run_frame(data))
     for (_, _, seeds, half_arrive, half_speed, _), place in ((a, -1.7), (b, -2.4)):
         assert seeds == 8
@@ -146,7 +146,7 @@ def test_a_gain_is_not_extrapolated(half_at: dict[str, float]) -> None:
     data = flown(light(), half_at)
     (gain,) = gains(data, run_frame(data))
     assert gain.estimate is None
-    findings = Findings(data)
+    findings = StudyAnalysis(data)
     assert findings.verdict.endswith("come down to half of the full goal speed outside of the levels that were flown.")
     assert "may lie outside of 0 to -4" in findings.tables["thresholds"].markdown()
 
@@ -156,7 +156,7 @@ def test_measures_are_compared_as_the_gain_was_declared_and_the_report_shows_eve
     pairs = list(matched_arms(data.study, run_frame(data)).pairs)
     assert pairs[: len(STOPS)] == [(f"b at {level:g}", f"a at {level:g}") for level in STOPS]
     assert len(pairs) == len(STOPS) + 2, "and both against the reference at its level"
-    findings = Findings(data)
+    findings = StudyAnalysis(data)
     arms = [arm for _, arm, *_ in findings.tables["means"].rows]
     assert [arm for arm in arms if str(arm).startswith("a ")] == [f"a at {level:g}" for level in STOPS]
     (curves,) = all_figures(data.study, findings.arms, findings.comparisons["arrived"])

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm.agents import Track, create_agent
+from swarm.agents import LeaderTrack, create_agent
 from swarm.config import MissionConfig
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, load_controller
 from swarm.mapping_pilot import MappingPilot
@@ -147,7 +147,7 @@ class TestAgents:
         assert np.linalg.norm(decision.command.velocity_m_s) < 1.5
 
     def test_a_track_has_no_loops_and_places_along_it(self) -> None:
-        track = Track(np.zeros(3), 2.0)
+        track = LeaderTrack(np.zeros(3), 2.0)
         for x in [*np.arange(0.0, 20.1, 0.25), *(20 + 0.3 * np.sin(np.arange(400)))]:
             track.add(np.array([x, 0.0, 0.0]))
         for number in (1, 2, 7):

@@ -42,7 +42,7 @@ HOLES = measured(flat(0.0))
 DOUBT = measured(flat(6.0), confidence=0.1)
 LYING = replace(HOLES, confidence=np.ones(CAMERA.shape, np.float32))
 """Depth of zero with all confidence."""
-View = Callable[[FloatArray, float], CorrectedDepth]
+DepthView = Callable[[FloatArray, float], CorrectedDepth]
 """Makes the image that a drone sees from a position with a heading."""
 
 
@@ -52,7 +52,7 @@ class Flight:
     Its velocity follows the command with the time constant that the pilot assumes.
     """
 
-    def __init__(self, view: View) -> None:
+    def __init__(self, view: DepthView) -> None:
         self.pilot = MappingPilot(PilotConfig(), RATE_HZ, 0.0, AIRFRAME, CAMERA)
         self.view = view
         self.position_m, self.velocity_m_s, self.yaw_rad = np.zeros(3), np.zeros(3), 0.0
@@ -100,12 +100,12 @@ class Flight:
         return situation_of(own, time_s=time_s, percept=self._percept, neighbours=self.neighbours)
 
 
-def always(seen: CorrectedDepth) -> View:
+def always(seen: CorrectedDepth) -> DepthView:
     """The same image wherever the drone is."""
     return lambda position_m, yaw_rad: seen
 
 
-def wall_at(x_m: float) -> View:
+def wall_at(x_m: float) -> DepthView:
     """A wall across the x axis that measures its depth exactly; nothing is seen in the other half of the directions."""
 
     def view(position_m: FloatArray, yaw_rad: float) -> CorrectedDepth:
@@ -208,7 +208,7 @@ def test_a_drone_climbs_and_descends_where_it_sees_but_stays_near_the_height_of_
         assert abs(flight.flies((2, 0, -climb_m_s), 2.0, target_m).position_m[2]) < 0.5
 
 
-def bar_of_holes(x_m: float, low_m: float, high_m: float) -> View:
+def bar_of_holes(x_m: float, low_m: float, high_m: float) -> DepthView:
     """A level bar without depth across the x axis, before a wall 6 m behind it that measures its depth."""
 
     def view(position_m: FloatArray, yaw_rad: float) -> CorrectedDepth:

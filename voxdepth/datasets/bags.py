@@ -121,7 +121,7 @@ class BagDataset:
         found = bag_in(path)
         assert found is not None, "nothing is lacking"
         self._path = path
-        images = Images(Bag(found))
+        images = ImageTopics(Bag(found))
         depth = images.depth(depth_topic)
         gray = images.gray(gray_topic, depth)
         self.intrinsics = choose_intrinsics(path, intrinsics, lambda: images.camera(depth, gray))
@@ -195,7 +195,7 @@ def _frames(depth: "Stream", gray: "Stream", within_s: float) -> list[tuple[int,
     raise DatasetError(f"{faults[0]}. Nor do the times of reception serve: {faults[1]}. Record the images again")
 
 
-class Images:
+class ImageTopics:
     """Which topics of a bag are depth, gray and camera of one view, by their first messages."""
 
     def __init__(self, bag: "Bag") -> None:

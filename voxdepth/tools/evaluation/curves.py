@@ -75,11 +75,11 @@ def _bins(evaluation: Evaluation, mask: str) -> list[tuple[pd.DataFrame, pd.Data
 
 def _curves(evaluation: Evaluation, sequence: str, bins: list[tuple[pd.DataFrame, pd.DataFrame]]) -> Iterator[Curve]:
     """Yield the curve of each method that has one."""
-    for place, method in enumerate(evaluation.methods):
+    for index, method in enumerate(evaluation.methods):
         at = sequence, method
         found = [(said.loc[at], right.loc[at]) for said, right in bins if at in said.index]
         total = sum(said["n"] for said, _ in found)
         points = [Point(said["value"], right["value"], int(said["n"]), said["n"] / total) for said, right in found]
         points = [point for point in points if point.n >= MIN_DRAWN]
         if points:
-            yield Curve(registry.title(method), COLORS[place % len(COLORS)], points)
+            yield Curve(registry.title(method), COLORS[index % len(COLORS)], points)

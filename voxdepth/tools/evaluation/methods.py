@@ -25,7 +25,7 @@ from ...registry import (
 from ...types import CorrectedDepth, DepthCorrector, Intrinsics
 from ..errors import ToolError
 from .frames import EvaluationFrame, Frames, Reference
-from .measurements import Measurement, of_frames
+from .measurements import MetricValue, of_frames
 from .pictures import depth_pictures
 from .results import Scores
 from .scoring import Score
@@ -133,14 +133,14 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     )
 
 
-def _latencies(times_s: Sequence[float], background_s: float) -> Iterator[Measurement]:
+def _latencies(times_s: Sequence[float], background_s: float) -> Iterator[MetricValue]:
     """Yield times per frame, and CPU times of other threads per frame."""
     n = len(times_s)
     percentiles_ms = [float(value) for value in 1e3 * np.percentile(times_s, (50, 95))]
     # The two clocks are read one after the other, so their difference may be negative.
     values_ms = (*percentiles_ms, max(0.0, 1e3 * background_s / n))
     for name, value_ms in zip(("p50", "p95", "background"), values_ms, strict=True):
-        yield Measurement(*of_frames(f"latency_{name}"), value_ms, "ms", n)
+        yield MetricValue(*of_frames(f"latency_{name}"), value_ms, "ms", n)
 
 
 def _other_threads_s() -> float:

@@ -21,7 +21,7 @@ from .pictures import depth_scale, error_scale
 from .quantities import HIDDEN, QUANTITIES, Quantity, fitted, is_measured, numbers_of, selected
 from .reliability import TOO_FEW
 from .results import SequenceInfo
-from .shares import Kind, Shares
+from .shares import PixelKind, Shares
 from .suite import Evaluation
 from .verdict import verdict
 
@@ -95,7 +95,7 @@ def share_table(evaluation: Evaluation, shares: Shares) -> Table:
     return Table.of(f"{shares.recording}: {SHARES}", ["method", *texts], rows)
 
 
-def _share_texts(evaluation: Evaluation, sequence: str, kind: Kind) -> dict[str, str]:
+def _share_texts(evaluation: Evaluation, sequence: str, kind: PixelKind) -> dict[str, str]:
     """Return the share of each method, how much was judged, and which methods failed in a sequence."""
     texts = dict(zip(JUDGED, (f"{100 * kind.judged_share:.1f}", f"{kind.judged:,}"), strict=True))
     texts |= {method: _interval_text(kind.share(method)) for method in kind.ranked}
@@ -105,7 +105,7 @@ def _share_texts(evaluation: Evaluation, sequence: str, kind: Kind) -> dict[str,
     return texts | {result.method: FAILED for result in evaluation.failures if result.sequence == sequence}
 
 
-def _lead_texts(kind: Kind) -> dict[str, str]:
+def _lead_texts(kind: PixelKind) -> dict[str, str]:
     """Return the lead of each method over the best other one."""
     others = {method: kind.best_other(method) for method in kind.ranked}
     return {method: _interval_text(kind.lead(method, other)) for method, other in others.items() if other}
@@ -174,7 +174,7 @@ def summary_tables(evaluation: Evaluation) -> Iterator[Table]:
             yield _summary(evaluation, shares.recording, kinds, list(shares.kinds))
 
 
-def _summary(evaluation: Evaluation, of: str, kinds: Mapping[str, Kind], sequences: Sequence[str]) -> Table:
+def _summary(evaluation: Evaluation, of: str, kinds: Mapping[str, PixelKind], sequences: Sequence[str]) -> Table:
     """Return the shares of close pixels by method and kind, and the median time of a frame in some sequences."""
     failed = {result.method for result in evaluation.failures if result.sequence in sequences}
     columns = {title: dict.fromkeys(failed, FAILED) | _short_texts(kind) for title, kind in kinds.items()}
@@ -186,7 +186,7 @@ def _summary(evaluation: Evaluation, of: str, kinds: Mapping[str, Kind], sequenc
     return Table.of(f"{of}: hidden pixels within 5 % of the reference [%]", ["method", *texts], rows)
 
 
-def _short_texts(kind: Kind) -> dict[str, str]:
+def _short_texts(kind: PixelKind) -> dict[str, str]:
     """Return the share of each method without its interval, with a mark at the best one."""
     shares = {method: kind.share(method).value for method in kind.ranked}
     best = [method for method in kind.ranked[:1] if shares[method] > min(shares.values())]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from ... import registry
 from .frames import HOLES
 from .intervals import Interval
-from .shares import ALL_KINDS, Kind, Shares
+from .shares import ALL_KINDS, PixelKind, Shares
 from .suite import Evaluation
 
 ALL_JUDGED = 0.995
@@ -48,7 +48,7 @@ def _of_recording(shares: Shares) -> str:
     return f"{shares.recording}: {' '.join(sentences)}"
 
 
-def _best(kind: Kind) -> Iterator[str]:
+def _best(kind: PixelKind) -> Iterator[str]:
     """Say which method is the best, which ones do not differ from it, and its lead over the next one."""
     best, equals = kind.ranked[0], _equals(kind)
     yield f"{registry.title(best)} gives {100 * kind.share(best).value:.1f} % of the judged pixels a depth within 5 %."
@@ -94,7 +94,7 @@ def _judged(shares: Shares) -> Iterator[str]:
         yield f"Only {_listed(of)} were judged."
 
 
-def _equals(kind: Kind) -> list[str]:
+def _equals(kind: PixelKind) -> list[str]:
     """Return the methods whose difference from the best one may be none: its interval contains 0, or it is as small.
 
     Two settings of one corrector may differ in some pixels, always in the same sense.
@@ -104,7 +104,7 @@ def _equals(kind: Kind) -> list[str]:
     return [o for o, lead in leads.items() if lead.is_known and (not lead.is_positive or lead.value < LEAST_LEAD)]
 
 
-def _winner(kind: Kind) -> str | None:
+def _winner(kind: PixelKind) -> str | None:
     """Return the method that is certainly better than each other one; None if there is none."""
     best, *others = kind.ranked
     return best if all(kind.lead(best, other).is_positive for other in others) else None
