@@ -66,7 +66,7 @@ class Percept:
 
 
 class MapView(Protocol):
-    """What a drone knows of the air at its height; its places are in the frame of the drone's odometry."""
+    """What a drone knows of the air at its height; its points are in the frame of the drone's odometry."""
 
     state: npt.NDArray[np.uint8]
     """Worst state of each cell, shape (rows along y, columns along x): one of `map.voxel_map.STATES`."""
@@ -75,12 +75,12 @@ class MapView(Protocol):
     T_odom_world: FloatArray
     """Transform to the frame of the odometry from that of the world, shape (4, 4)."""
 
-    def place(self, world_m: FloatArray) -> FloatArray:
-        """Return places of the world, shape (..., 3), in the frame of the odometry."""
+    def from_world(self, world_m: FloatArray) -> FloatArray:
+        """Return points of the world, shape (..., 3), in the frame of the odometry."""
         ...
 
     def in_world(self, odom_m: FloatArray) -> FloatArray:
-        """Return places in the frame of the odometry, shape (..., 3), in that of the world."""
+        """Return points in the frame of the odometry, shape (..., 3), in that of the world."""
         ...
 
     def state_at(self, at_m: FloatArray) -> int:

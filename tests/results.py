@@ -246,9 +246,9 @@ def learned(data: Data) -> Tables:
 def studies(_: Data) -> Tables:
     """The tables of the studies whose stores are in docs/study."""
     return {
-        f"{place.name.partition('.')[0]}-{name}": table
-        for place in sorted(STUDIES.glob("*.tar.xz"))
-        for name, table in StudyAnalysis(read_study(place)).tables.items()
+        f"{path.name.partition('.')[0]}-{name}": table
+        for path in sorted(STUDIES.glob("*.tar.xz"))
+        for name, table in StudyAnalysis(read_study(path)).tables.items()
         if len(table)
     }
 
@@ -277,9 +277,9 @@ MAKERS: dict[str, Make] = {make.__name__: make for make in (*OF_FRAMES, *OF_FLIG
 def study_pictures(_: Data) -> dict[str, bytes]:
     """The figures of the studies whose stores are in docs/study."""
     return {
-        f"{place.name.partition('.')[0]}-{figure.name}": figure.png
-        for place in sorted(STUDIES.glob("*.tar.xz"))
-        for figure in StudyAnalysis(read_study(place)).figures
+        f"{path.name.partition('.')[0]}-{figure.name}": figure.png
+        for path in sorted(STUDIES.glob("*.tar.xz"))
+        for figure in StudyAnalysis(read_study(path)).figures
     }
 
 
@@ -344,7 +344,7 @@ def to_json(name: str, tables: Tables) -> dict[str, Any]:
             key: {
                 "title": table.title,
                 "columns": table.headings,
-                "right": [table.is_numeric(place) for place in range(len(table.columns))],
+                "right": [table.is_numeric(index) for index in range(len(table.columns))],
                 "rows": table.texts,
             }
             for key, table in tables.items()

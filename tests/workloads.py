@@ -200,12 +200,12 @@ def diagnosis() -> Any:
 def references(hidden: str | None) -> Any:
     """What methods are judged by in a recording, and how two of them are judged; None for the truth."""
     with TemporaryDirectory() as folder:
-        place = Path(folder) / "clip"
-        record(load_sequence("sim-cross", 1, SMALL | MOVING | {"renderer": "raster"}), place, 12, lambda done: None)
+        path = Path(folder) / "clip"
+        record(load_sequence("sim-cross", 1, SMALL | MOVING | {"renderer": "raster"}), path, 12, lambda done: None)
         if hidden is None:
-            source: Any = SimulatedSource("clip", Recording.open(place), 1)
+            source: Any = SimulatedSource("clip", Recording.open(path), 1)
         else:
-            source = RecordedSource("clip", open_dataset(place), kinds_of(place, open_dataset)[hidden])
+            source = RecordedSource("clip", open_dataset(path), kinds_of(path, open_dataset)[hidden])
         frames = list(source.frames(6))
         methods = [find_method(name) for name in ("ip-basic", "temporal")]
         scores = [run(method, frames, source.reference, source.intrinsics, 0).measurements for method in methods]

@@ -31,7 +31,7 @@ RESAMPLES = 1000
 BOOTSTRAP_SEED = 20240601
 LAPSE = 0.02
 """Share of flights that fail however easy they are."""
-N_PLACES, WIDTHS = 61, tuple(np.geomspace(0.01, 0.5, 12))
+N_POSITIONS, WIDTHS = 61, tuple(np.geomspace(0.01, 0.5, 12))
 """Number of places along an axis at which a curve may fall to a half, and its widths as shares of the axis."""
 
 EXPONENTS, LOG_A = np.linspace(0, 12, 121), np.linspace(-8, 4, 61)
@@ -164,7 +164,7 @@ def success_threshold(levels: FloatArray, arrived: MaskImage) -> IntervalEstimat
     The curves over the axis are logistic and fall, with a small share of lapses [6]. `arrived` has shape (seeds,
     levels), and the levels begin with the easiest. An end of the axis in the interval stands for all that is beyond it.
     """
-    grid = np.meshgrid(np.linspace(levels[0], levels[-1], N_PLACES), WIDTHS, indexing="ij")
+    grid = np.meshgrid(np.linspace(levels[0], levels[-1], N_POSITIONS), WIDTHS, indexing="ij")
     places, scale = (side.ravel() for side in grid)
     beyond = (levels[:, None] - places) / (scale * (levels[-1] - levels[0]))
     success = (1 - LAPSE) / (1 + np.exp(np.clip(beyond, -50, 50)))  # of each curve at each level

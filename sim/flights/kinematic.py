@@ -1,4 +1,4 @@
-"""Trajectories in closed form: a hand-held camera, cuts between its takes, and cameras that stay at one place."""
+"""Trajectories in closed form: a hand-held camera, cuts between its takes, and cameras that stay at one position."""
 
 import math
 from collections.abc import Iterator
@@ -116,7 +116,7 @@ class Walk(Flight):
 
 
 class Cut(Flight):
-    """A walk that is cut into takes in random order: each take continues at another place of the path.
+    """A walk that is cut into takes in random order: each take continues at another position of the path.
 
     The sequence begins at the start of the path and has as many frames as the walk.
     """
@@ -150,7 +150,7 @@ class Cut(Flight):
 
 
 class Hover(Flight):
-    """A camera that stays at one place of the path and sways about it; of the kind `yaw`, it also turns.
+    """A camera that stays at one position of the path and sways about it; of the kind `yaw`, it also turns.
 
     It has no end.
     """
@@ -185,7 +185,7 @@ class Hover(Flight):
         rng = stream(seed, Purpose.FLIGHT)
         sway_m = SmoothNoise(rng, np.full(3, self.sway_m), SWAY_HZ)
         sway_rad = SmoothNoise(rng, np.full(3, np.radians(self.sway_deg)), SWAY_HZ)
-        place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
+        position_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
         heading_rad = track.heading_rad(self.at_m) + np.radians(self.look_deg)
         yaw_rate_rad_s = float(np.radians(self.rate_deg_s))
 
@@ -193,7 +193,7 @@ class Hover(Flight):
             yaw_rad, pitch_rad, roll_rad = sway_rad(time_s)
             mean_rad = heading_rad + yaw_rate_rad_s * time_s
             q_world_body_xyzw = frames.quaternion_from_angles(mean_rad + yaw_rad, pitch_rad, roll_rad)
-            return BodyPose(stamp_s=time_s, position_m=place_m + sway_m(time_s), q_world_body_xyzw=q_world_body_xyzw)
+            return BodyPose(stamp_s=time_s, position_m=position_m + sway_m(time_s), q_world_body_xyzw=q_world_body_xyzw)
 
         return map(pose_at, frame_times_s(rate_hz))
 
@@ -215,11 +215,11 @@ class Stations(Flight):
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Return poses without an end; see `Flight.poses`."""
         track = SmoothPath(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
-        place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
-        return self._stand(place_m, track.heading_rad(self.at_m), stream(seed, Purpose.FLIGHT), rate_hz)
+        position_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
+        return self._stand(position_m, track.heading_rad(self.at_m), stream(seed, Purpose.FLIGHT), rate_hz)
 
     def _stand(
-        self, place_m: FloatArray, heading_rad: float, rng: np.random.Generator, rate_hz: float
+        self, position_m: FloatArray, heading_rad: float, rng: np.random.Generator, rate_hz: float
     ) -> Iterator[BodyPose]:
         off_m, off_deg = np.zeros(3), np.array([0.0, self.pitch_deg])
         for k, time_s in enumerate(frame_times_s(rate_hz)):
@@ -230,7 +230,7 @@ class Stations(Flight):
                 off_deg = off_deg + turn / length(turn) * factor * rng.uniform(*JUMP_DEG)
             yaw_rad, pitch_rad = np.radians(off_deg)
             q_world_body_xyzw = frames.quaternion_from_angles(heading_rad + yaw_rad, pitch_rad, 0.0)
-            yield BodyPose(stamp_s=time_s, position_m=place_m + off_m, q_world_body_xyzw=q_world_body_xyzw)
+            yield BodyPose(stamp_s=time_s, position_m=position_m + off_m, q_world_body_xyzw=q_world_body_xyzw)
 
 
 def _jump(rng: np.random.Generator, off: FloatArray, axes: int, reach: float) -> FloatArray:

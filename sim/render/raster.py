@@ -70,7 +70,7 @@ class Buffers(NamedTuple):
     """Buffers for a body; `corners` has room for all bodies."""
 
     corners: FloatArray
-    """Place (x, y, z) [m] of each vertex in the camera frame, and its column and row [px], shape (V, 5)."""
+    """Position (x, y, z) [m] of each vertex in the camera frame, and its column and row [px], shape (V, 5)."""
     chosen: IdImage
     planes: FloatArray
     """For each of the three edges of a triangle, the edge function at the origin of the image and its growth by column
@@ -127,7 +127,7 @@ def project(
     R, at_m = view.R_cam_world, view.origin_m
     for i in range(start, end):
         p = (vertices_m[i, 0] - at_m[0], vertices_m[i, 1] - at_m[1], vertices_m[i, 2] - at_m[2])
-        # A vertex at or behind the image plane gets a place without meaning, which `box_of` does not use.
+        # A vertex at or behind the image plane gets a position without meaning, which `box_of` does not use.
         x, y = dot((R[0, 0], R[0, 1], R[0, 2]), p), dot((R[1, 0], R[1, 1], R[1, 2]), p)
         z = dot((R[2, 0], R[2, 1], R[2, 2]), p)
         corners[i, 0], corners[i, 1], corners[i, 2] = x, y, z
@@ -172,7 +172,7 @@ def choose(
 def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
     """Return the first and last pixel of an image between two places; the last is before the first if there is none."""
     low, high = max(low_px, 0.0), min(high_px, size - 1.0)
-    if not low <= high:  # Also if a place is not a number.
+    if not low <= high:  # Also if a position is not a number.
         return 0, -1
     first = int(low)
     return first + (first < low), int(high)
@@ -183,7 +183,7 @@ def box_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> Box:
     """Return the pixels that a triangle may cover.
 
     Args:
-        a: A corner as a row of `Buffers.corners`: its place in the camera frame [m], and its column and row [px].
+        a: A corner as a row of `Buffers.corners`: its position in the camera frame [m], and its column and row [px].
         b: The next corner.
         c: The last corner.
         height: Rows of the image.

@@ -115,10 +115,10 @@ class ShadedRenderer:
         depth_m, lit, size = hits.depth_m.reshape(-1), sunlit.reshape(-1), hits.depth_m.size
         points, detail = self._buffers(size)
         gray = np.empty(size, np.uint8)
-        spans, place_of_body = spans_of(hits.triangle, materials.body_of_triangle)
+        spans, offset_of_body = spans_of(hits.triangle, materials.body_of_triangle)
         locate(spans, depth_m, projection, materials, self._seen_from(camera), points)
         draw_windows(spans, points, materials, detail)
-        add_textures(points, place_of_body, materials, detail)
+        add_textures(points, offset_of_body, materials, detail)
         shade(spans, depth_m, detail, lit, projection, materials, self._atmosphere, gray)
         segment_id = np.repeat(self._id_of_triangle[spans[:, 2]], spans[:, 1])
         shape, T_world_cam = hits.depth_m.shape, camera.T_world_cam

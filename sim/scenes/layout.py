@@ -42,12 +42,12 @@ class Layout:
 
         Args:
             name: What is placed, for the error.
-            candidates_m: Places (x, y), world frame, shape (n, 2).
+            candidates_m: Positions (x, y), world frame, shape (n, 2).
             reach_m: Extent of the obstacle towards the path, whose clearance stays free of it.
             apart_m: Radius of the circle around the obstacle that overlaps with no circle of another one.
 
         Raises:
-            SceneError: No place is free.
+            SceneError: No position is free.
         """
         beside_path = distance_to_path_m(candidates_m, self._path_m) >= reach_m + PATH_CLEARANCE_M
         gap = np.linalg.norm(candidates_m[:, None] - self._circles_m[:, :2], axis=2) - self._circles_m[:, 2]
@@ -81,7 +81,9 @@ def winding_path(rng: np.random.Generator, length_m: float, swing_m: float) -> F
     return np.stack([x, y, np.zeros_like(x)], axis=1)
 
 
-def places_beside(rng: np.random.Generator, path_m: FloatArray, x_m: tuple[float, float], side_m: float) -> FloatArray:
+def positions_beside(
+    rng: np.random.Generator, path_m: FloatArray, x_m: tuple[float, float], side_m: float
+) -> FloatArray:
     """Draw `TRIES` places (x, y), shape (n, 2), in a range of x beside a path, with a higher density near it.
 
     Args:

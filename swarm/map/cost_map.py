@@ -23,9 +23,9 @@ COMPASS = np.column_stack([cos(np.arange(8) * np.pi / 4), sin(np.arange(8) * np.
 ESCAPE_M = 0.5
 """Distance at which a drone that stands too narrow compares directions."""
 ESCAPE_SLOPE = 0.5
-"""Growth of the clearance per distance that a drone keeps on its way out of a place that is too narrow."""
+"""Growth of the clearance per distance that a drone keeps on its way out of a passage that is too narrow."""
 STEP_CELLS = 0.5
-"""Distance between the places at which a direction is tested."""
+"""Distance between the points at which a direction is tested."""
 STAYS_M_S = 1e-3
 """A drone that wants to be slower wants to stay."""
 
@@ -33,7 +33,7 @@ STAYS_M_S = 1e-3
 class CostMap:
     """What is known of the air through which a drone flies at its height: which way it may go, and how fast.
 
-    Places are in the frame of the drone's odometry.
+    Points are in the frame of the drone's odometry.
 
     Args:
         state: Worst state of each cell, shape (rows along y, columns along x): one of `voxel_map.STATES`.
@@ -70,12 +70,12 @@ class CostMap:
         self.path: PlannedPath | None = None
         """The path of this map; None until a route needs one."""
 
-    def place(self, world_m: FloatArray) -> FloatArray:
-        """Return places of the world, shape (..., 3), in the frame of the odometry."""
+    def from_world(self, world_m: FloatArray) -> FloatArray:
+        """Return points of the world, shape (..., 3), in the frame of the odometry."""
         return np.asarray(self.to_odom(world_m) + self.T_odom_world[:3, 3])
 
     def in_world(self, odom_m: FloatArray) -> FloatArray:
-        """Return places in the frame of the odometry, shape (..., 3), in that of the world."""
+        """Return points in the frame of the odometry, shape (..., 3), in that of the world."""
         return self.to_world(odom_m - self.T_odom_world[:3, 3])
 
     def to_odom(self, world: FloatArray) -> FloatArray:
@@ -93,13 +93,13 @@ class CostMap:
         inside = 0 <= row < self.state.shape[0] and 0 <= col < self.state.shape[1]
         return int(self.state[row, col]) if inside else UNKNOWN
 
-    def clearance_m(self, places_m: FloatArray) -> FloatArray:
+    def clearance_m(self, points_m: FloatArray) -> FloatArray:
         """Return the distance from each position (x, y), shape (..., 2), to the nearest space that is not free."""
-        return VOXEL_M * np.maximum(_look_up(self._clearance, self._cells(places_m)), 0)
+        return VOXEL_M * np.maximum(_look_up(self._clearance, self._cells(points_m)), 0)
 
-    def fits(self, places_m: FloatArray) -> MaskImage:
+    def fits(self, points_m: FloatArray) -> MaskImage:
         """Return whether a drone has its whole width at each position (x, y), shape (..., 2), where no other one is."""
-        return np.asarray(_look_up(self._passage, self._cells(places_m)) >= self._half_width)
+        return np.asarray(_look_up(self._passage, self._cells(points_m)) >= self._half_width)
 
     @property
     def last_path(self) -> PlannedPath | None:
@@ -160,9 +160,9 @@ class CostMap:
         best = ahead_m.argmax()
         return missing_m * COMPASS[best] if ahead_m[best] > here_m else np.zeros(2)
 
-    def _cells(self, places_m: FloatArray) -> FloatArray:
+    def _cells(self, points_m: FloatArray) -> FloatArray:
         """Return positions (x, y), shape (..., 2), in cells, whose middles have whole numbers."""
-        return (places_m[..., :2] - self.origin_m) / VOXEL_M - 0.5
+        return (points_m[..., :2] - self.origin_m) / VOXEL_M - 0.5
 
     def _free_lengths_m(
         self, clearance: FloatImage, at_m: FloatArray, directions: FloatArray, longest_m: float

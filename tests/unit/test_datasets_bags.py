@@ -154,7 +154,7 @@ BACK_NS = [*STAMPS_NS[:3], *(stamp - 5 * S // 60 for stamp in STAMPS_NS[3:])]
 
 @pytest.mark.parametrize("layout", ["walk.bag", "walk-mcap"])
 @pytest.mark.parametrize(
-    ("stamps_ns", "place"),
+    ("stamps_ns", "where"),
     [
         (BACK_NS, r"got 1700000000.140123 s of message 3 after 1700000000.190124 s of message 2"),
         (STAMPS_NS[:1] * N_FRAMES, "of message 1 after 1700000000.123457 s of message 0"),
@@ -162,12 +162,12 @@ BACK_NS = [*STAMPS_NS[:3], *(stamp - 5 * S // 60 for stamp in STAMPS_NS[3:])]
     ids=["set back", "all alike"],
 )
 def test_stamps_that_do_not_increase_give_way_to_the_times_of_reception(
-    layout: str, stamps_ns: list[int], place: str, tmp_path: Path
+    layout: str, stamps_ns: list[int], where: str, tmp_path: Path
 ) -> None:
     for number, (depth, gray) in enumerate(((stamps_ns, stamps_ns), (stamps_ns, STAMPS_NS), (STAMPS_NS, stamps_ns))):
         entries = restamped(depth_topic(), depth) + restamped(gray_topic(), gray) + info_topic("/camera_info")
         (tmp_path / f"{number}").mkdir()
-        with pytest.warns(UserWarning, match=f"{place}.*the times at which the images were received count"):
+        with pytest.warns(UserWarning, match=f"{where}.*the times at which the images were received count"):
             dataset = open_dataset(write(tmp_path / f"{number}", layout, entries))
         require_recorded_order(dataset)
         assert dataset.header(2).stamp_ns == pytest.approx(STAMPS_NS[2] + S // 200, abs=1000), "ROS 1 has microseconds"

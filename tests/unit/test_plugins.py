@@ -162,22 +162,20 @@ def flown_by(**changes: Any) -> Any:
     return study(arm("ours"), arm("theirs", **changes))
 
 
-@pytest.mark.parametrize("place", ["controller", "corrector", "package"])
+@pytest.mark.parametrize("kind", ["controller", "corrector", "package"])
 def test_a_study_is_not_continued_after_an_edit_of_the_code_that_it_flies(
-    place: str, module: Write, tmp_path: Path
+    kind: str, module: Write, tmp_path: Path
 ) -> None:
-    text = {"controller": CONTROLLER.format(result=HOVER)}.get(place, CORRECTOR.format(result="good"))
+    text = {"controller": CONTROLLER.format(result=HOVER)}.get(kind, CORRECTOR.format(result="good"))
     name, edited = module(text), tmp_path / "edited.py"
-    if place == "package":
+    if kind == "package":
         for path in (tmp_path / f"{name}_all" / "__init__.py", tmp_path / f"{name}_all" / "core.py"):
             path.parent.mkdir(exist_ok=True)
             path.write_text(text)
         name, edited = f"{name}_all.core", tmp_path / f"{name}_all" / "__init__.py"
     else:
         edited = tmp_path / f"{name}.py"
-    own = (
-        {"changes": {"mission.controller": f"{name}:Mine"}} if place == "controller" else {"corrector": f"{name}:Mine"}
-    )
+    own = {"changes": {"mission.controller": f"{name}:Mine"}} if kind == "controller" else {"corrector": f"{name}:Mine"}
     planned = flown_by(**own)
     before = [spec.key for spec in expand(planned)]
     run_study(planned, tmp_path / "out", Serial(fake), unseen)

@@ -69,11 +69,11 @@ def views_of(spec: SceneSpec, nearest_m: float) -> Iterator[tuple[World, list[Ca
     scene, rng = spec.build(3), np.random.default_rng(0)
     with World(scene, scene.path_m[len(scene.path_m) // 2][None] + [0.0, 0.0, 2.5]) as world:
         path_m = scene.path_m[rng.integers(len(scene.path_m), size=16)]
-        places_m = path_m + rng.uniform((0, -6, 0.1), (0, 6, 6), (16, 3))
+        positions_m = path_m + rng.uniform((0, -6, 0.1), (0, 6, 6), (16, 3))
         angles = rng.uniform((-0.5, -0.4, -3.1), (0.5, 0.4, 3.1), (16, 3))
         cameras = [
             camera_at(*at_m, frames.quaternion_from_angles(yaw, -pitch, roll), CAMERA)
-            for at_m, (roll, pitch, yaw) in zip(places_m, angles, strict=True)
+            for at_m, (roll, pitch, yaw) in zip(positions_m, angles, strict=True)
             if world.clearance_at_m(at_m.tolist()) > nearest_m and not world.is_inside(at_m)
         ]
         assert len(cameras) >= 5, "hardly any view is outside of bodies"

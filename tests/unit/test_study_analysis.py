@@ -191,8 +191,8 @@ def test_what_became_of_the_drones_of_swarms_is_told_and_compared() -> None:
     assert values["b"]["drones arrived [%]"].startswith("75.00 [")
     assert values["a"]["contacts between drones"].startswith("2.00 [")
     for shown in (table, ends):
-        place = shown.headings.index("passed through [%]")
-        assert all(row[place].startswith("25") for row in shown.rows), "beside each rate"
+        column = shown.headings.index("passed through [%]")
+        assert all(row[column].startswith("25") for row in shown.rows), "beside each rate"
     assert [row[ends.headings.index("leader hit [%]")].split()[0] for row in ends.rows] == ["50", "0"]
     differences = findings.tables["swarm_differences"]
     assert differences.headings == ["first - second", "pairs", "drones lost [%]", "drones arrived [%]"]

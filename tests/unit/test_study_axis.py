@@ -102,14 +102,14 @@ def test_a_line_crosses_where_it_does_and_means_that_rise_by_chance_once(levels:
     assert crossing(np.arange(5.0), np.array([2.0, 0.9, 1.1, 0.9, 0.0]), 1.5) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("place", [-1.2, -2.5, -3.0])
-def test_the_interval_covers_the_level_at_which_half_succeed(place: float) -> None:
+@pytest.mark.parametrize("level", [-1.2, -2.5, -3.0])
+def test_the_interval_covers_the_level_at_which_half_succeed(level: float) -> None:
     levels, covered = np.array(STOPS), 0
-    p = (1 - LAPSE) / (1 + np.exp((place - levels) / 0.3))
+    p = (1 - LAPSE) / (1 + np.exp((level - levels) / 0.3))
     for seed in range(20):
         found = success_threshold(levels, np.random.default_rng(seed).random((30, 9)) < p)
-        covered += found.interval.low <= place <= found.interval.high
-        assert found.value == pytest.approx(place, abs=0.5)
+        covered += found.interval.low <= level <= found.interval.high
+        assert found.value == pytest.approx(level, abs=0.5)
     assert covered >= 16
 
 
@@ -128,10 +128,10 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
     assert gain.estimate.interval.low < 0.7 < gain.estimate.interval.high
     assert StudyAnalysis(data).verdict.startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
     a, b = thresholds(data, run_frame(data))
-    for (_, _, seeds, half_arrive, half_speed, _), place in ((a, -1.7), (b, -2.4)):
+    for (_, _, seeds, half_arrive, half_speed, _), level in ((a, -1.7), (b, -2.4)):
         assert seeds == 8
-        assert half_speed.value == pytest.approx(place, abs=0.1)
-        assert half_arrive.value == pytest.approx(place, abs=0.25)
+        assert half_speed.value == pytest.approx(level, abs=0.1)
+        assert half_arrive.value == pytest.approx(level, abs=0.25)
 
 
 def test_curves_of_two_scenarios_are_not_compared(tmp_path: Path) -> None:

@@ -151,9 +151,9 @@ class TestAgents:
         for x in [*np.arange(0.0, 20.1, 0.25), *(20 + 0.3 * np.sin(np.arange(400)))]:
             track.add(np.array([x, 0.0, 0.0]))
         for number in (1, 2, 7):
-            places_m = track.places_m(np.array([10.0, 3.0, 0.0]), number)
-            np.testing.assert_array_equal(places_m[0], [10, 3, 0])
-            np.testing.assert_allclose(places_m[-1], [20 - 2 * number, 0, 0], atol=0.6)
+            positions_m = track.positions_m(np.array([10.0, 3.0, 0.0]), number)
+            np.testing.assert_array_equal(positions_m[0], [10, 3, 0])
+            np.testing.assert_allclose(positions_m[-1], [20 - 2 * number, 0, 0], atol=0.6)
 
     def test_nobody_wants_more_than_its_top_speed(self) -> None:
         far = situation(leader_m=(99.0, 0, 0), mates=near(((-2.6, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL)))

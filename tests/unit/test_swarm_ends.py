@@ -34,8 +34,8 @@ def ends(
     for tick in ticks:
         at_m = at_m.copy()
         if isinstance(tick, dict):
-            for drone, place_m in tick.items():
-                at_m[drone] = place_m
+            for drone, position_m in tick.items():
+                at_m[drone] = position_m
         else:
             at_m = teams[0].starts_m + tick
         followed.follow(at_m)

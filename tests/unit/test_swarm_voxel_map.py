@@ -274,10 +274,10 @@ def test_nobody_believed_makes_nothing_free() -> None:
 @pytest.mark.parametrize("shifts_m", [(0.0,), (0.0, 0.0), (0.0, 0.2), (-0.4, 0.0, 0.4), (0.0, 0.5, 1.0)])
 def test_what_overlaps_goes_one_step_at_a_time_to_the_blacklist(shifts_m: tuple[float, ...]) -> None:
     drone, there_m = Drone(), np.array([[3.0 + shift_m, 0.0, 0.0] for shift_m in shifts_m])
-    places_m = [2.5, 3.0, 3.5]
+    points_m = [2.5, 3.0, 3.5]
     for state in (UNOBSERVABLE, BLACKLISTED, BLACKLISTED):
         drone.map.blacklist(there_m, 1.0, 0.4, drone.time_s)
-        assert [drone.state(x) for x in places_m] == [state] * len(places_m)
+        assert [drone.state(x) for x in points_m] == [state] * len(points_m)
 
 
 def test_another_drone_is_no_surface_and_hides_what_is_behind_it() -> None:

@@ -14,7 +14,7 @@ from pydantic import Field
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.model import Model, changed, explained
-from voxdepth.order import FrameOrder, Place, StampOrder
+from voxdepth.order import FrameOrder, StampOrder, StampStatus
 from voxdepth.ros import DEPTH_FIELDS, DepthFields, confidence_fields, depth_fields, frame_of, header_of, source_fields
 from voxdepth.types import ASSUMED_BASELINE_M, DepthCorrector, Intrinsics
 from voxdepth.units import Unit
@@ -207,7 +207,7 @@ class Pairs:
 
     def _added(self, topic: int, image: Any) -> tuple[Any, Any] | None:
         stamp_ns, own, other = header_of(image).stamp_ns, self._topics[topic], self._topics[1 - topic]
-        if own.place(stamp_ns) is Place.RESTART:
+        if own.classify(stamp_ns) is StampStatus.RESTART:
             for each in self._topics:
                 each.drop(lambda waiting_ns: waiting_ns > stamp_ns)
         nearest_ns = min(other.waiting, key=lambda other_ns: abs(other_ns - stamp_ns), default=None)
@@ -238,15 +238,15 @@ class _Topic:
         self._last_ns = 0
         self._intervals_ns: deque[int] = deque(maxlen=INTERVALS)
 
-    def place(self, stamp_ns: int) -> Place:
+    def classify(self, stamp_ns: int) -> StampStatus:
         """Take note of the stamp of an image, and tell where it belongs."""
-        place = self._order.place(stamp_ns / 1e9)
-        if place is Place.NEXT and self.n:
+        status = self._order.classify(stamp_ns / 1e9)
+        if status is StampStatus.NEXT and self.n:
             self._intervals_ns.append(stamp_ns - self._last_ns)
-        if place is not Place.LATE:
+        if status is not StampStatus.LATE:
             self._last_ns = stamp_ns
         self.n += 1
-        return place
+        return status
 
     @property
     def is_periodic(self) -> bool:
