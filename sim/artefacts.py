@@ -105,7 +105,7 @@ class Specks(NoiseTerm):
     size_px: Annotated[tuple[Size, Size], Field(strict=False), AfterValidator(in_order)] = (5, 40)
     """Least and largest number of pixels; the logarithm of the size is uniform. Shadows cut their specks off."""
     ratio: Ratios = (0.25, 0.6)
-    """Least and largest depth relative to the true depth of the surface in the voxel; it may exceed the range of the sensor."""
+    """Least and largest depth relative to the true depth of the voxel; it may exceed the range of the sensor."""
     true_share: float = Field(default=0.0, ge=0, le=1)
     """Share of the specks that show the true depth instead."""
     cell_m: float = Field(default=0.1, gt=0)

@@ -259,8 +259,8 @@ def _manifest(source: Path, text: bytes) -> Manifest:
     except ValueError as error:
         problem = problems(error, Manifest, "study") if isinstance(error, pydantic.ValidationError) else error
         raise ScenarioError(
-            f"{source / MANIFEST} is damaged, or was written by another version of voxdepth ({problem}): restore a copy "
-            "of it, or use that version"
+            f"{source / MANIFEST} is damaged, or was written by another version of voxdepth ({problem}): restore a "
+            "copy of it, or use that version"
         ) from error
 
 
