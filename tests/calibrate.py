@@ -177,14 +177,14 @@ def main() -> None:
     parser.add_argument("folders", metavar="FOLDER", nargs="+", type=Path, help="recordings of real cameras")
     parser.add_argument("--frames", type=int, default=60, help="how many of the first frames (default 60)")
     parser.add_argument("--write", action="store_true", help="fit the other correctors, and write their file")
-    asked = parser.parse_args()
-    if len(asked.folders) < 2:
+    arguments = parser.parse_args()
+    if len(arguments.folders) < 2:
         parser.error("expected at least two recordings: each is judged by the factor of the others")
-    if asked.write:
-        write_fills(asked.folders, asked.frames)
+    if arguments.write:
+        write_fills(arguments.folders, arguments.frames)
         return
 
-    for table in tables_of(asked.folders, asked.frames):
+    for table in tables_of(arguments.folders, arguments.frames):
         table.print(Console())
 
 

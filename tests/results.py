@@ -258,7 +258,7 @@ def experiments(data: Data) -> Tables:
     restrict_opencv()
     tables, claims = {}, []
     for name in CATALOGUE:
-        experiment = find_experiment(name).asked(out=data.out, report=lambda what: None)
+        experiment = find_experiment(name).with_options(out=data.out, report=lambda what: None)
         claims += [(name, claim) for claim in run(name, experiment, f"voxdepth experiment {name}", Console())]
         tables[name] = Table.of_frame(experiment.question, pd.read_csv(data.out / name / "table.csv"))
     return {"claims": claim_table(claims), **tables}
@@ -390,11 +390,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", metavar="NAME", nargs="*", help=", ".join(MAKERS))
     parser.add_argument("--recordings", type=Path, metavar="FOLDER", help="folder of the recordings of real cameras")
-    asked = parser.parse_args()
-    if unknown := [name for name in asked.names if name not in MAKERS]:
+    arguments = parser.parse_args()
+    if unknown := [name for name in arguments.names if name not in MAKERS]:
         parser.error(no_such("result", unknown[0], MAKERS))
-    made, kept, data = {}, [], Data(asked.recordings)
-    for name in asked.names or MAKERS:
+    made, kept, data = {}, [], Data(arguments.recordings)
+    for name in arguments.names or MAKERS:
         print(f"{name}: {MAKERS[name].__doc__}")
         try:
             made[name] = to_json(name, MAKERS[name](data))

@@ -26,13 +26,13 @@ ROUNDS, RATE_HZ = 5, 30.0
 MEDIAN, PAPER = "median [ms]", ("paper, Jetson Nano [ms]", "paper, workstation [ms]")
 
 
-def answer(asked: Experiment) -> ExperimentResult:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Time the steps of the corrector over many frames and fusions."""
     found = {}
-    for name in asked.sequences:
-        frames = list(asked.frames_of(name))
+    for name in experiment.sequences:
+        frames = list(experiment.frames_of(name))
         played = (replace(frame, stamp_s=k / RATE_HZ) for k, frame in enumerate((frames + frames[::-1]) * ROUNDS))
-        times = component_times_ms(VoxDepth(asked.recording(name).intrinsics, CONFIG), played)
+        times = component_times_ms(VoxDepth(experiment.recording(name).intrinsics, CONFIG), played)
         found[name] = pd.DataFrame({
             component: {MEDIAN: of_ms.median(), "95th percentile [ms]": of_ms.quantile(0.95), "n": len(of_ms)}
             for component, of_ms in times.items()

@@ -20,14 +20,14 @@ DISTANCE, MAX_PAIRS = 10, 10
 SIZE, CORRECTED = "size [px]", "corrected PSNR [dB]"
 
 
-def answer(asked: Experiment) -> ExperimentResult:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Register pairs of frames and correct whole sequences at each size."""
-    corrected_db = select(asked.evaluate(METHODS), SETTLED_PSNR)["value"]
+    corrected_db = select(experiment.evaluate(METHODS), SETTLED_PSNR)["value"]
     scores = {}
-    for name in asked.sequences:
-        shape = asked.recording(name).intrinsics.shape
+    for name in experiment.sequences:
+        shape = experiment.recording(name).intrinsics.shape
         sizes = {str(px): by_registration(VoxDepthConfig(registration_px=px), shape) for px in SIZES_PX}
-        pairs = score_pairs(asked, name, UNMOVED | sizes, DISTANCE, MAX_PAIRS)
+        pairs = score_pairs(experiment, name, UNMOVED | sizes, DISTANCE, MAX_PAIRS)
         scores[name] = pairs.assign(**{CORRECTED: corrected_db[name].rename(METHODS)})
     table = pd.concat(scores, names=["sequence", SIZE]).reset_index()
     panels = [

@@ -17,14 +17,14 @@ BUDGET_MS = 50.0
 """The paper's limit for a frame: 20 frames per second."""
 
 
-def answer(asked: Experiment) -> ExperimentResult:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Warp a perfect template, which is the true depth of a frame, to later frames with every method."""
     scores = {}
-    for name in asked.sequences:
-        registration = by_registration(VoxDepthConfig(), asked.recording(name).intrinsics.shape)
+    for name in experiment.sequences:
+        registration = by_registration(VoxDepthConfig(), experiment.recording(name).intrinsics.shape)
         estimators = UNMOVED | {REGISTRATION: registration} | {flow: by_flow(FLOWS[flow]) for flow in FLOWS}
-        for distance in (distance for distance in DISTANCES if distance < asked.frames):
-            scores[name, distance] = score_pairs(asked, name, estimators, distance, MAX_PAIRS)
+        for distance in (distance for distance in DISTANCES if distance < experiment.frames):
+            scores[name, distance] = score_pairs(experiment, name, estimators, distance, MAX_PAIRS)
     table = pd.concat(scores, names=["sequence", DISTANCE, "method"]).reset_index()
     panels = [
         plotted(pivot(of, DISTANCE, "method", DEPTH), f"{name}, surfaces within 20 m", DISTANCE, DEPTH, logy=True)

@@ -50,9 +50,9 @@ class Step(NamedTuple):
         return image_shown(f"{self.name} ({self.frame})", image, cmap="gray", interpolation="nearest")
 
 
-def answer(asked: Experiment) -> ExperimentResult:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Follow the last frame of each sequence that a template corrects back to the window of the template."""
-    found = [(name, step) for name in asked.sequences for step in steps(asked, name)]
+    found = [(name, step) for name in experiment.sequences for step in steps(experiment, name)]
     table = pd.DataFrame([{"sequence": name, **step.row} for name, step in found if step.image.dtype != np.uint8])
     title = "The steps of one epoch, and the frame that it corrects as every method gives it; in brackets its number"
     return ExperimentResult(
@@ -60,9 +60,9 @@ def answer(asked: Experiment) -> ExperimentResult:
     )
 
 
-def steps(asked: Experiment, name: str) -> Iterator[Step]:
+def steps(experiment: Experiment, name: str) -> Iterator[Step]:
     """Yield the images of a sequence in the order of the paper's figures; a `ScenarioError` if none is corrected."""
-    camera, captures = asked.recording(name).intrinsics, list(asked.captures(name))
+    camera, captures = experiment.recording(name).intrinsics, list(experiment.captures(name))
     frames = list(map(frame_of, captures))
     results = list(map(VoxDepth(camera, CONFIG).process, frames))
     states: list[Any] = [result.diagnostics for result in results]

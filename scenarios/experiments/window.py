@@ -17,19 +17,19 @@ SIZE, PSNR, TIME = "window [frames]", "PSNR [dB]", "time per frame [ms]"
 TIMES = {"median latency [ms]": of_frames("latency_p50"), "fusing per frame [ms]": of_frames("latency_background")}
 
 
-def answer(asked: Experiment) -> ExperimentResult:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Correct the same frames with every window size."""
-    measured = asked.evaluate(SIZES)
+    measured = experiment.evaluate(SIZES)
     quality = select(measured, SETTLED_PSNR)
     table = pd.DataFrame(
         {PSNR: quality["value"], **{name: select(measured, of)["value"] for name, of in TIMES.items()}}
     )
     table[TIME] = table[list(TIMES)].fillna(0.0).sum(axis="columns")
     table = table.assign(**{"n pixels": quality["n"]}).rename(index=SIZES, level="method").sort_index(level="method")
-    table = table.loc[list(asked.sequences)].rename_axis(["sequence", SIZE]).reset_index()
+    table = table.loc[list(experiment.sequences)].rename_axis(["sequence", SIZE]).reset_index()
     panels = [plotted(pivot(table, SIZE, "sequence", values), "", SIZE, values) for values in (PSNR, TIME)]
     return ExperimentResult(
-        table=table, figure=picture(f"Fusion window, {asked.frames} frames of each sequence", panels)
+        table=table, figure=picture(f"Fusion window, {experiment.frames} frames of each sequence", panels)
     )
 
 

@@ -138,10 +138,10 @@ def _of_frame(
         yield Figure(region, TOO_FAR), (100 * completed.too_far, completed.filled)
         yield Figure(region, WITHOUT), (100 * without, completed.pixels)
     for region in (MEASURED, HOLES):
-        told = Reliability.of(
+        reliability = Reliability.of(
             result.depth_m, result.confidence, frame.reference_m, regions[region], focal_baseline_px_m
         )
-        yield Figure(region, BRIER), (told.squared_error, told.n)
+        yield Figure(region, BRIER), (reliability.squared_error, reliability.n)
 
 
 def _flicker(

@@ -68,7 +68,7 @@ SWARM_MEASURES = (
 )
 """The same of swarms. Whether a run collided does not tell what became of its drones."""
 PASSED_THROUGH = Measure("passed through [%]", "percent_passed")
-"""The frames that a corrector handed on as they were: with many of them, a rate says little of its correction."""
+"""The frames that a corrector passed through unchanged: with many of them, a rate says little of its correction."""
 DEPTH_MEASURES = Measure("depth error, MAE [m]", "depth_error_m"), Measure("without depth [%]", "without_depth_percent")
 
 

@@ -144,7 +144,7 @@ def _ratio(sums: FloatArray) -> FloatArray:
     return np.asarray(ratios[..., 0] if ratios.shape[-1] == 1 else ratios[..., 0] - ratios[..., 1])
 
 
-def told(estimate: IntervalEstimate, levels: FloatArray) -> str:
+def level_text(estimate: IntervalEstimate, levels: FloatArray) -> str:
     """Return a level of an axis as text, or that it may be beyond the levels that were flown: none is extrapolated."""
     low, high = estimate.interval
     if is_beyond(estimate, levels):

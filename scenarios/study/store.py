@@ -1,4 +1,4 @@
-"""The folder of a study: what it was begun with in `study.json`, and a file for each run that has ended.
+"""The folder of a study: what it was started with in `study.json`, and a file for each run that has ended.
 
 Every file appears whole: it is written under another name and renamed, and holds its digest. A run has its file in
 `runs` by its key, or in `failures` if it has no result; `diagnoses` has why its drones collided, of a run that was
@@ -150,7 +150,7 @@ class Cell:
 
 
 class Manifest(Model):
-    """What a study was begun with."""
+    """What a study was started with."""
 
     format: Literal[1] = 1
     """Version of the files."""
@@ -178,10 +178,10 @@ class Manifest(Model):
 
 
 @contextmanager
-def begun(
+def start_study(
     folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool, mixed: bool = False
 ) -> Iterator[StudyData]:
-    """Begin a study in a folder, or go on with the one that is there, as the only writer; yields what is there.
+    """Start a study in a folder, or go on with the one that is there, as the only writer; yields what is there.
 
     Args:
         folder: Folder of the study.
@@ -253,7 +253,7 @@ def _files(source: Path) -> dict[str, bytes]:
 
 
 def _manifest(source: Path, text: bytes) -> Manifest:
-    """Decode the manifest of a study, without settings that have become constants since it was begun."""
+    """Decode the manifest of a study, without settings that have become constants since it was started."""
     try:
         return Manifest.model_validate_json(unsealed_json(text), extra="ignore")
     except ValueError as error:
@@ -284,7 +284,7 @@ def _of_runs(
 
 
 def _require_same(folder: Path, data: StudyData, study: Study, specs: Sequence[RunSpec], *, mixed: bool) -> None:
-    """Refuse to go on with what is not the study that was begun, or, unless `mixed`, was flown with other versions."""
+    """Refuse to go on with what is not the started study, or, unless `mixed`, was flown with other versions."""
     now = versions_of(specs)
     changed = {
         name: f"{name} {before[name]} -> {now.get(name, 'unknown')}"

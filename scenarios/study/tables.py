@@ -26,7 +26,7 @@ from .analysis import (
     headline,
 )
 from .design import EndpointName, arm_label
-from .statistics import LEVEL, Interval, IntervalEstimate, Pairs, told, wilson
+from .statistics import LEVEL, Interval, IntervalEstimate, Pairs, level_text, wilson
 
 ENDPOINT_TITLES: dict[EndpointName, str] = {
     "arrived": "arrived without a collision",
@@ -224,8 +224,8 @@ def threshold_table(found: Iterable[Threshold], unit: str) -> Table:
             "scenario": one.scenario,
             "arm": one.arm,
             "seeds": one.seeds,
-            f"half arrive{in_unit}": told(one.half_arrive, one.levels),
-            f"half of the full goal speed{in_unit}": one.half_speed and told(one.half_speed, one.levels),
+            f"half arrive{in_unit}": level_text(one.half_arrive, one.levels),
+            f"half of the full goal speed{in_unit}": one.half_speed and level_text(one.half_speed, one.levels),
         }
         for one in found
     ]

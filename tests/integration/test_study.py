@@ -144,7 +144,7 @@ def test_an_archive_is_reported_without_unpacking_it(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.slow
-def test_runs_that_failed_are_told_and_flown_again_when_asked(tiny: Path, tmp_path: Path) -> None:
+def test_runs_that_failed_are_reported_and_flown_again_when_asked(tiny: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     tiny.write_text(TINY.replace("time_limit_s = 60", "time_limit_s = 0.05").replace("count = 2", "count = 1"))
     flown = invoke("study", tiny, "--out", out, "--workers", "1")

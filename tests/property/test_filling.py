@@ -134,7 +134,7 @@ HELD_OUT = ("sim-hover", "sim-MB", "sim-cut", "sim-cross", "sim-aligned", "sim-s
 """Rendered sequences, of a seed that nothing is fitted to."""
 
 
-def judged_holes(name: str) -> FloatArray:
+def evaluated_holes(name: str) -> FloatArray:
     """Number of holes within 40 m and of those that are right, by source and confidence below and above 0.4.
 
     The shape is (2, sources, 2).
@@ -158,7 +158,7 @@ def judged_holes(name: str) -> FloatArray:
 @pytest.mark.slow
 def test_more_of_the_confident_holes_are_right() -> None:
     """Holes above and below a confidence of 0.4 are compared within each sequence, and each counts alike."""
-    n, n_right = np.stack([judged_holes(name) for name in HELD_OUT], axis=1)
+    n, n_right = np.stack([evaluated_holes(name) for name in HELD_OUT], axis=1)
     for sources in ([Source.MEMORY, Source.INPAINTED], [Source.MEMORY], [Source.INPAINTED]):
         share = n_right[:, sources].sum(axis=1) / n[:, sources].sum(axis=1)
         assert np.mean(share[:, 1] - share[:, 0]) >= 0.1, (sources, np.round(100 * share))

@@ -127,7 +127,7 @@ def write(folder: Path, depth: list[tuple[str, int]], gray: list[tuple[str, int]
 
 
 @pytest.mark.parametrize("form", list(TIMES)[::4])
-def test_an_image_that_is_missing_shifts_no_pair_and_is_told(tmp_path: Path, form: str) -> None:
+def test_an_image_that_is_missing_shifts_no_pair_and_is_reported(tmp_path: Path, form: str) -> None:
     stems = [(TIMES[form](k * STEP_US), k) for k in range(9)]
     depth = [(stem, 1000 + k) for stem, k in stems if k != 2]
     write(tmp_path, depth, [(stem, 10 * k) for stem, k in stems if k != 6])

@@ -131,7 +131,7 @@ def test_sums_are_taken_in_double_precision() -> None:
 
 
 @pytest.mark.parametrize(
-    ("depth_m", "truth_m", "mask", "told"),
+    ("depth_m", "truth_m", "mask", "message"),
     [
         *((np.where(DEPTH == 1, np.float32(wrong), DEPTH), TRUTH, MASK, "got 1 judged pixels") for wrong in NO_DEPTHS),
         (DEPTH, np.repeat(TRUTH, 3, axis=0), MASK, r"depth_m \(1, 8\), truth_m \(3, 8\)"),
@@ -139,9 +139,9 @@ def test_sums_are_taken_in_double_precision() -> None:
     ],
 )
 def test_what_is_no_depth_or_no_mask_or_of_another_shape_is_refused_rather_than_averaged(
-    depth_m: np.ndarray, truth_m: np.ndarray, mask: np.ndarray, told: str
+    depth_m: np.ndarray, truth_m: np.ndarray, mask: np.ndarray, message: str
 ) -> None:
-    with pytest.raises(FrameError, match=told):
+    with pytest.raises(FrameError, match=message):
         Sums.of(depth_m, truth_m, mask)
 
 

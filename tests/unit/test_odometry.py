@@ -148,11 +148,11 @@ class Growing:
 
     def __init__(self, *fails_at: int) -> None:
         self.fails_at = fails_at
-        self.asked: list[int] = []
+        self.requested: list[int] = []
 
     def estimate(self, source: Frame, target: Frame) -> FloatArray | None:
         i = int(source.stamp_s)
-        self.asked.append(i)
+        self.requested.append(i)
         return None if i in self.fails_at else moved(i + 1.0)
 
 
@@ -160,7 +160,7 @@ class Growing:
 def test_without_poses_of_both_frames_odometry_is_asked(first: FloatArray | None, second: FloatArray | None) -> None:
     odometry = Growing()
     np.testing.assert_array_equal(motion_between(bare(0, first), bare(1, second), odometry), moved(1.0))
-    assert odometry.asked == [0]
+    assert odometry.requested == [0]
 
 
 @pytest.mark.parametrize("there", [moved(4.0), moved(1.0, 90.0)])
@@ -169,17 +169,17 @@ def test_poses_go_before_odometry_but_not_where_they_jump(there: FloatArray) -> 
     T = motion_between(bare(0, moved(1.0)), bare(1, moved(1.2)), odometry)
     np.testing.assert_allclose(T, moved(-0.2), atol=1e-12)
     assert motion_between(bare(0, moved(1.0)), bare(1, there), odometry) is None
-    assert not odometry.asked
+    assert not odometry.requested
 
 
 @pytest.mark.parametrize(
-    ("n", "fails_at", "x_m", "asked"),
+    ("n", "fails_at", "x_m", "requested"),
     [(4, (), [3, 2, 1, 0], [0]), (3, (0,), [None, None, 0], [0]), (1, (), [0], [])],
 )
 def test_the_frames_of_a_window_are_placed_before_the_last(
-    n: int, fails_at: tuple[int, ...], x_m: list[float | None], asked: list[int]
+    n: int, fails_at: tuple[int, ...], x_m: list[float | None], requested: list[int]
 ) -> None:
     odometry = Growing(*fails_at)
     poses = poses_in_last([bare(i) for i in range(n)], odometry)
     assert [None if T is None else float(T[0, 3]) for T in poses] == x_m
-    assert odometry.asked == asked
+    assert odometry.requested == requested

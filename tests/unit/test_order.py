@@ -38,7 +38,7 @@ def _guarded() -> Iterator[None]:
         ([-3, -2.9, -2.95, -2.8], "nnln"),
     ],
 )
-def test_a_late_stamp_is_told_from_a_clock_that_went_back(stamps_s: list[float], expected: str) -> None:
+def test_a_late_stamp_is_distinguished_from_a_clock_that_went_back(stamps_s: list[float], expected: str) -> None:
     order, by_letter = StampOrder(), {status.value[0]: status for status in StampStatus}
     assert [order.classify(stamp_s) for stamp_s in stamps_s] == [by_letter[letter] for letter in expected]
 
@@ -56,9 +56,9 @@ def test_a_corrector_without_a_pipeline_refuses_a_late_frame_and_keeps_its_memor
 def test_a_pipeline_leaves_late_frames_out_with_a_warning_and_keeps_the_memory() -> None:
     frames, reference = walk(6, CAMERA), TemporalCorrector(CAMERA)
     late = [*frames[:4], replace(frames[4], stamp_s=0.25), frames[4], replace(frames[2], stamp_s=0.4), frames[5]]
-    with pytest.warns(UserWarning, match="is left out: it comes late") as told:
+    with pytest.warns(UserWarning, match="is left out: it comes late") as reported:
         found = list(CorrectionPipeline(TemporalCorrector(CAMERA), late))
-    assert [str(each.message).partition(" is")[0] for each in told] == ["frame 4", "frame 6"]
+    assert [str(each.message).partition(" is")[0] for each in reported] == ["frame 4", "frame 6"]
     for (frame, corrected), expected in zip(found, frames, strict=True):
         assert frame is expected
         require_equal(corrected, reference.process(expected))

@@ -251,7 +251,7 @@ def test_a_failure_stops_all_threads_though_the_caller_has_not_come_to_it() -> N
         next(results)
 
 
-def test_of_two_failures_that_of_the_earlier_frame_is_told() -> None:
+def test_of_two_failures_that_of_the_earlier_frame_is_reported() -> None:
     corrector = Staged(on_align=fail_at(3, KeyError("later")), on_combine=fail_at(2, BROKEN))
     with pytest.raises(PipelineError, match="combining failed at frame 2"):
         list(CorrectionPipeline(corrector, frames(9)))

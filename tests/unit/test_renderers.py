@@ -53,14 +53,14 @@ def agreement(a: CameraImages, b: CameraImages, *, world: World | None = None) -
     nothing = np.isinf(a.depth_m) & np.isinf(b.depth_m)
     gap = np.zeros(a.depth_m.shape, np.float32)
     gap[both] = np.abs(a.depth_m[both] - b.depth_m[both])
-    judged = away & (nothing | both) & (np.where(both, a.depth_m, 0) < 60)
-    assert judged.mean() > 0.2, "most of the picture is left out: choose another view"
+    compared = away & (nothing | both) & (np.where(both, a.depth_m, 0) < 60)
+    assert compared.mean() > 0.2, "most of the picture is left out: choose another view"
     assert (np.isfinite(a.depth_m) == np.isfinite(b.depth_m))[away].mean() > 0.995
     tolerance_m = np.full(gap.shape, 0.01)
     for body_id, body in (world.bodies if world else {}).items():
         if isinstance(body.shape, Cylinder):
             tolerance_m[a.segment_id == body_id] += 0.1 * body.shape.radius_m
-    return float((gap <= tolerance_m)[judged].mean())
+    return float((gap <= tolerance_m)[compared].mean())
 
 
 @contextmanager

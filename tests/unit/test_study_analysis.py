@@ -181,7 +181,7 @@ def test_the_end_of_the_leader_is_an_endpoint_of_its_own() -> None:
     assert [*one_drone.comparisons] == ["arrived", "collision"], "of one drone, it is a collision"
 
 
-def test_what_became_of_the_drones_of_swarms_is_told_and_compared() -> None:
+def test_what_became_of_the_drones_of_swarms_is_reported_and_compared() -> None:
     findings = StudyAnalysis(of_swarms(two_arms("xxxo", "oxox"), LOST, passed_through_share=0.25))
     table, ends = findings.tables["swarms"], findings.tables["ends"]
     values = {row[1]: dict(zip(table.headings, row, strict=True)) for row in table.rows}

@@ -11,7 +11,7 @@ from scenarios.study.analysis import gains, matched_arms, run_frame, thresholds
 from scenarios.study.design import Study, by_importance, expand
 from scenarios.study.figures import all_figures
 from scenarios.study.report import StudyAnalysis
-from scenarios.study.statistics import LAPSE, crossing, success_threshold, told
+from scenarios.study.statistics import LAPSE, crossing, level_text, success_threshold
 from scenarios.study.store import StudyData
 from swarm.types import Outcome
 from tests.studies import arm, contents_of, noisy, record, study
@@ -117,7 +117,7 @@ def test_the_interval_covers_the_level_at_which_half_succeed(level: float) -> No
 def test_a_threshold_beyond_the_levels_is_said_to_be_there(always: bool) -> None:
     levels = np.array(STOPS)
     found = success_threshold(levels, np.full((10, 9), always))
-    assert told(found, levels) == "may lie outside of 0 to -4"
+    assert level_text(found, levels) == "may lie outside of 0 to -4"
 
 
 def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:

@@ -106,13 +106,13 @@ def test_tables_have_a_row_for_each_run_with_a_result(tmp_path: Path) -> None:
 
 
 def test_the_progress_is_one_short_line() -> None:
-    told = partial(progress_line, 10)
-    assert told(10, 0, 0, 0.0).partition(" ")[2] == "0 of 10 runs"
-    assert told(6, 2, 0, 3600.0).partition(" ")[2] == "4 of 10 runs, 2 runs per hour, 3 h 00 min left"
-    assert told(0, 10, 1, 90.0).partition(" ")[2] == "10 of 10 runs, 400 runs per hour, 0 h 00 min left, 1 errors"
+    message = partial(progress_line, 10)
+    assert message(10, 0, 0, 0.0).partition(" ")[2] == "0 of 10 runs"
+    assert message(6, 2, 0, 3600.0).partition(" ")[2] == "4 of 10 runs, 2 runs per hour, 3 h 00 min left"
+    assert message(0, 10, 1, 90.0).partition(" ")[2] == "10 of 10 runs, 400 runs per hour, 0 h 00 min left, 1 errors"
 
 
-def test_the_progress_of_a_study_is_told_at_its_beginning_and_end(tmp_path: Path) -> None:
+def test_the_progress_of_a_study_is_reported_at_its_beginning_and_end(tmp_path: Path) -> None:
     lines: list[str] = []
     run_study(study(arm("a"), arm("raises")), tmp_path, Serial(fake), lines.append)
     first, last = (line.partition(" ")[2] for line in lines)

@@ -62,9 +62,9 @@ class TestLoading:
         assert load_controller(config.controller) is create_agent
         assert load_controller("examples.straight_controller:create")(role_of(0, config), config).decide(situation())
 
-    @pytest.mark.parametrize(("is_worker", "told"), [(False, 1), (True, 0)])
+    @pytest.mark.parametrize(("is_worker", "message"), [(False, 1), (True, 0)])
     def test_foreign_code_is_named_before_it_runs_and_once_for_all_workers(
-        self, is_worker: bool, told: int, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+        self, is_worker: bool, message: int, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(plugins, "parent_process", lambda: object() if is_worker else None)
         plugins._announce.cache_clear()
@@ -72,7 +72,7 @@ class TestLoading:
         with pytest.raises(PluginError):
             load_controller("nowhere.at_all:factory")
         text = "this runs the code of nowhere.at_all:factory: stop it if you do not know that"
-        assert [record.getMessage() for record in caplog.records] == told * [text]
+        assert [record.getMessage() for record in caplog.records] == message * [text]
 
     @pytest.mark.parametrize("name", ["", "swarm.agents", "swarm.agents:", ":create_agent"])
     def test_half_a_name_is_refused_with_an_example(self, name: str) -> None:
@@ -184,7 +184,7 @@ class TestAgents:
             assert pilot.fly(wanted_m_s, seeing).command.yaw_rad == 0.0
             assert pilot.fly(wanted_m_s + 0.3 * LEFT, seeing).command.yaw_rad > 0.0
 
-    def test_a_drone_that_climbs_looks_where_it_is_told(self) -> None:
+    def test_a_drone_that_climbs_looks_where_it_is_commanded_to(self) -> None:
         pilot = MappingPilot(PilotConfig(), 20, 0.0, AIRFRAME, CAMERA)
         seeing = situation(percept=percept_of(flat(30.0)))
         assert pilot.fly(np.array([0.0, 0.0, 1.0]), seeing, look_at_m=np.array([0.0, 9.0, 0.0])).command.yaw_rad > 0

@@ -276,7 +276,7 @@ def test_slow_drones_at_its_height_are_obstacles_of_paths_and_no_part_of_the_map
     assert (costs.free_length_m(np.zeros(3), np.array([1.0, 0, 0]), 6.0) < 4.0) == takes
 
 
-def test_a_drone_with_nowhere_to_fly_looks_where_it_is_told() -> None:
+def test_a_drone_with_nowhere_to_fly_looks_where_it_is_commanded_to() -> None:
     flight = Flight(always(measured(flat(9.0))))
     flight.look_at_m = np.array([0.0, 5.0, 0.0])
     assert flight.flies((0.0, 0.1, 0), 2.0).yaw_rad == pytest.approx(np.pi / 2, abs=0.1)

@@ -113,7 +113,7 @@ class TestSurfaces:
         result = FillResult(with_holes(true_px, hole), decimation)
         assert np.abs(result.disparity_px - true_px)[hole].max() < 0.35
 
-    def test_a_lone_end_of_a_row_is_continued_by_its_slope(self) -> None:
+    def test_a_one_sided_end_of_a_row_is_continued_by_its_slope(self) -> None:
         true_px = 10 + 0.05 * COL
         hole = box(slice(0, 120), slice(0, 20))
         result = FillResult(with_holes(true_px, hole))
@@ -245,7 +245,7 @@ class TestBadInput:
         assert 400 <= np.count_nonzero(shown) < 2000
 
     @DECIMATIONS
-    def test_a_lone_near_speckle_in_a_hole_at_the_border_paints_no_star(self, decimation: int) -> None:
+    def test_an_isolated_near_speckle_in_a_hole_at_the_border_paints_no_star(self, decimation: int) -> None:
         measured_px = with_holes(FAR_PX, COL < 40)
         measured_px[60:63, 4:7] = NEAR_PX
         result = FillResult(measured_px, decimation)

@@ -110,7 +110,7 @@ class _TwoEnds(HoleFiller):
         return filled
 
 
-class WithoutLoneEnds(Steps):
+class WithoutOneSidedEnds(Steps):
     """An axis with one end has no vote."""
 
     def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
@@ -152,7 +152,7 @@ ABLATIONS: dict[str, type[Steps]] = {
     "previous_fill": WithoutPreviousFill,
     "row_bonus": WithoutRowBonus,
     "slants": WithoutSlants,
-    "lone_ends": WithoutLoneEnds,
+    "lone_ends": WithoutOneSidedEnds,
     "median": WithoutMedian,
     "coherence": WithoutCoherence,
     "gray_change": WithoutGrayChange,

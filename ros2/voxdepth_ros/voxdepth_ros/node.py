@@ -178,9 +178,9 @@ class VoxDepthNode(Node):
             message=missing or report.summary,
             values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
         )
-        told = DiagnosticArray(status=[status])
-        told.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(told)
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
 
     def _published(self, name: str) -> list[str]:
         """Return the topics of others that have the type of one of ours."""

@@ -291,10 +291,10 @@ class Arrivals:
         silent = [name for name in self.topics if waited_s[name] >= PATIENCE_S]
         never = [name for name in silent if name not in self._last_s]
         stopped = [name for name in silent if name in self._last_s and name not in self._once]
-        told = {"no message has come yet for": never, "no message has come any more for": stopped}
+        notices = {"no message has come yet for": never, "no message has come any more for": stopped}
         lines = [
             f"{text} {'; '.join(self._found(name, published(name)) for name in names)}"
-            for text, names in told.items()
+            for text, names in notices.items()
             if names
         ]
         return "; ".join(lines)

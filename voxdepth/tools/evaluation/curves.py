@@ -60,8 +60,8 @@ def plots_of(evaluation: Evaluation) -> list[Plot]:
 
 def untold(evaluation: Evaluation) -> list[str]:
     """Return the names of the sequences in which no method has enough fills to tell their reliability."""
-    told = selected(evaluation, Selector(OVERALL.said, HIDDEN, ALL, FILLED)).index.unique("sequence")
-    return [name for name in evaluation.sequences if name not in told]
+    reported = selected(evaluation, Selector(OVERALL.said, HIDDEN, ALL, FILLED)).index.unique("sequence")
+    return [name for name in evaluation.sequences if name not in reported]
 
 
 def _bins(evaluation: Evaluation, mask: str) -> list[tuple[pd.DataFrame, pd.DataFrame]]:

@@ -74,14 +74,14 @@ def find_method(name: str) -> Method:
     corrector, setting = parse_corrector(name)
     without = setting.pop("without", None) if corrector == DEFAULT else None
     config = resolve_config(corrector, setting) if setting else config_of(corrector)
-    told = None if config is None else config.model_dump(mode="json")
+    settings = None if config is None else config.model_dump(mode="json")
     make: CorrectorFactory = partial(create_corrector, corrector, config=config)
     if without is not None:
-        make, told = _made_without(str(without), config), {**(told or {}), "without": without}
+        make, settings = _made_without(str(without), config), {**(settings or {}), "without": without}
     return Method(
         name=name,
         make=make,
-        config=told,
+        config=settings,
         is_foreign=corrector not in CORRECTOR_NAMES,
         warm_up_frames=WARM_UP_FRAMES if config is None else config.warm_up_frames,
     )
@@ -128,7 +128,7 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s)),
         close=score.close,
-        judged=score.judged,
+        judged=score.evaluated,
         pictures=pictures,
     )
 
@@ -153,8 +153,8 @@ def _method_errors(what: str) -> Iterator[None]:
     try:
         yield
     except (Exception, SystemExit) as error:
-        told = str(error) if isinstance(error, PluginError) else f"{what}: {type(error).__name__}: {error}"
-        raise MethodError(" ".join(told.split())) from error
+        text = str(error) if isinstance(error, PluginError) else f"{what}: {type(error).__name__}: {error}"
+        raise MethodError(" ".join(text.split())) from error
 
 
 @contextmanager

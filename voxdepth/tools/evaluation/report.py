@@ -97,7 +97,7 @@ def share_table(evaluation: Evaluation, shares: Shares) -> Table:
 
 def _share_texts(evaluation: Evaluation, sequence: str, kind: PixelKind) -> dict[str, str]:
     """Return the share of each method, how much was judged, and which methods failed in a sequence."""
-    texts = dict(zip(JUDGED, (f"{100 * kind.judged_share:.1f}", f"{kind.judged:,}"), strict=True))
+    texts = dict(zip(JUDGED, (f"{100 * kind.evaluated_share:.1f}", f"{kind.evaluated:,}"), strict=True))
     texts |= {method: _interval_text(kind.share(method)) for method in kind.ranked}
     best, *others = kind.ranked or [""]
     if others and kind.share(best).value > kind.share(others[0]).value:

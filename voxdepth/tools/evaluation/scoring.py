@@ -50,7 +50,7 @@ class Score:
         self._settled: defaultdict[Selector, Sums] = defaultdict(Sums)
         self.close: tuple[tuple[int, ...], ...] = ()
         """Number of hidden pixels within 20 m that are given a close depth, by frame and tile."""
-        self.judged: tuple[tuple[int, ...], ...] = ()
+        self.evaluated: tuple[tuple[int, ...], ...] = ()
         """Number of all hidden pixels within 20 m with a reference, by frame and tile."""
 
     def add(self, frame: EvaluationFrame, corrected: CorrectedDepth) -> None:
@@ -92,13 +92,13 @@ class Score:
 
     def _add_tiles(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Count in the tiles of the recording's own images, also where methods are given mirrored ones."""
-        judged = frame.hidden & frame.near()
+        evaluated = frame.hidden & frame.near()
         side = -1 if self._reference.is_mirrored else 1
         close, of = (
             tuple(tiles.count(mask[:, ::side]).tolist())
-            for mask in (judged & is_close(depth_m, frame.reference_m), judged)
+            for mask in (evaluated & is_close(depth_m, frame.reference_m), evaluated)
         )
-        self.close, self.judged = (*self.close, close), (*self.judged, of)
+        self.close, self.evaluated = (*self.close, close), (*self.evaluated, of)
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Count how the depth of a pixel changes; without the truth the depth itself, not its error, should stay."""
@@ -115,7 +115,7 @@ class Score:
 
     def _add_settled(self, frame: EvaluationFrame, completed_m: FloatImage) -> None:
         """Score the surfaces of a rendered frame within the paper's peak, and the occluded ones, after the warm-up."""
-        if frame.occluded is not None and len(self.judged) > SETTLED_FRAMES:
+        if frame.occluded is not None and len(self.evaluated) > SETTLED_FRAMES:
             in_16_bits = frame.known() & (frame.reference_m <= np.float32(PEAK16_M))
             self._settled[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
             self._settled[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, frame.occluded & frame.near())

@@ -28,7 +28,7 @@ class PixelKind:
     """Name of their mask, or `ALL_KINDS`."""
     pixels: int
     """Number of pixels of the kind, whether they have a reference or not; see `SequenceInfo.hidden`."""
-    judged: int
+    evaluated: int
     """Number of those within 20 m that have one."""
     draws: pd.DataFrame
     """See `drawn_shares`."""
@@ -39,9 +39,9 @@ class PixelKind:
         return "own holes" if self.mask == HOLES else self.mask.replace("-", " ")
 
     @property
-    def judged_share(self) -> float:
+    def evaluated_share(self) -> float:
         """Share of the pixels that is judged."""
-        return self.judged / max(1, self.pixels)
+        return self.evaluated / max(1, self.pixels)
 
     @cached_property
     def ranked(self) -> list[str]:
@@ -84,7 +84,11 @@ class Shares:
                 if other := kind.best_other(method):
                     found |= zip(LEAD, kind.lead(method, other), strict=True)
                 for metric, value in found.items():
-                    yield sequence, method, MetricValue(metric, kind.mask, NEAR, AS_GIVEN, value, "share", kind.judged)
+                    yield (
+                        sequence,
+                        method,
+                        MetricValue(metric, kind.mask, NEAR, AS_GIVEN, value, "share", kind.evaluated),
+                    )
 
 
 def shares_of(results: Sequence[MethodResult]) -> list[Shares]:
@@ -114,12 +118,12 @@ def _shares(recording: str, of_sequences: dict[str, list[MethodResult]]) -> Shar
 
 
 def _kind(mask: str, pixels: int, counts: dict[str, Counts]) -> PixelKind:
-    judged = max((int(of.judged.sum()) for of in counts.values()), default=0)
-    return PixelKind(mask=mask, pixels=pixels, judged=judged, draws=drawn_shares(counts))
+    evaluated = max((int(of.evaluated.sum()) for of in counts.values()), default=0)
+    return PixelKind(mask=mask, pixels=pixels, evaluated=evaluated, draws=drawn_shares(counts))
 
 
 def _sum(counts: list[Counts]) -> Counts:
-    return Counts(np.sum([of.close for of in counts], axis=0), np.sum([of.judged for of in counts], axis=0))
+    return Counts(np.sum([of.close for of in counts], axis=0), np.sum([of.evaluated for of in counts], axis=0))
 
 
 def _counts(result: MethodResult) -> Counts:

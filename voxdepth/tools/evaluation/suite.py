@@ -212,15 +212,15 @@ def _scores(source: FrameSource, method: Method, frames: Frames, pictured: int) 
 
 def describe(recording: str, source: FrameSource, frames: Frames) -> SequenceInfo:
     """Describe the frames of a sequence of a recording, at least one."""
-    pixels, hidden, judged, stamps_s = 0, 0, [], []
+    pixels, hidden, evaluated, stamps_s = 0, 0, [], []
     for index, frame in enumerate(frames):
         known = frame.known()
         pixels += int(np.count_nonzero(known))
         hidden += int(np.count_nonzero(frame.hidden & (frame.reference_m < np.inf)))
-        judged += [index] * bool((frame.hidden & known).any())
+        evaluated += [index] * bool((frame.hidden & known).any())
         stamps_s.append(frame.frame.stamp_s)
-    judged = judged or list(range(len(stamps_s)))
-    pictured = judged[len(judged) // 2]
+    evaluated = evaluated or list(range(len(stamps_s)))
+    pictured = evaluated[len(evaluated) // 2]
     shown = next(islice(frames, pictured, None))
     return SequenceInfo(
         name=source.name,

@@ -9,7 +9,7 @@ from .intervals import Interval
 from .shares import ALL_KINDS, PixelKind, Shares
 from .suite import Evaluation
 
-ALL_JUDGED = 0.995
+ALL_EVALUATED = 0.995
 """Share of judged pixels that is told as all."""
 LEAST_LEAD = 0.0005
 """A smaller difference of two shares is told as none: it would be written as 0.0 points."""
@@ -26,9 +26,9 @@ def verdict(evaluation: Evaluation) -> list[str]:
 def _failed(evaluation: Evaluation) -> Iterator[str]:
     """Say which methods failed in how many sequences, if any: what follows is without them."""
     failed = Counter(result.method for result in evaluation.failures)
-    asked = Counter(result.method for result in evaluation.results)
+    attempted = Counter(result.method for result in evaluation.results)
     if failed:
-        of = [f"{registry.title(method)} in {n} of {asked[method]} sequences" for method, n in failed.items()]
+        of = [f"{registry.title(method)} in {n} of {attempted[method]} sequences" for method, n in failed.items()]
         yield f"Failed: {', '.join(of)}. A method that failed in a recording is not compared over all of its pixels."
 
 
@@ -44,7 +44,7 @@ def _of_recordings(compared: list[Shares]) -> Iterator[str]:
 
 def _of_recording(shares: Shares) -> str:
     """Say which method fills most of all judged pixels right, where another one is ahead, and what was not judged."""
-    sentences = [*_best(shares.overall), *_ahead(shares), *_own_holes(shares), *_judged(shares)]
+    sentences = [*_best(shares.overall), *_ahead(shares), *_own_holes(shares), *_evaluated(shares)]
     return f"{shares.recording}: {' '.join(sentences)}"
 
 
@@ -86,10 +86,10 @@ def _own_holes(shares: Shares) -> Iterator[str]:
             yield f"Of the sensor's own holes it gives {100 * kind.share(best).value:.1f} % such a depth, {than}."
 
 
-def _judged(shares: Shares) -> Iterator[str]:
+def _evaluated(shares: Shares) -> Iterator[str]:
     """Say of which kinds not all pixels were judged: the others may be harder ones."""
-    kinds = [kind for kind in shares.kinds.values() if kind.mask != ALL_KINDS and kind.judged_share < ALL_JUDGED]
-    of = [f"{100 * kind.judged_share:.0f} % of the {kind.title}" for kind in kinds]
+    kinds = [kind for kind in shares.kinds.values() if kind.mask != ALL_KINDS and kind.evaluated_share < ALL_EVALUATED]
+    of = [f"{100 * kind.evaluated_share:.0f} % of the {kind.title}" for kind in kinds]
     if of:
         yield f"Only {_listed(of)} were judged."
 
