@@ -60,7 +60,7 @@ class Percept:
     """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth
     gray: GrayImage | None = None
-    """The gray image of the capture, shape (H, W), uint8; black if nothing asked for it."""
+    """The gray image of the capture, shape (H, W), uint8; black if nothing requests it."""
     detections: Mapping[int, FloatArray] = field(default_factory=dict)
     """Centres of the other drones that were found in the image, by their numbers: in the camera frame, shape (3,)."""
 

@@ -1,4 +1,4 @@
-"""Fits confidences to real recordings, and judges each recording by what the others give.
+"""Fits confidences to real recordings, and evaluates each recording by what the others give.
 
     python -m tests.calibrate FOLDER FOLDER...
     python -m tests.calibrate --write FOLDER FOLDER...
@@ -9,8 +9,8 @@ believed at 0.8 is right. The last line is the factor of all; after a change of 
 `MEASURED_ODDS` by it. The second command fits the other correctors, which have one probability for each source of
 their fills, and writes `voxdepth/confidence.toml`.
 
-Fills are judged on held-out pixels of every kind and on the sensor's own holes, kinds alike, and measured pixels where
-the truth or later frames are known.
+Fills are evaluated on held-out pixels of every kind and on the sensor's own holes, kinds alike, and measured pixels
+where the truth or later frames are known.
 """
 
 import argparse

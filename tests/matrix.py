@@ -163,7 +163,7 @@ def table(outcomes: Iterable[Outcome]) -> str:
 
 
 def chosen(arguments: Sequence[str] | None) -> list[tuple[str, str]]:
-    """The Pythons and the versions that are asked for; those that make no sense end the program with one line."""
+    """The Pythons and the versions that are requested; those that make no sense end the program with one line."""
     parser = argparse.ArgumentParser(prog="python -m tests.matrix", usage=argparse.SUPPRESS)
     parser.add_argument("--python", choices=PYTHONS, help="one Python, in place of all that are here")
     parser.add_argument("--versions", choices=RESOLUTIONS, help="one choice of versions, in place of both")
@@ -183,7 +183,7 @@ def chosen(arguments: Sequence[str] | None) -> list[tuple[str, str]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what is asked for and print a table; 1 if something failed."""
+    """Run what is requested and print a table; 1 if something failed."""
     combinations, tests = chosen(arguments), library_tests()
     print(f"{len(tests)} files of tests need no package of the testbed", flush=True)
     outcomes = []

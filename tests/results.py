@@ -55,7 +55,7 @@ SIZES = ((160, 96), (480, 270), (640, 360), (848, 480))
 REAL = ("aloe", "cones", "d435-arm", "d435-hand", "kinect", "kitti", "motorcycle")
 """Recordings by the names of their folders; docs/corrector.md says what they are."""
 ABLATED = ("cones", "d435-arm", "kitti")
-"""Recordings by which parts are judged: of a pair, of a camera at stations, and of one that moves."""
+"""Recordings by which parts are evaluated: of a pair, of a camera at stations, and of one that moves."""
 REAL_FRAMES, ABLATION_FRAMES, CALIBRATION_FRAMES, RENDERED_FRAMES = 40, 12, 30, 30
 UNSEEN_SEED = 2024
 """Of rendered sequences by which nothing was trained or tuned."""

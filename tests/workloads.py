@@ -75,7 +75,7 @@ CORRECTORS = (
 CRASH = {"mission.controller": "examples.straight_controller:create", "mission.cruise_speed_m_s": 4.0}
 """The leader hits the first pillar."""
 JUDGED = (None, "shadows", "wide-shadows", "patches")
-"""What pixels methods are judged by; None for all, by the truth."""
+"""What pixels methods are evaluated on; None for all, by the truth."""
 ODD = replace(CAMERA, width_px=161, height_px=121)
 """A camera whose last row and column have no working pixel at half resolution."""
 FLIGHTS: Mapping[str, tuple[str, dict[str, Any]]] = {
@@ -198,7 +198,7 @@ def diagnosis() -> Any:
 
 
 def references(hidden: str | None) -> Any:
-    """What methods are judged by in a recording, and how two of them are judged; None for the truth."""
+    """What methods are evaluated on in a recording, and how two of them compare; None for the truth."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "clip"
         record(load_sequence("sim-cross", 1, SMALL | MOVING | {"renderer": "raster"}), path, 12, lambda done: None)

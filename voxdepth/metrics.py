@@ -262,7 +262,7 @@ class Reliability(Addable):
             focal_baseline_px_m: The property of `Intrinsics`.
 
         Raises:
-            FrameError: The shapes differ, or a judged depth is negative, NaN or infinite.
+            FrameError: The shapes differ, or an evaluated depth is negative, NaN or infinite.
         """
         require_same_shape(depth_m=depth_m, confidence=confidence)
         depth, truth = select_evaluated(depth_m, truth_m, mask)
@@ -330,7 +330,7 @@ def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, foca
     Args:
         depth_m: Depth under test [m], shape (H, W); 0 = invalid, not counted.
         truth_m: True depth [m], shape (H, W); 0, NaN or infinite is unknown.
-        mask: Pixels that are judged, if they have a true depth, shape (H, W).
+        mask: Pixels that are evaluated, if they have a true depth, shape (H, W).
         focal_baseline_px_m: The property of `Intrinsics`.
 
     Raises:

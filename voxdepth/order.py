@@ -1,4 +1,4 @@
-"""The order of the frames of a stream: one that comes late is told from a stream that begins again."""
+"""The order of the frames of a stream: one that comes late is distinguished from a stream that begins again."""
 
 import warnings
 from enum import Enum

@@ -42,7 +42,7 @@ class StagedCorrector(DepthCorrector, Protocol):
 class CorrectionPipeline:
     """Iterates over `(frame, corrected)` in the order of the frames, while later frames are in work.
 
-    The threads start with the first frame asked for. They stop when the iteration ends, when its iterator is dropped,
+    The threads start with the first requested frame. They stop when the iteration ends, when its iterator is dropped,
     with the `with` block, or by `close`. A pipeline is iterated once, and its corrector must not be used elsewhere
     meanwhile; it is not closed here.
 

@@ -68,7 +68,7 @@ def write_worst(out: Path, judgement: Judgement, corrects: Corrects, other: Oppo
     Args:
         out: Folder of the files.
         judgement: What became worse.
-        corrects: The corrector that was judged.
+        corrects: The corrector that was evaluated.
         other: What it was compared with; without a corrector of it, the picture shows the raw depth instead.
     """
     worst = judgement.worst

@@ -53,7 +53,7 @@ def worst_frame(
         figure: Figure that is compared.
         before: Correction of each frame that it is compared with.
         before_title: What titles call that correction, as in `at main`.
-        now: Correction of each frame by the corrector that was judged.
+        now: Correction of each frame by the corrector that was evaluated.
     """
     column = FIGURES.index(figure)
     old, new = (scores(clip, results).of_frames[:, column] for results in (before, now))

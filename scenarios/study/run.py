@@ -1,4 +1,4 @@
-"""Running a study: missing runs go to the executor, completed runs go into the store, and the progress is told."""
+"""Running a study: missing runs go to the executor, completed runs go into the store, and the progress is reported."""
 
 import time
 from collections.abc import Callable, Sequence

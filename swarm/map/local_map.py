@@ -1,6 +1,6 @@
 """The map around one drone: it takes in percepts, and answers how the drone may fly through what they proved.
 
-The speed is that of a braking curve over the free space in the direction that is really flown, whoever asked for it:
+The speed is that of a braking curve over the free space in the direction that is really flown, whoever requests it:
 the rules, other drones, or the path around an obstacle.
 """
 

@@ -91,7 +91,7 @@ def test_a_study_killed_again_and_again_loses_nothing_and_repeats_nothing(tmp_pa
 
 
 def results_so_far(out: Path) -> int:
-    """Of a study that may not have begun."""
+    """Of a study that may not have started."""
     try:
         return len(results_of(out))
     except ScenarioError:

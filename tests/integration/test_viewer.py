@@ -89,7 +89,7 @@ def _wait_for(condition: Callable[[], bool]) -> None:
 
 
 def _serves(output: Path) -> bool:
-    """Whether the page answers at the address that was told."""
+    """Whether the page answers at the address that was reported."""
     message = re.search(r"http://127\.0\.0\.1:(\d+)", output.read_text())
     with socket.socket() as browser:
         return message is not None and browser.connect_ex(("127.0.0.1", int(message[1]))) == 0

@@ -20,7 +20,7 @@ ENVIRONMENT = {
     **os.environ,
     "PYTHONPATH": str(ROOT),
     "PYTHONUNBUFFERED": "1",
-    # Without sockets: those of Fast DDS listen on all interfaces, whatever ROS is told. Twice so many bytes are shared.
+    # Without sockets: those of Fast DDS listen on all interfaces in any case. Twice so many bytes are shared.
     "FASTDDS_BUILTIN_TRANSPORTS": "SHM?sockets_size=16MB",
     "ROS_DOMAIN_ID": str(1 + os.getpid() % 200),
     "ROS_LOG_DIR": tempfile.gettempdir(),
@@ -97,7 +97,7 @@ class Process:
 
 
 class Peer(Process):
-    """A module of these tests that is told what to do in lines of JSON, and answers so."""
+    """A module of these tests that takes requests in lines of JSON, and answers so."""
 
     def __init__(self, module: str) -> None:
         super().__init__("-m", f"tests.ros.{module}", is_driven=True)

@@ -18,7 +18,7 @@ BAD = {
     "corrector:=temporal[fil=all]": "unknown key 'fil'",
     "slop_s:=[1,": "parameter override rule: '-p slop_s:=[1,'",
 }
-"""Parameters, of which the last is none, and a part of what is told."""
+"""Parameters, of which the last is none, and a part of what is reported."""
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

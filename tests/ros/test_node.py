@@ -76,7 +76,7 @@ class Wired(NamedTuple):
         raise AssertionError(f"nothing was corrected: {self.node.text}")
 
     def wait_until_reported(self, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        """Wait until what the node told last of itself is so."""
+        """Wait until what the node reported last of itself is so."""
         name = f"{self.namespace[1:]}/voxdepth: depth correction"
 
         def found() -> list[dict[str, Any]]:

@@ -121,7 +121,7 @@ def test_names_that_say_the_same_are_refused(stems: list[str]) -> None:
 
 
 def write(folder: Path, depth: list[tuple[str, int]], gray: list[tuple[str, int]]) -> None:
-    """Images of the values, so that it can be told which ones make a frame."""
+    """Images of the values, which identify the images of a frame."""
     for name, images, kind in (("depth", depth, np.uint16), ("color", gray, np.uint8)):
         write_images(folder, {f"{name}/{stem}.png": np.full(SHAPE, value, kind) for stem, value in images})
 

@@ -1,4 +1,4 @@
-"""Whether a confidence can be believed: what is told, of how many pixels, and how it is drawn."""
+"""Whether a confidence can be believed: what is reported, of how many pixels, and how it is drawn."""
 
 from dataclasses import replace
 from typing import Any
@@ -26,7 +26,7 @@ def frame_of(hidden: MaskImage) -> EvaluationFrame:
 
 
 def message(reference: Reference, hidden: MaskImage, times: int = 1, **given: Any) -> dict[tuple[str, str], Any]:
-    """What is told where half of the fills are right, of which 0.9 is said, and all measured pixels."""
+    """What is reported where half of the fills are right, of which 0.9 is said, and all measured pixels."""
     frame, score = frame_of(hidden), ConfidenceScore(reference, CAMERA)
     depth_m = np.where(hidden & (np.arange(CAMERA.width_px) % 2 == 0), np.float32(60), np.float32(30))
     confidence = np.where(hidden, np.float32(0.9), np.float32(1))

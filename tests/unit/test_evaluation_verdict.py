@@ -1,4 +1,4 @@
-"""The verdict of an evaluation follows from the numbers of its tables, and weighs all that was judged."""
+"""The verdict of an evaluation follows from the numbers of its tables, and weighs all that was evaluated."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def results_of(
 ) -> list[MethodResult]:
     """One kind of pixels: methods with shares of close pixels, a tenth more and a tenth less by turns.
 
-    None failed. Half of the pixels are judged.
+    None failed. Half of the pixels are evaluated.
     """
     reference = TRUTH if hidden == "holes" else held_out(hidden)
     info = info_of(f"{recording}-{hidden}", recording=recording, reference=reference, hidden=2 * tiles * pixels)
@@ -39,7 +39,7 @@ def evaluation_of(*results: list[MethodResult]) -> Evaluation:
 
 
 def test_the_verdict_weighs_kinds_by_evaluated_pixels_and_names_those_where_another_method_is_ahead() -> None:
-    """The case of a user: ours wins own holes by 4 points, of which few are judged, and loses the shadows by 10."""
+    """The case of a user: ours wins own holes by 4 points, of which few are evaluated, and loses the shadows by 10."""
     few = results_of("holes", {"raw": 0.0, "realsense-left": 0.80, "temporal": 0.84}, pixels=100)
     many = results_of("shadows", {"raw": 0.0, "realsense-left": 0.92, "temporal": 0.82})
     evaluation = evaluation_of(many, few)

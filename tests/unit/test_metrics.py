@@ -351,7 +351,7 @@ def test_a_pixel_flies_if_it_is_neither_on_the_near_nor_on_the_far_surface_nor_b
 
 
 def test_only_fills_beside_an_edge_can_fly() -> None:
-    """Columns 8 to 15 see both surfaces in a window of 9 columns. A hole and a pixel without a truth are not judged."""
+    """Columns 8 to 15 see both surfaces in a window of 9. A hole and a pixel without a truth are not evaluated."""
     depth_m, truth_m = edge(0, 4)
     truth_m[4, 11] = 0
     everywhere = np.ones(truth_m.shape, bool)

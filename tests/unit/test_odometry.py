@@ -144,7 +144,7 @@ def bare(number: int = 0, T_world_cam: FloatArray | None = None) -> Frame:
 
 
 class Growing:
-    """Frame i and i + 1 are i + 1 metres apart; fails at the pairs that it is told."""
+    """Frame i and i + 1 are i + 1 metres apart; fails at the given pairs."""
 
     def __init__(self, *fails_at: int) -> None:
         self.fails_at = fails_at

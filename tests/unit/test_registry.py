@@ -1,4 +1,4 @@
-"""Correctors by name: ours all work, those of other distributions are found and loaded when asked for."""
+"""Correctors by name: ours all work, those of other distributions are found and loaded on request."""
 
 import re
 import subprocess

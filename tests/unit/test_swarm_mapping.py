@@ -47,7 +47,7 @@ DepthView = Callable[[FloatArray, float], CorrectedDepth]
 
 
 class Flight:
-    """One drone that is told to fly at a velocity, sees an image ten times a second, and obeys its pilot.
+    """One drone that is commanded to fly at a velocity, sees an image ten times a second, and obeys its pilot.
 
     Its velocity follows the command with the time constant that the pilot assumes.
     """
@@ -313,7 +313,7 @@ def random_costs(seed: int) -> CostMap:
 
 @given(seed=st.integers(0, 10**6), angle=st.floats(0, 2 * np.pi), speed=st.floats(0, 3.2), turns=st.integers(0, 5))
 def test_it_stops_within_free_space_on_any_map(seed: int, angle: float, speed: float, turns: int) -> None:
-    """Whatever velocity up to the default of a follower is asked for, the body stays in cells that are free."""
+    """Whatever velocity up to the default of a follower is requested, the body stays in cells that are free."""
     flight, rng = Flight(always(HOLES)), np.random.default_rng(seed)
     flight.flies((0, 0, 0), 0.1)
     costs = random_costs(seed)

@@ -1,4 +1,4 @@
-"""Poses of the caller that the images contradict are told, and not followed."""
+"""Poses of the caller that the images contradict are reported, and not followed."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The unit of depth: values become metres in one way, and those that contradict the usual unit are asked about."""
+"""The unit of depth: values become metres in one way, and those that contradict the usual unit are questioned."""
 
 import numpy as np
 import pytest

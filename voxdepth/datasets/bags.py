@@ -72,7 +72,7 @@ ZSTD = b"\x28\xb5\x2f\xfd"
 """How compressed data begin."""
 END_NS = 2**64
 """End of the times of MCAP [ns]. Those before 1970 are stored as if they were after 2262, and rosbags leaves them out
-of some files unless they are asked for."""
+of some files unless they are requested."""
 UNREADABLE = re.compile("support|json|proto|ros1|flatbuffer")
 """Words in errors of rosbags about bags that are whole."""
 REPAIR = "if it was cut short, repair it with `rosbag reindex` (ROS 1), `ros2 bag reindex` or `mcap recover`"

@@ -58,7 +58,7 @@ MAX_MEDIAN_RESIDUAL_PX = 1.5
 
 
 POSES = {False: "followed", True: "contradicted"}
-"""What is told of the poses of the caller."""
+"""What is reported of the poses of the caller."""
 
 
 class TrackingStatus(StrEnum):

@@ -155,7 +155,7 @@ def _planned(
     frames: int | None,
     of_input: Mapping[str, int | str | None],
 ) -> "Correction":
-    """Resolve and check everything before anything is written; `of_input` is what was asked for of the dataset."""
+    """Resolve and check everything before anything is written; `of_input` is what was requested of the dataset."""
     from ..datasets.files import given_fields
     from ..errors import printable
     from ..registry import config_of

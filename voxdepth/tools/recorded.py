@@ -1,4 +1,4 @@
-"""Recorded sequences as commands open them: OpenCV is silent, and what is assumed of a camera is told."""
+"""Recorded sequences as commands open them: OpenCV is silent, and what is assumed of a camera is reported."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""How well the correction keeps up: what is counted while it runs, and what is told of it."""
+"""How well the correction keeps up: what is counted while it runs, and what is reported of it."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ class Reason(StrEnum):
 
 
 class Report(NamedTuple):
-    """What is told of an interval."""
+    """What is reported of an interval."""
 
     is_well: bool
     """Whether frames were corrected, and none was unusable."""

@@ -95,7 +95,7 @@ class VoxDepthNode(Node):
         super().destroy_node()
 
     def _settings(self) -> Settings:
-        """Declare the parameters that nobody gave, and read all; one that the node does not have is told."""
+        """Declare the parameters that nobody gave, and read all; one that the node does not have is reported."""
         # 5000 is a number as well as 5000.0; a change while the node runs would have no effect.
         kind = ParameterDescriptor(dynamic_typing=True, read_only=True)
         defaults, given = Settings().model_dump(), self.get_parameters_by_prefix("")

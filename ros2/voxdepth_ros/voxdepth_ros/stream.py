@@ -27,9 +27,9 @@ MOST_WAITING = 5
 INTERVALS = 9
 """Intervals between images of a topic whose median is its period."""
 MANY_ALONE = 10
-"""Images without a partner that are told: a few of them are lost at a start."""
+"""Images without a partner that are reported: a few of them are lost at a start."""
 PATIENCE_S = 5.0
-"""Time after which topics without a message are told [s]."""
+"""Time after which topics without a message are reported [s]."""
 TYPICAL = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=80, baseline_m=ASSUMED_BASELINE_M)
 """A camera for which a corrector is made before that of the images is known."""
 

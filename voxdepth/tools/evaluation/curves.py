@@ -48,7 +48,7 @@ class Plot(NamedTuple):
 
 
 def plots_of(evaluation: Evaluation) -> list[Plot]:
-    """Return the plots of fills and of measured pixels of each sequence whose reliability can be told."""
+    """Return the plots of fills and of measured pixels of each sequence whose reliability can be reported."""
     fills, measured = _bins(evaluation, HIDDEN), _bins(evaluation, MEASURED)
     plots = [
         Plot(f"{name}: {words}", list(_curves(evaluation, name, bins)))

@@ -54,8 +54,8 @@ class Interval(NamedTuple):
 def drawn_shares(counts: Mapping[str, Counts]) -> pd.DataFrame:
     """Return the share of close pixels of the sample (first row) and of every resample, by method (columns).
 
-    All methods share the draws, so the difference of two columns is one of pairs. A method without judged pixels is
-    left out. There are no resamples if the judged pixels are in fewer than `MIN_TILES` tiles.
+    All methods share the draws, so the difference of two columns is one of pairs. A method without evaluated pixels is
+    left out. There are no resamples if the evaluated pixels are in fewer than `MIN_TILES` tiles.
     """
     evaluated = sum((of.evaluated for of in counts.values()), np.zeros((1, 1)))
     frames, tiles = evaluated.any(axis=1), evaluated.any(axis=0)

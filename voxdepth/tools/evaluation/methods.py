@@ -101,7 +101,7 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
 
     Args:
         method: The method.
-        frames: The frames, at least one, with what they are judged by; they are gone through twice.
+        frames: The frames, at least one, with what they are evaluated against; they are gone through twice.
         reference: What the reference of the frames is.
         intrinsics: Intrinsics of the frames.
         pictured: Index of the frame whose depth is drawn.

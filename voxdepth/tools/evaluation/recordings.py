@@ -30,7 +30,7 @@ HELD_OUT: dict[str, MakeReferences] = {each.reference.hidden: each for each in (
 
 
 def kinds_of(folder: Path, opener: OpenRecording) -> dict[str, MakeReferences]:
-    """Return the kinds of pixels that methods can be judged by in a recording, by the name of their mask."""
+    """Return the kinds of pixels that methods can be evaluated against in a recording, by the name of their mask."""
     if true_depths(folder).files:
         return HELD_OUT | {HOLES: partial(TrueHoles, folder)}
     with suppress(VoxDepthError):
@@ -40,7 +40,7 @@ def kinds_of(folder: Path, opener: OpenRecording) -> dict[str, MakeReferences]:
 
 
 class RecordedSource:
-    """A recording of any format without true poses, of which one kind of pixels is judged; see `FrameSource`."""
+    """A recording of any format without true poses, of which one kind of pixels is evaluated; see `FrameSource`."""
 
     seed: int | None = None
     code: Code = ()

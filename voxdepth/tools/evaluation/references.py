@@ -1,6 +1,6 @@
 """References of real recordings: measured pixels that are held out, or a true depth of the sensor's holes.
 
-Each kind of pixels is judged by itself: a method never gets an image with two kinds held out at once.
+Each kind of pixels is evaluated by itself: a method never gets an image with two kinds held out at once.
 """
 
 from abc import ABC, abstractmethod
@@ -44,7 +44,7 @@ class EvaluatedFrame(NamedTuple):
     reference_m: FloatImage
     """Measured or true depth [m]; 0 where it is unknown or does not count."""
     hidden: MaskImage
-    """Pixels of the kind that is judged."""
+    """Pixels of the kind that is evaluated."""
 
 
 class References(ABC):

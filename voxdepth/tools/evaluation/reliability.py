@@ -12,9 +12,9 @@ from .frames import ALL, MEASURED, EvaluationFrame, Reference
 from .measurements import FILLED, MetricValue
 
 MIN_PIXELS = 1000
-"""Smallest number of pixels that a reliability is told of; they must lie in `MIN_TILES` tiles."""
+"""Smallest number of pixels that a reliability is reported of; they must lie in `MIN_TILES` tiles."""
 TOO_FEW = f"no method has {MIN_PIXELS:,} fills with a reference in {tiles.MIN_TILES} of the {tiles.TILES} tiles"
-"""Why none is told."""
+"""Why none is reported."""
 
 
 class OfPixels(NamedTuple):

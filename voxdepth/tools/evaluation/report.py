@@ -62,7 +62,7 @@ def rendered(evaluation: Evaluation) -> str:
 
 
 def _untold(evaluation: Evaluation) -> list[str]:
-    """Say of which sequences no reliability can be told, if any."""
+    """Say of which sequences no reliability can be reported, if any."""
     names = untold(evaluation)
     return [f"No reliability can be told of {', '.join(names)}: {TOO_FEW}."] if names else []
 
@@ -96,7 +96,7 @@ def share_table(evaluation: Evaluation, shares: Shares) -> Table:
 
 
 def _share_texts(evaluation: Evaluation, sequence: str, kind: PixelKind) -> dict[str, str]:
-    """Return the share of each method, how much was judged, and which methods failed in a sequence."""
+    """Return the share of each method, how much was evaluated, and which methods failed in a sequence."""
     texts = dict(zip(JUDGED, (f"{100 * kind.evaluated_share:.1f}", f"{kind.evaluated:,}"), strict=True))
     texts |= {method: _interval_text(kind.share(method)) for method in kind.ranked}
     best, *others = kind.ranked or [""]
@@ -229,7 +229,7 @@ def _sequence_table(evaluation: Evaluation) -> Table:
 
 
 def _unjudged(evaluation: Evaluation) -> list[str]:
-    """Say of which recordings only the first frames were judged, if any, and how to judge others."""
+    """Say of which recordings only the first frames were evaluated, if any, and how to evaluate others."""
     partly = {info.recording: info for info in evaluation.sequences.values() if info.frames < info.all_frames}
     if not partly:
         return []
@@ -241,5 +241,5 @@ def _unjudged(evaluation: Evaluation) -> list[str]:
 
 
 def _seconds(info: SequenceInfo) -> str:
-    """Return the time stamps of the first and of the last judged frame."""
+    """Return the time stamps of the first and of the last evaluated frame."""
     return " to ".join(f"{stamp_s:.2f}" for stamp_s in info.span_s)

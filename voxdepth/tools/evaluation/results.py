@@ -31,12 +31,12 @@ class SequenceInfo:
 
     name: str
     recording: str
-    """Name of the recording, of which other sequences may judge other pixels."""
+    """Name of the recording, of which other sequences may evaluate other pixels."""
     frames: int
     all_frames: int
     """Number of frames that the recording has."""
     span_s: tuple[float, float]
-    """Time stamps of the first and of the last of the judged frames [s]."""
+    """Time stamps of the first and of the last of the evaluated frames [s]."""
     seed: int | None
     """Seed of a rendered sequence; None for a measured one."""
     size: str
@@ -45,11 +45,11 @@ class SequenceInfo:
     pixels: int
     """Number of pixels of all frames that have a reference."""
     hidden: int
-    """Number of pixels of all frames that methods are to fill and are judged by, with and without a reference.
+    """Number of pixels of all frames that methods are to fill and are evaluated against, with and without a reference.
 
     Those that are known to show no surface, such as the sky, are not among them."""
     pictured: int
-    """Index of the frame that is drawn: the middle one of those in which hidden pixels are judged."""
+    """Index of the frame that is drawn: the middle one of those in which hidden pixels are evaluated."""
     far_m: float
     """Depth at the blue end of the colours of its pictures."""
     pictures: tuple[str, ...]

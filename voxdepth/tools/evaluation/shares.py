@@ -1,4 +1,4 @@
-"""How much of the judged pixels of a recording each method fills right: of each kind of pixels, and of all of them."""
+"""Share of the evaluated pixels of a recording that each method fills right: of each kind, and of all of them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from .measurements import AS_GIVEN, MetricValue
 from .results import MethodResult
 
 ALL_KINDS = "all kinds"
-"""Stands for a kind: all judged pixels of a recording, each kind with the weight of its judged pixels."""
+"""Stands for a kind: all evaluated pixels of a recording, each kind with the weight of its evaluated pixels."""
 CLOSE = ("close", "close_low", "close_high")
 """The share of all pixels within 5 % of the reference, and the ends of its interval."""
 LEAD = ("close_lead", "close_lead_low", "close_lead_high")
@@ -40,7 +40,7 @@ class PixelKind:
 
     @property
     def evaluated_share(self) -> float:
-        """Share of the pixels that is judged."""
+        """Share of the pixels that is evaluated."""
         return self.evaluated / max(1, self.pixels)
 
     @cached_property
@@ -49,7 +49,7 @@ class PixelKind:
         return list(self.draws.iloc[0].sort_values(ascending=False, kind="stable").index)
 
     def share(self, method: str) -> Interval:
-        """Return the share of judged pixels that a method gives a close depth."""
+        """Return the share of evaluated pixels that a method gives a close depth."""
         return Interval.of(self.draws[method])
 
     def lead(self, method: str, other: str) -> Interval:
@@ -71,7 +71,7 @@ class Shares:
 
     @property
     def overall(self) -> PixelKind:
-        """All judged pixels, which are those of the only kind if there is one."""
+        """All evaluated pixels, which are those of the only kind if there is one."""
         return list(self.kinds.values())[-1]
 
     def measurements(self) -> Iterator[tuple[str, str, MetricValue]]:

@@ -32,7 +32,7 @@ class EvaluationSequence(Protocol):
 
     @property
     def recording(self) -> str:
-        """The name of the recording, of which other sequences may judge other pixels of the same frames."""
+        """The name of the recording, of which other sequences may evaluate other pixels of the same frames."""
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
         """Open the first frames.

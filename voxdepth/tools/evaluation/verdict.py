@@ -10,9 +10,9 @@ from .shares import ALL_KINDS, PixelKind, Shares
 from .suite import Evaluation
 
 ALL_EVALUATED = 0.995
-"""Share of judged pixels that is told as all."""
+"""Share of evaluated pixels that is reported as all."""
 LEAST_LEAD = 0.0005
-"""A smaller difference of two shares is told as none: it would be written as 0.0 points."""
+"""A smaller difference of two shares is reported as none: it would be written as 0.0 points."""
 NOTHING = "No method has a result that could be compared."
 
 
@@ -43,7 +43,7 @@ def _of_recordings(compared: list[Shares]) -> Iterator[str]:
 
 
 def _of_recording(shares: Shares) -> str:
-    """Say which method fills most of all judged pixels right, where another one is ahead, and what was not judged."""
+    """Say which method fills most evaluated pixels right, where another one is ahead, and what was not evaluated."""
     sentences = [*_best(shares.overall), *_ahead(shares), *_own_holes(shares), *_evaluated(shares)]
     return f"{shares.recording}: {' '.join(sentences)}"
 
@@ -87,7 +87,7 @@ def _own_holes(shares: Shares) -> Iterator[str]:
 
 
 def _evaluated(shares: Shares) -> Iterator[str]:
-    """Say of which kinds not all pixels were judged: the others may be harder ones."""
+    """Say of which kinds not all pixels were evaluated: the others may be harder ones."""
     kinds = [kind for kind in shares.kinds.values() if kind.mask != ALL_KINDS and kind.evaluated_share < ALL_EVALUATED]
     of = [f"{100 * kind.evaluated_share:.0f} % of the {kind.title}" for kind in kinds]
     if of:
