@@ -1,4 +1,4 @@
-"""Errors of real depth cameras at the rims of surfaces, and specks, each of which belongs to a voxel of the scene.
+"""Errors of real depth cameras at the rims of surfaces, and speckles, each of which belongs to a voxel of the scene.
 
 The terms apply to the depth of any sensor model. A voxel is a cube in the world that contains the surface of a pixel.
 Its random numbers do not depend on the frame, so that an error comes again wherever the camera sees the voxel.
@@ -22,7 +22,7 @@ from .types import InvalidReason, Model, in_order
 STEP = 0.9
 """A depth of less than this share of another one belongs to a nearer surface."""
 PERSISTENCE = 0.85
-"""Probability of a speck in each frame."""
+"""Probability of a speckle in each frame."""
 GLOSS_CELL_M = 0.04
 """Side of a cell that may be glossy."""
 GLOSS_PATCH_PX = 4.0
@@ -54,7 +54,7 @@ def voxels_of(image: NoisyDepth, side_m: float) -> npt.NDArray[np.int64]:
 
 def uniform_of(voxel: npt.NDArray[np.int64], seed: int, *key: int) -> FloatImage:
     """Return a random number in 0..1 for each voxel; voxels far apart may share one."""
-    table = stream(seed, Purpose.PLACE, *key).random(TABLE, np.float32)
+    table = stream(seed, Purpose.VOXEL, *key).random(TABLE, np.float32)
     # Fibonacci hashing: the upper 16 bits of the product with 2^64 over the golden ratio are the index into the table.
     mixed = (voxel.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(48)
     return table[mixed.astype(np.intp)]
@@ -94,30 +94,30 @@ class Rims(NoiseTerm):
         image.depth_m[drawn], image.invalid_reason[drawn] = nearest_m[drawn], InvalidReason.NONE
 
 
-class Specks(NoiseTerm):
-    """Connected specks of a depth of their own. Those of a voxel have the same shape and depth in every frame."""
+class Speckles(NoiseTerm):
+    """Connected speckles of a depth of their own. Those of a voxel have the same shape and depth in every frame."""
 
     uses_shadows: ClassVar[bool] = True
     share: float = Field(default=0.0, ge=0, le=1)
-    """Share of the voxels that have a speck."""
+    """Share of the voxels that have a speckle."""
     where: Literal["shadows", "holes"] = "holes"
-    """Pixels whose voxels may have specks: occlusion shadows inside of the image, or invalid pixels outside of any."""
+    """Pixels whose voxels may have speckles: occlusion shadows inside the image, or invalid pixels outside of any."""
     size_px: Annotated[tuple[Size, Size], Field(strict=False), AfterValidator(in_order)] = (5, 40)
-    """Least and largest number of pixels; the logarithm of the size is uniform. Shadows cut their specks off."""
+    """Least and largest number of pixels; the logarithm of the size is uniform. Shadows cut their speckles off."""
     ratio: Ratios = (0.25, 0.6)
     """Least and largest depth relative to the true depth of the voxel; it may exceed the range of the sensor."""
     true_share: float = Field(default=0.0, ge=0, le=1)
-    """Share of the specks that show the true depth instead."""
+    """Share of the speckles that show the true depth instead."""
     cell_m: float = Field(default=0.1, gt=0)
-    """Side of a voxel [m]; smaller voxels have more specks."""
+    """Side of a voxel [m]; smaller voxels have more speckles."""
 
     @property
     def active(self) -> bool:
-        """Whether any voxel has a speck."""
+        """Whether any voxel has a speckle."""
         return self.share > 0
 
     def apply(self, image: NoisyDepth) -> None:
-        """Draw the specks of all voxels in view, in the order of the voxels."""
+        """Draw the speckles of all voxels in view, in the order of the voxels."""
         area = inner(image.occluded) if self.where == "shadows" else ~image.occluded & (image.depth_m == 0)
         area &= np.isfinite(image.depth_true_m)
         voxel = voxels_of(image, self.cell_m)
@@ -126,11 +126,11 @@ class Specks(NoiseTerm):
         pixels = np.argwhere(chosen)
         members = np.split(pixels[np.argsort(inverse, kind="stable")], np.cumsum(np.bincount(inverse))[:-1])
         for key, member in zip(keys.tolist(), members, strict=False):
-            if stream(image.seed, Purpose.SPECKS, key, *image.key).random() < PERSISTENCE:
-                self._draw(image, area, member, stream(image.seed, Purpose.SPECKS, key))
+            if stream(image.seed, Purpose.SPECKLES, key, *image.key).random() < PERSISTENCE:
+                self._draw(image, area, member, stream(image.seed, Purpose.SPECKLES, key))
 
     def _draw(self, image: NoisyDepth, area: MaskImage, member: npt.NDArray[np.intp], rng: np.random.Generator) -> None:
-        """Draw the speck of a voxel, around the pixel of the voxel that is nearest to the mean of its pixels."""
+        """Draw the speckle of a voxel, around the pixel of the voxel that is nearest to the mean of its pixels."""
         center = member[np.square(member - member.mean(axis=0)).sum(axis=1).argmin()]
         low_px, high_px = math.log(self.size_px[0]), math.log(self.size_px[1] + 1)
         size, shows_truth = int(math.exp(rng.uniform(low_px, high_px))), rng.random() < self.true_share
@@ -172,10 +172,10 @@ class Artefacts(Model):
 
     no_return: NoReturn = NoReturn()
     rims: Rims = Rims()
-    islands: Specks = Specks(where="shadows", size_px=(1, 40), ratio=(0.5, 1.3), true_share=0.5, cell_m=0.02)
+    islands: Speckles = Speckles(where="shadows", size_px=(1, 40), ratio=(0.5, 1.3), true_share=0.5, cell_m=0.02)
     """Islands of wrong or background depth within occlusion shadows."""
-    specks: Specks = Specks()
-    """Specks that a camera sees again and again at the same points of the scene."""
+    specks: Speckles = Speckles()
+    """Speckles that a camera sees again and again at the same points of the scene."""
 
     @property
     def terms(self) -> tuple[NoiseTerm, ...]:

@@ -165,7 +165,7 @@ def shuttle(
     travelled_m: float = 0.0,
     waits_m: float = 0.0,
 ) -> Mover:
-    """Return a body that moves back and forth between two different places at constant speed.
+    """Return a body that moves back and forth between two different positions at constant speed.
 
     Args:
         body: The body; its own position is ignored.

@@ -88,7 +88,7 @@ class DepthCamera:
         return self._sensor.capture(pair)
 
     def _images(self, gray: GrayImage) -> CameraImages:
-        """Return a gray image of surfaces at unknown places."""
+        """Return a gray image of surfaces at an unknown depth."""
         shape = self.intrinsics.shape
         if gray.shape != shape or gray.dtype != np.uint8:
             raise SensorError(

@@ -52,7 +52,7 @@ FATTENED_BLUR_PX = 1.0
 HOLE_BLUR_PX = 2.0
 """Size of the patches that share a hole."""
 HELD_FRAMES = 10
-"""Frames for which matching fails in the same places of the image; its noise is new in each."""
+"""Frames for which matching fails at the same pixels of the image; its noise is new in each."""
 
 
 class FittedStereo:

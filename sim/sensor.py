@@ -82,7 +82,7 @@ class RigConfig(Model):
     """Share of the time of a frame in which the shutter is open, in steps of 1/12. The images are means over that time,
     so that motion blurs them, and the truth and the pose are those of its middle."""
     artefacts: Artefacts | None = None
-    """Errors at the rims of surfaces and specks, which any sensor model may have."""
+    """Errors at the rims of surfaces and speckles, which any sensor model may have."""
 
     @model_validator(mode="after")
     def _check(self) -> "RigConfig":

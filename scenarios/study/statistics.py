@@ -32,7 +32,7 @@ BOOTSTRAP_SEED = 20240601
 LAPSE = 0.02
 """Share of flights that fail however easy they are."""
 N_POSITIONS, WIDTHS = 61, tuple(np.geomspace(0.01, 0.5, 12))
-"""Number of places along an axis at which a curve may fall to a half, and its widths as shares of the axis."""
+"""Number of positions along an axis at which a curve may fall to a half, and its widths as shares of the axis."""
 
 EXPONENTS, LOG_A = np.linspace(0, 12, 121), np.linspace(-8, 4, 61)
 """The curves of a share that grows as a power, by its exponent and the logarithm of its factor."""
@@ -165,14 +165,14 @@ def success_threshold(levels: FloatArray, arrived: MaskImage) -> IntervalEstimat
     levels), and the levels begin with the easiest. An end of the axis in the interval stands for all that is beyond it.
     """
     grid = np.meshgrid(np.linspace(levels[0], levels[-1], N_POSITIONS), WIDTHS, indexing="ij")
-    places, scale = (side.ravel() for side in grid)
-    beyond = (levels[:, None] - places) / (scale * (levels[-1] - levels[0]))
+    positions, scale = (side.ravel() for side in grid)
+    beyond = (levels[:, None] - positions) / (scale * (levels[-1] - levels[0]))
     success = (1 - LAPSE) / (1 + np.exp(np.clip(beyond, -50, 50)))  # of each curve at each level
 
     def likeliest(rows: IndexArray) -> FloatArray:
         successes = arrived[rows].sum(axis=-2, dtype=np.float64)
         log_likelihood = successes @ np.log(success) + (len(arrived) - successes) @ np.log1p(-success)
-        return np.asarray(places[log_likelihood.argmax(axis=-1)])
+        return np.asarray(positions[log_likelihood.argmax(axis=-1)])
 
     return over_seeds(len(arrived), likeliest)
 
@@ -189,8 +189,8 @@ def cloglog_curve(levels: FloatArray, reached: MaskImage) -> tuple[IntervalEstim
     log_p, grown = np.log(-np.expm1(failure)), np.expm1(-np.exp(log_a)) / np.expm1(-np.exp(log_a) * 0.5**exponents)
     rng, (n, _) = np.random.default_rng(BOOTSTRAP_SEED), reached.shape
     drawn = np.concatenate([reached[None], reached[rng.integers(0, n, (RESAMPLES, n))]]).sum(axis=1, dtype=np.float64)
-    counts, places = np.unique(drawn, axis=0, return_inverse=True)
-    best = np.array([np.argmax(k @ log_p + (n - k) @ failure) for k in counts])[places.ravel()]
+    counts, inverse = np.unique(drawn, axis=0, return_inverse=True)
+    best = np.array([np.argmax(k @ log_p + (n - k) @ failure) for k in counts])[inverse.ravel()]
     tells = (drawn.sum(axis=1) > 0) & (drawn.sum(axis=1) < n * len(levels))
     if not tells[0]:
         return (IntervalEstimate(math.nan, Interval(math.nan, math.nan)),) * 2

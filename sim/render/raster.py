@@ -170,7 +170,7 @@ def choose(
 
 @compiled_part(RANGE(float64, float64, int64))
 def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
-    """Return the first and last pixel of an image between two places; the last is before the first if there is none."""
+    """Return the first and last pixel between two positions; the last is before the first if there is none."""
     low, high = max(low_px, 0.0), min(high_px, size - 1.0)
     if not low <= high:  # Also if a position is not a number.
         return 0, -1

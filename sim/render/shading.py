@@ -138,7 +138,7 @@ def shade(
     Args:
         spans: The spans of the image, shape (n, 4).
         depth_m: Depth of each pixel, shape (H * W,).
-        detail: Deviation of the brightness by texture, windows or clouds, by the places in the buffers, shape (H * W,).
+        detail: Deviation of the brightness by texture, windows or clouds, as the buffers have it, shape (H * W,).
         sunlit: 1 where the sun reaches a pixel's surface and 0 in a shadow, shape (H * W,).
         projection: The camera.
         materials: Those of all triangles and bodies, with light.

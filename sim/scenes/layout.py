@@ -20,7 +20,7 @@ PATH_HEADROOM_M = 4.5
 WAY_POINT_STEP_M = 2.0
 """Distance between way points, along x."""
 TRIES = 64
-"""Number of places that are tried for each obstacle."""
+"""Number of positions that are tried for each obstacle."""
 GROUND_SIDE_M = 400.0
 PAVED = Surface(albedo=0.38, pattern="ground")
 
@@ -38,7 +38,7 @@ class Layout:
         """Centre (x, y) and radius of each reserved circle."""
 
     def place(self, name: str, candidates_m: FloatArray, *, reach_m: float, apart_m: float) -> tuple[float, float]:
-        """Reserve the first free of several candidate places, and return its x and y in the world frame [m].
+        """Reserve the first free of several candidate positions, and return its x and y in the world frame [m].
 
         Args:
             name: What is placed, for the error.
@@ -84,7 +84,7 @@ def winding_path(rng: np.random.Generator, length_m: float, swing_m: float) -> F
 def positions_beside(
     rng: np.random.Generator, path_m: FloatArray, x_m: tuple[float, float], side_m: float
 ) -> FloatArray:
-    """Draw `TRIES` places (x, y), shape (n, 2), in a range of x beside a path, with a higher density near it.
+    """Draw `TRIES` positions (x, y), shape (n, 2), in a range of x beside a path, with a higher density near it.
 
     Args:
         rng: Source of randomness.

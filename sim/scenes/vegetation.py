@@ -58,7 +58,7 @@ class TreeRanges(NamedTuple):
 
 
 Candidates = Callable[[np.random.Generator], FloatArray]
-"""Draws places (x, y) for one plant, shape (n, 2)."""
+"""Draws positions (x, y) for one plant, shape (n, 2)."""
 
 
 @dataclass(frozen=True, kw_only=True)

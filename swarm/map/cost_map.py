@@ -10,7 +10,7 @@ from voxdepth.arithmetic import cos, length, matmul, sin, without_ipp
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 from ..approach import DECEL_M_S2, ApproachLimits, stopping_speed_m_s
-from .course import Intent, Route
+from .course import Intent, LocalRoute
 from .planner import PlannedPath, Planner
 from .voxel_map import FREE, OCCUPIED, UNKNOWN, VOXEL_M
 
@@ -106,18 +106,18 @@ class CostMap:
         """The path that was planned last, by this map or before it."""
         return self._before if self.path is None else self.path
 
-    def route(self, intent: Intent, straight_m: float) -> Route:
+    def route(self, intent: Intent, straight_m: float) -> LocalRoute:
         """Return which way a drone may go: straight ahead if that is free for a length, or else on the path."""
         at_m, speed_m_s, way_out_m = intent.at_m, intent.speed_m_s, self._way_out(intent.at_m)
         if speed_m_s < STAYS_M_S:
-            return Route(np.zeros(3), np.zeros(3), way_out_m)
+            return LocalRoute(np.zeros(3), np.zeros(3), way_out_m)
         ahead = np.array([*intent.wanted_m_s[:2] / speed_m_s, 0.0])
         left_m = length(intent.target_m[:2] - at_m[:2])
         if self.free_length_m(at_m, ahead, straight_m) >= min(straight_m, left_m):
-            return Route(ahead, ahead, way_out_m)
+            return LocalRoute(ahead, ahead, way_out_m)
         if self.path is None:
             self.path = self.planner.plan(at_m, intent.target_m, self._before)
-        return Route(self.path.direction(at_m, ahead), self.path.look(at_m, ahead), way_out_m)
+        return LocalRoute(self.path.direction(at_m, ahead), self.path.look(at_m, ahead), way_out_m)
 
     def free_length_m(self, at_m: FloatArray, along: FloatArray, longest_m: float) -> float:
         """Return how far a drone may plan to fly from a position in a direction of length 1 (x, y)."""

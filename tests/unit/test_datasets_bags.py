@@ -312,7 +312,7 @@ def in_frames(depth: str, gray: str, *, gray_has_info: bool = False) -> list[Ent
 
 
 def beside_colour() -> list[Entry]:
-    """Depth that is not aligned with the colour image of another place."""
+    """Depth that is not aligned with the colour image of another position."""
     pixels = [np.repeat(gray_of(index)[..., None], 3, axis=2) for index in range(N_FRAMES)]
     frames = [image(each, "rgb8", (t, "colour")) for each, t in zip(pixels, STAMPS_NS, strict=True)]
     depth = depth_topic("/camera/depth/image_rect_raw", frame_id="depth")

@@ -43,7 +43,7 @@ def test_frames_that_differ_as_a_whole_widen_the_interval_as_tiles_do() -> None:
 
 
 def test_the_interval_covers_the_truth_where_places_differ_and_one_over_frames_would_not() -> None:
-    """Of 60 cameras at rest with random places, about 95 % have an interval around the mean of all places."""
+    """Of 60 cameras at rest with random positions, about 95 % have an interval around the mean of all places."""
     rng = np.random.default_rng(0)
     found = [interval_of(rng.uniform(0, 1, (1, TILES)) + rng.normal(0, 0.01, (20, TILES))) for _ in range(60)]
     covered = np.mean([one.low < 0.5 < one.high for one in found])

@@ -101,7 +101,7 @@ def test_the_close_pixels_of_each_frame_and_tile_are_those_of_hidden_ones_that_a
 
 
 def test_mirrored_images_are_counted_in_the_tiles_of_the_recording() -> None:
-    """Kinds of pixels share their places, so that what one place shows is drawn once for all of them."""
+    """Kinds of pixels share their pixels, so that what one pixel shows is drawn once for all of them."""
     frame = evaluation_frames(1)[0]
     left = np.broadcast_to(np.arange(CAMERA.width_px) < 5, CAMERA.shape)
     for is_mirrored, column in ((False, 0), (True, tiles.COLUMNS - 1)):

@@ -132,8 +132,8 @@ def test_all_run_in_the_order_of_the_paper_and_their_claims_are_listed(
     assert {path.name for path in tmp_path.iterdir()} == CATALOGUE.keys()
     assert f"claims of the paper: {len(CATALOGUE)} open" in printed
     _, _, listing = printed.partition("claims of the paper")
-    places = [listing.index(f" {name} ") for name in CATALOGUE]
-    assert places == sorted(places)
+    positions = [listing.index(f" {name} ") for name in CATALOGUE]
+    assert positions == sorted(positions)
 
 
 def test_an_experiment_without_data_refuses_some(tmp_path: Path) -> None:

@@ -190,9 +190,9 @@ def test_valid_pixels_stay_and_no_pixel_stays_empty(seed: int) -> None:
 @given(seeds)
 def test_every_pixel_takes_the_depth_of_a_valid_one_that_is_nearest_within_4_percent(seed: int) -> None:
     depth_m = sparse(seed)
-    places, values, filled_m = np.argwhere(depth_m > 0), depth_m[depth_m > 0], fill_from_nearest(depth_m)
+    pixels, values, filled_m = np.argwhere(depth_m > 0), depth_m[depth_m > 0], fill_from_nearest(depth_m)
     for pixel in np.argwhere(depth_m == 0):
-        distance_px = np.linalg.norm(places - pixel, axis=1)
+        distance_px = np.linalg.norm(pixels - pixel, axis=1)
         candidates = values[distance_px <= 1.04 * distance_px.min()]
         assert filled_m[tuple(pixel)] in candidates
 

@@ -124,10 +124,10 @@ def test_plants_look_irregular_and_keep_their_measures() -> None:
 
 def test_layouts_keep_obstacles_apart_and_say_when_they_are_full() -> None:
     layout = Layout(np.array([[0.0, 0, 0], [10, 0, 0]]))
-    places = np.array([[5.0, 2.0], [5.0, 4.0]])
-    assert layout.place("first", places, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
+    positions = np.array([[5.0, 2.0], [5.0, 4.0]])
+    assert layout.place("first", positions, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
     with pytest.raises(SceneError, match="room for second, found none at 2"):
-        layout.place("second", places, reach_m=1.0, apart_m=1.0)
+        layout.place("second", positions, reach_m=1.0, apart_m=1.0)
     with pytest.raises(SceneError, match="expected room for tree"):
         ForestSpec(density=60.0, length_m=70, width_m=20).build(0)
 

@@ -135,7 +135,7 @@ def test_nobody_flies_into_the_unknown(seen: CorrectedDepth, wanted: tuple[float
 def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_it_knew_too_little_of(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The camera before it does not show the sides of the place where it stands, which must be free, too."""
+    """The camera before it does not show the sides of the position where it stands, which must be free, too."""
     monkeypatch.setattr(local_map, "START_RADIUS_M", 0.8)
     flight = Flight(always(measured(flat(10.0))))
     flight.flies((2, 0, 0), 2.0)

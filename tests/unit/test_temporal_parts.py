@@ -95,13 +95,13 @@ class TestMeasurement:
     def test_a_far_speck_alone_in_a_hole_is_removed_if_it_lies_beyond_the_scene(self, decimation: int) -> None:
         full_px = constant(6)
         full_px[40:80, 60:100] = 0
-        speck = np.s_[60 : 60 + 2 * decimation, 80 : 80 + 2 * decimation]
+        speckle = np.s_[60 : 60 + 2 * decimation, 80 : 80 + 2 * decimation]
         working = np.s_[60 // decimation : 60 // decimation + 2, 80 // decimation : 80 // decimation + 2]
         for disparity_px, stays in ((2.0, False), (5.7, True)):
-            full_px[speck] = disparity_px
+            full_px[speckle] = disparity_px
             expected_px = disparity_px if stays else 0
             np.testing.assert_allclose(measurement_of(full_px, decimation).disparity_px[working], expected_px)
-        full_px[speck], full_px[:10] = 2, 1.5  # now the scene is deeper
+        full_px[speckle], full_px[:10] = 2, 1.5  # now the scene is deeper
         np.testing.assert_array_equal(measurement_of(full_px, decimation).disparity_px[working], 2)
 
     def test_lonely_pixels_stay(self) -> None:
