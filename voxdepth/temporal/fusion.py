@@ -141,7 +141,7 @@ class MemoryComparison(NamedTuple):
     """The drift after this frame; see `Memory`."""
 
 
-class Rules(NamedTuple):
+class FusionRules(NamedTuple):
     """What happens to each pixel, uint8 images of shape (h, w)."""
 
     rule: GrayImage
@@ -152,7 +152,7 @@ class Rules(NamedTuple):
     """Weight of the memory by the rule, at most `MAX_WEIGHT`."""
 
 
-RULES_TYPE = named_tuple(Rules, *[BYTE_IMAGE] * 3)
+RULES_TYPE = named_tuple(FusionRules, *[BYTE_IMAGE] * 3)
 FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
 COMPARISON_TYPE = named_tuple(MemoryComparison, *[BYTE_IMAGE] * 3, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
@@ -347,7 +347,7 @@ def weight_by(rule: int, memory_weight: int, measured_weight: int) -> int:
 @compiled(RULES_TYPE(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, float32))
 def _find_rules(
     memory: Memory, measurement: Measurement, comparison: MemoryComparison, max_gray_change: float
-) -> Rules:
+) -> FusionRules:
     """Find the rules of all pixels.
 
     Args:
@@ -358,7 +358,7 @@ def _find_rules(
             measured.
     """
     gray_change = comparison.gray_change
-    rules = Rules(np.empty_like(gray_change), np.empty_like(gray_change), np.empty_like(gray_change))
+    rules = FusionRules(np.empty_like(gray_change), np.empty_like(gray_change), np.empty_like(gray_change))
     contradiction = np.empty(gray_change.shape[1], np.uint8)
     for row in range(gray_change.shape[0]):
         rule, before, after = rules.rule[row], rules.weight_before[row], rules.weight_after[row]
@@ -382,7 +382,7 @@ def _fuse_pixels(
     memory: Memory,
     measurement: Measurement,
     memory_factor: FloatImage,
-    rules: Rules,
+    rules: FusionRules,
     # output
     fused: Fused,
 ) -> None:
@@ -429,7 +429,7 @@ def _update_pixels(
     memory: Memory,
     measurement: Measurement,
     fused_px: FloatImage,
-    rules: Rules,
+    rules: FusionRules,
     # output
     updated: Memory,
 ) -> None:
