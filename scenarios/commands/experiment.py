@@ -9,7 +9,7 @@ from typer.core import TyperGroup
 
 from voxdepth.tools.options import use_one_thread
 
-from ..experiments.catalogue import CATALOGUE, CatalogueEntry, duration_text
+from ..experiments.catalogue import CATALOGUE, Entry, duration_text
 from .options import Seed
 
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder of the results; recordings are shared with `evaluate`.")]
@@ -67,7 +67,7 @@ def _run(names: Iterable[str], out: Path, **given: Any) -> None:
         claim_table(claims).print(console)
 
 
-def _command(name: str, entry: CatalogueEntry) -> Callable[..., None]:
+def _command(name: str, entry: Entry) -> Callable[..., None]:
     """Return the command of one experiment, whose help is what the paper claims."""
 
     def experiment(

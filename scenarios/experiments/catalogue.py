@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 
-class CatalogueEntry(NamedTuple):
+class Entry(NamedTuple):
     """What is known of an experiment before it is imported."""
 
     label: str
@@ -20,26 +20,26 @@ TRUE_RECORDINGS = (
 )
 
 CATALOGUE = {
-    "rq1": CatalogueEntry("RQ1, fig:occplot", "quality falls superlinearly with the share of occluded pixels", 1),
-    "rq2": CatalogueEntry("RQ2, fig:resize", "200 x 200 registers best, and three times as fast as larger images", 1),
-    "rq3": CatalogueEntry(
+    "rq1": Entry("RQ1, fig:occplot", "quality falls superlinearly with the share of occluded pixels", 1),
+    "rq2": Entry("RQ2, fig:resize", "200 x 200 registers best, and three times as fast as larger images", 1),
+    "rq3": Entry(
         "RQ3, tab:upsamplingmethods", "dilation inpaints better than bilinear interpolation, convex upsampling best", 1
     ),
-    "rq4": CatalogueEntry("RQ4, subsec:opticalflow", "optical flow follows the scene better, and is far too slow", 1),
-    "steps": CatalogueEntry("fig:flowwithimage, fig:compare", "inpainting makes a dense template of a sparse projection", 0.5),
-    "quality": CatalogueEntry(
+    "rq4": Entry("RQ4, subsec:opticalflow", "optical flow follows the scene better, and is far too slow", 1),
+    "steps": Entry("fig:flowwithimage, fig:compare", "inpainting makes a dense template of a sparse projection", 0.5),
+    "quality": Entry(
         "tab:psnr", "of all methods VoxDepth is the nearest to the truth in five of six datasets", 5, TRUE_RECORDINGS
     ),
-    "rmse": CatalogueEntry(
+    "rmse": Entry(
         "tab:psnr, subsubsec:masked", "masked RMSE tells methods apart, and VoxDepth has the lowest in four of six", 3,
         TRUE_RECORDINGS,
     ),
-    "percentages": CatalogueEntry("the text of sec:Evaluation", "the percentages follow from the tables", 0.1),
-    "fps": CatalogueEntry("tab:fps", "over 20 frames/s, by pipelining 21 % more", 2),
-    "components": CatalogueEntry("tab:componentlatency", "fusion takes longest, then inpainting", 0.5),
-    "window": CatalogueEntry("fig:winsize", "windows of 10 frames are as good as 12, and faster", 2),
-    "switches": CatalogueEntry("tab:switchfrequency", "fewer state switches in rendered datasets; flow tells when", 2),
-    "collide": CatalogueEntry(
+    "percentages": Entry("the text of sec:Evaluation", "the percentages follow from the tables", 0.1),
+    "fps": Entry("tab:fps", "over 20 frames/s, by pipelining 21 % more", 2),
+    "components": Entry("tab:componentlatency", "fusion takes longest, then inpainting", 0.5),
+    "window": Entry("fig:winsize", "windows of 10 frames are as good as 12, and faster", 2),
+    "switches": Entry("tab:switchfrequency", "fewer state switches in rendered datasets; flow tells when", 2),
+    "collide": Entry(
         "fig:collide", "collisions grow almost quadratically with the noise", 10,
         "Store of the study `noise` (voxdepth study run noise), which is read in place of 25 flights.",
     ),

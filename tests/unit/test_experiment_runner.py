@@ -13,7 +13,7 @@ from rich.console import Console
 
 from scenarios.errors import ScenarioError
 from scenarios.evaluation import with_truth
-from scenarios.experiments.catalogue import CATALOGUE, CatalogueEntry, duration_text
+from scenarios.experiments.catalogue import CATALOGUE, Entry, duration_text
 from scenarios.experiments.experiment import Claim, Experiment, ExperimentResult, all_hold, counted, most_hold, summary
 from scenarios.experiments.runner import find_experiment, run
 from tests.commands import invoke
@@ -44,7 +44,7 @@ STUB = Experiment(
 
 @pytest.fixture
 def stub(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(CATALOGUE, "stub", CatalogueEntry("tab:stub", "it is something", 0.1))
+    monkeypatch.setitem(CATALOGUE, "stub", Entry("tab:stub", "it is something", 0.1))
 
 
 def report(out: Path, experiment: Experiment = STUB, **given: Any) -> None:
