@@ -120,7 +120,7 @@ def pixels(image: Any) -> np.ndarray:
 
 def check(camera: Camera, seconds: float = CHECK_S) -> None:
     """Correct for some seconds, and print what a developer without this camera asks for."""
-    corrector, begun_s = TemporalCorrector(camera.intrinsics), None
+    corrector, first_s = TemporalCorrector(camera.intrinsics), None
     stamps_s, latencies_ms, shares = [], [], []
     for frame in camera.frames():
         start_s = time.perf_counter()
@@ -128,15 +128,15 @@ def check(camera: Camera, seconds: float = CHECK_S) -> None:
         latencies_ms.append(1000 * (time.perf_counter() - start_s))
         stamps_s.append(frame.stamp_s)
         shares.append([np.mean(depth_m > 0) for depth_m in (frame.depth_m, corrected.depth_m)])
-        begun_s = begun_s or start_s
-        if start_s > begun_s + seconds:
+        first_s = first_s or start_s
+        if start_s > first_s + seconds:
             break
     gaps_ms = 1000 * np.diff(stamps_s)
     raw, now = np.mean(shares, axis=0) if shares else (0.0, 0.0)
     lens = camera.intrinsics
     for name, value in {
         "system": f"{platform.platform()}, librealsense {rs.__version__}",
-        "cameras": "; ".join(told(device) for device in rs.context().query_devices()) or "none connected",
+        "cameras": "; ".join(description(device) for device in rs.context().query_devices()) or "none connected",
         "image": f"{lens.width_px}x{lens.height_px}, focal length {lens.fx_px:.1f} px, baseline {lens.baseline_m} m",
         "frames": f"{len(stamps_s)}, {camera.unpaired} images without a partner",
         "time between frames": percentiles(gaps_ms),
@@ -147,7 +147,7 @@ def check(camera: Camera, seconds: float = CHECK_S) -> None:
         print(f"| {name} | {value} |")
 
 
-def told(device: Any) -> str:
+def description(device: Any) -> str:
     """Return name, firmware and kind of connection of a camera."""
     facts = (rs.camera_info.name, rs.camera_info.firmware_version, rs.camera_info.usb_type_descriptor)
     return ", ".join(device.get_info(fact) for fact in facts if device.supports(fact))

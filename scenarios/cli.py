@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from voxdepth.tools.doctor import Finding
-    from voxdepth.tools.evaluation.suite import Requested
+    from voxdepth.tools.evaluation.suite import EvaluationSequence
 
 PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.picture)),
@@ -40,7 +40,7 @@ def checks() -> "Sequence[Finding]":
     return examine()
 
 
-def sequences(names: "Sequence[str]", seed: int | None) -> "Sequence[Requested]":
+def sequences(names: "Sequence[str]", seed: int | None) -> "Sequence[EvaluationSequence]":
     """Find shipped sequences and groups of them by name; they are recorded when they are opened."""
     from .evaluation import Shipped
     from .sequences import load_sequence, names_of
@@ -48,7 +48,7 @@ def sequences(names: "Sequence[str]", seed: int | None) -> "Sequence[Requested]"
     return [Shipped(load_sequence(name, seed, {})) for name in names_of(names)]
 
 
-def recorded(folder: "Path") -> "Requested | None":
+def recorded(folder: "Path") -> "EvaluationSequence | None":
     """Find a recording of the simulator with the truth; other recordings need no simulator."""
     from voxdepth.tools.evaluation.references import TRUE_DEPTHS
 

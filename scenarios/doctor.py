@@ -5,7 +5,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from voxdepth.tools.doctor import Finding, own_packages
-from voxdepth.tools.system import lacking
+from voxdepth.tools.system import missing_library
 from voxdepth.types import Intrinsics
 
 INSTALL = "pip install -c constraints.txt -e '.[all]' in the checkout"
@@ -37,7 +37,7 @@ def _renderer(name: str) -> Finding:
 
 
 def _failed(what: str, error: Exception, *, optional: bool = False) -> Finding:
-    remedy = lacking(error) or ("use the renderer raycast" if optional else INSTALL)
+    remedy = missing_library(error) or ("use the renderer raycast" if optional else INSTALL)
     return Finding(what=what, state=f"{type(error).__name__}: {error}", ok=False, remedy=remedy, optional=optional)
 
 

@@ -22,7 +22,7 @@ from voxdepth.datasets import open_dataset
 from voxdepth.tools.evaluation.frames import TRUTH, Code, EvaluationFrame
 from voxdepth.tools.evaluation.recordings import RecordedSource
 from voxdepth.tools.evaluation.references import TRUE_DEPTHS, TrueHoles, true_depths
-from voxdepth.tools.evaluation.suite import Requested, name_of
+from voxdepth.tools.evaluation.suite import EvaluationSequence, name_of
 from voxdepth.tools.files import to_toml
 from voxdepth.types import FloatImage, MaskImage
 
@@ -52,7 +52,7 @@ def _as_our_errors() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Shipped:
-    """A rendered sequence, which is recorded once below the folder of the results, see `recorded` and `Requested`."""
+    """A rendered sequence, recorded once below the folder of the results; see `recorded` and `EvaluationSequence`."""
 
     planned: "SeededSequence"
 
@@ -65,13 +65,13 @@ class Shipped:
 
     @_as_our_errors()
     def open(self, out: Path, frames: int, tell: Tell) -> "SimulatedSource":
-        """See `Requested`."""
+        """See `EvaluationSequence`."""
         return SimulatedSource(self.name, recorded(self.planned, out, frames, tell), self.planned.seed)
 
 
 @dataclass(frozen=True)
 class Existing:
-    """An existing recording of the simulator with the truth, see `Requested`."""
+    """An existing recording of the simulator with the truth, see `EvaluationSequence`."""
 
     folder: Path
 
@@ -84,13 +84,13 @@ class Existing:
 
     @_as_our_errors()
     def open(self, out: Path, frames: int, tell: Tell) -> "SimulatedSource":
-        """See `Requested`."""
+        """See `EvaluationSequence`."""
         return SimulatedSource(self.name, Recording.open(self.folder), None)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A recording of a real camera with a true depth, whose holes count as occluded pixels; see `Requested`."""
+    """A recording of a real camera with a true depth, whose holes count as occlusion; see `EvaluationSequence`."""
 
     folder: Path
 
@@ -102,11 +102,11 @@ class Measured:
     recording = name
 
     def open(self, out: Path, frames: int, tell: Tell) -> "HolesAreOccluded":
-        """See `Requested`."""
+        """See `EvaluationSequence`."""
         return HolesAreOccluded(self.name, open_dataset(self.folder), partial(TrueHoles, self.folder))
 
 
-def with_truth(folder: Path) -> Requested:
+def with_truth(folder: Path) -> EvaluationSequence:
     """Return a recording with the true depth of its frames.
 
     Raises:

@@ -53,7 +53,7 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
     try:
         loaded = model.model_validate(changed)
     except pydantic.ValidationError as error:
-        _validated(model, path, data, field)  # An error of the file itself is told as such.
+        _validated(model, path, data, field)  # An error of the file itself is reported as such.
         chosen = ", ".join(f"{key} = {shorten(value)}" for key, value in {**changes, "seed": changed["seed"]}.items())
         raise ScenarioError(f"{name_or_path} with {chosen}: {problems(error, model, field)}") from error
     if is_of_result:

@@ -39,7 +39,7 @@ CROSS: Any = {"marker": "x", "markersize": 9, "markeredgewidth": 2, "linestyle":
 FIRST: Any = {"xytext": (0, 40), "textcoords": "offset points", "ha": "center", "color": "red", "zorder": 7}
 FIRST |= {"arrowprops": {"arrowstyle": "->", "color": "red"}, "bbox": {"facecolor": "white", "edgecolor": "red"}}
 BELOW: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, 0), "borderaxespad": 5.5, "fontsize": 8}
-"""Place of the legend, below the numbers and the name of the axis."""
+"""Position of the legend, below the numbers and the name of the axis."""
 LEGEND_COLUMNS = 5
 
 

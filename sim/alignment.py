@@ -7,7 +7,7 @@ import numpy as np
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .stereo import focal_baseline_px_m, occlusion_mask
-from .types import Images, InvalidReason
+from .types import CameraImages, InvalidReason
 
 
 def aligned(
@@ -41,7 +41,9 @@ def aligned(
     return color_m, reason
 
 
-def hidden_from_pair(color: Images, left: Images, right: Images, offset_m: float, intrinsics: Intrinsics) -> MaskImage:
+def hidden_from_pair(
+    color: CameraImages, left: CameraImages, right: CameraImages, offset_m: float, intrinsics: Intrinsics
+) -> MaskImage:
     """Find the pixels of the colour image whose surface the left or the right camera does not see, shape (H, W).
 
     Args:

@@ -1,7 +1,7 @@
-"""Errors of real depth cameras at the rims of surfaces, and specks, each of which belongs to a place of the scene.
+"""Errors of real depth cameras at the rims of surfaces, and speckles, each of which belongs to a voxel of the scene.
 
-The terms apply to the depth of any sensor model. A place is a cube in the world that contains the surface of a pixel.
-Its random numbers do not depend on the frame, so that an error comes again wherever the camera sees the place.
+The terms apply to the depth of any sensor model. A voxel is a cube in the world that contains the surface of a pixel.
+Its random numbers do not depend on the frame, so that an error comes again wherever the camera sees the voxel.
 """
 
 import math
@@ -22,7 +22,7 @@ from .types import InvalidReason, Model, in_order
 STEP = 0.9
 """A depth of less than this share of another one belongs to a nearer surface."""
 PERSISTENCE = 0.85
-"""Probability of a speck in each frame."""
+"""Probability of a speckle in each frame."""
 GLOSS_CELL_M = 0.04
 """Side of a cell that may be glossy."""
 GLOSS_PATCH_PX = 4.0
@@ -38,7 +38,7 @@ Pixels = Annotated[tuple[Width, Width], Field(strict=False), AfterValidator(in_o
 Ratios = Annotated[tuple[NonNegativeFloat, NonNegativeFloat], Field(strict=False), AfterValidator(in_order)]
 
 
-def places(image: NoisyDepth, side_m: float) -> npt.NDArray[np.int64]:
+def voxels_of(image: NoisyDepth, side_m: float) -> npt.NDArray[np.int64]:
     """Return the number of the cube with each pixel's surface, shape (H, W); without one, it is the camera's cube.
 
     The cubes have sides of `side_m` and are slightly off the origin, where surfaces of scenes often lie.
@@ -52,18 +52,18 @@ def places(image: NoisyDepth, side_m: float) -> npt.NDArray[np.int64]:
     return np.asarray((x * CELLS_PER_AXIS + y) * CELLS_PER_AXIS + z)
 
 
-def uniform_of(place: npt.NDArray[np.int64], seed: int, *key: int) -> FloatImage:
-    """Return a random number in 0..1 for each place; places far apart may share one."""
-    table = stream(seed, Purpose.PLACE, *key).random(TABLE, np.float32)
+def uniform_of(voxel: npt.NDArray[np.int64], seed: int, *key: int) -> FloatImage:
+    """Return a random number in 0..1 for each voxel; voxels far apart may share one."""
+    table = stream(seed, Purpose.VOXEL, *key).random(TABLE, np.float32)
     # Fibonacci hashing: the upper 16 bits of the product with 2^64 over the golden ratio are the index into the table.
-    mixed = (place.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(48)
+    mixed = (voxel.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(48)
     return table[mixed.astype(np.intp)]
 
 
 class Rims(NoiseTerm):
     """Near surfaces are drawn too wide on both sides, and occlusion shadows reach into the background.
 
-    The widths differ from place to place, so that the rims are ragged, and are the same in every frame.
+    The widths differ from voxel to voxel, so that the rims are ragged, and are the same in every frame.
     """
 
     uses_shadows: ClassVar[bool] = True
@@ -72,11 +72,11 @@ class Rims(NoiseTerm):
     erode_px: Pixels = (0, 0)
     """Least and largest width of the background beside an occlusion shadow that is invalid, too."""
     cell_m: float = Field(default=0.02, gt=0)
-    """Side of a place [m]; smaller places make rougher rims."""
+    """Side of a voxel [m]; smaller voxels make rougher rims."""
 
     def apply(self, image: NoisyDepth) -> None:
         """Widen the shadows, then draw near surfaces over them and over the background."""
-        uniform = uniform_of(places(image, self.cell_m), image.seed)
+        uniform = uniform_of(voxels_of(image, self.cell_m), image.seed)
         width_px = _between(self.erode_px, uniform)
         far_m, eroded = np.where(image.occluded, image.depth_true_m, np.inf), np.zeros_like(image.occluded)
         for shift in _shifts(self.erode_px[1]):
@@ -94,43 +94,43 @@ class Rims(NoiseTerm):
         image.depth_m[drawn], image.invalid_reason[drawn] = nearest_m[drawn], InvalidReason.NONE
 
 
-class Specks(NoiseTerm):
-    """Connected specks of a depth of their own. Those of a place have the same shape and depth in every frame."""
+class Speckles(NoiseTerm):
+    """Connected speckles of a depth of their own. Those of a voxel have the same shape and depth in every frame."""
 
     uses_shadows: ClassVar[bool] = True
     share: float = Field(default=0.0, ge=0, le=1)
-    """Share of the places that have a speck."""
+    """Share of the voxels that have a speckle."""
     where: Literal["shadows", "holes"] = "holes"
-    """Pixels whose places may have specks: occlusion shadows inside of the image, or invalid pixels outside of any."""
+    """Pixels whose voxels may have speckles: occlusion shadows inside the image, or invalid pixels outside of any."""
     size_px: Annotated[tuple[Size, Size], Field(strict=False), AfterValidator(in_order)] = (5, 40)
-    """Least and largest number of pixels; the logarithm of the size is uniform. Shadows cut their specks off."""
+    """Least and largest number of pixels; the logarithm of the size is uniform. Shadows cut their speckles off."""
     ratio: Ratios = (0.25, 0.6)
-    """Least and largest depth relative to the true depth of the place; it may exceed the range of the sensor."""
+    """Least and largest depth relative to the true depth of the voxel; it may exceed the range of the sensor."""
     true_share: float = Field(default=0.0, ge=0, le=1)
-    """Share of the specks that show the true depth instead."""
+    """Share of the speckles that show the true depth instead."""
     cell_m: float = Field(default=0.1, gt=0)
-    """Side of a place [m]; smaller places have more specks."""
+    """Side of a voxel [m]; smaller voxels have more speckles."""
 
     @property
     def active(self) -> bool:
-        """Whether any place has a speck."""
+        """Whether any voxel has a speckle."""
         return self.share > 0
 
     def apply(self, image: NoisyDepth) -> None:
-        """Draw the specks of all places in view, in the order of the places."""
+        """Draw the speckles of all voxels in view, in the order of the voxels."""
         area = inner(image.occluded) if self.where == "shadows" else ~image.occluded & (image.depth_m == 0)
         area &= np.isfinite(image.depth_true_m)
-        place = places(image, self.cell_m)
-        chosen = area & (uniform_of(place, image.seed, 1) < self.share)
-        keys, inverse = np.unique(place[chosen], return_inverse=True)
+        voxel = voxels_of(image, self.cell_m)
+        chosen = area & (uniform_of(voxel, image.seed, 1) < self.share)
+        keys, inverse = np.unique(voxel[chosen], return_inverse=True)
         pixels = np.argwhere(chosen)
         members = np.split(pixels[np.argsort(inverse, kind="stable")], np.cumsum(np.bincount(inverse))[:-1])
         for key, member in zip(keys.tolist(), members, strict=False):
-            if stream(image.seed, Purpose.SPECKS, key, *image.key).random() < PERSISTENCE:
-                self._draw(image, area, member, stream(image.seed, Purpose.SPECKS, key))
+            if stream(image.seed, Purpose.SPECKLES, key, *image.key).random() < PERSISTENCE:
+                self._draw(image, area, member, stream(image.seed, Purpose.SPECKLES, key))
 
     def _draw(self, image: NoisyDepth, area: MaskImage, member: npt.NDArray[np.intp], rng: np.random.Generator) -> None:
-        """Draw the speck of a place, around the pixel of the place that is nearest to the mean of its pixels."""
+        """Draw the speckle of a voxel, around the pixel of the voxel that is nearest to the mean of its pixels."""
         center = member[np.square(member - member.mean(axis=0)).sum(axis=1).argmin()]
         low_px, high_px = math.log(self.size_px[0]), math.log(self.size_px[1] + 1)
         size, shows_truth = int(math.exp(rng.uniform(low_px, high_px))), rng.random() < self.true_share
@@ -150,7 +150,7 @@ class NoReturn(NoiseTerm):
     below_albedo: float = Field(default=0.0, ge=0, le=1)
     """Surfaces that reflect a smaller share of the light have no depth."""
     gloss: float = Field(default=0.0, ge=0)
-    """Factor of the share of each surface that is glossy: 0 ignores gloss, and 1 takes that share of its places."""
+    """Factor of the share of each surface that is glossy: 0 ignores gloss, and 1 takes that share of its voxels."""
 
     def apply(self, image: NoisyDepth) -> None:
         """Invalidate dark surfaces and glossy patches."""
@@ -158,7 +158,9 @@ class NoReturn(NoiseTerm):
         albedo, gloss = np.ones(n_bodies + 1), np.zeros(n_bodies + 1)  # The last entry is that of no body.
         for body, surface in image.surfaces.items():
             albedo[body], gloss[body] = surface.albedo, surface.gloss
-        smooth = gaussian_filter(uniform_of(places(image, GLOSS_CELL_M), image.seed, 2), GLOSS_PATCH_PX, mode="mirror")
+        smooth = gaussian_filter(
+            uniform_of(voxels_of(image, GLOSS_CELL_M), image.seed, 2), GLOSS_PATCH_PX, mode="mirror"
+        )
         # The argsort of an argsort is the rank of each pixel, so that exactly the wanted share is missed.
         rank = np.argsort(np.argsort(smooth, axis=None)).reshape(smooth.shape) / smooth.size
         missed = (albedo[image.segment_id] < self.below_albedo) | (rank < self.gloss * gloss[image.segment_id])
@@ -170,10 +172,10 @@ class Artefacts(Model):
 
     no_return: NoReturn = NoReturn()
     rims: Rims = Rims()
-    islands: Specks = Specks(where="shadows", size_px=(1, 40), ratio=(0.5, 1.3), true_share=0.5, cell_m=0.02)
+    islands: Speckles = Speckles(where="shadows", size_px=(1, 40), ratio=(0.5, 1.3), true_share=0.5, cell_m=0.02)
     """Islands of wrong or background depth within occlusion shadows."""
-    specks: Specks = Specks()
-    """Specks that a camera sees again and again at the same places."""
+    specks: Speckles = Speckles()
+    """Speckles that a camera sees again and again at the same points of the scene."""
 
     @property
     def terms(self) -> tuple[NoiseTerm, ...]:

@@ -21,7 +21,7 @@ BodyKind = Literal["building", "ground", "mover", "drone"]
 """How a contact with a body is classified. Everything fixed on the ground is a building, trees included."""
 Pattern = Literal["plain", "facade", "ground", "grass", "foliage", "bark", "snow"]
 WELD_DECIMALS = 9
-"""Decimals of the coordinates [m] by which vertices of a mesh are at the same place."""
+"""Decimals of the coordinates [m] by which vertices of a mesh are at the same position."""
 
 
 class _Solid:
@@ -71,8 +71,8 @@ class Mesh:
     def is_closed(self) -> bool:
         """Whether it is a closed surface whose triangles run counter-clockwise when seen from outside.
 
-        Then each edge has one triangle on either side, and the enclosed volume is positive. Vertices at the same place
-        count as one.
+        Then each edge has one triangle on either side, and the enclosed volume is positive. Vertices at the same
+        position count as one.
         """
         _, same = np.unique(self.vertices_m.round(WELD_DECIMALS), axis=0, return_inverse=True)
         corners = same.reshape(-1)[self.triangles]
@@ -165,7 +165,7 @@ def shuttle(
     travelled_m: float = 0.0,
     waits_m: float = 0.0,
 ) -> Mover:
-    """Return a body that moves back and forth between two different places at constant speed.
+    """Return a body that moves back and forth between two different positions at constant speed.
 
     Args:
         body: The body; its own position is ignored.

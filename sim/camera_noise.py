@@ -1,6 +1,6 @@
 """Noise of gray images: photon noise, low light, and the varying brightness of automatic exposure.
 
-Photon noise is counter-based: the number of a pixel depends on the key and on its place alone. The numbers are those of
+Photon noise is counter-based: the number of a pixel depends on the key and its position alone. The numbers are those of
 SplitMix64 [1]_, whose 64 bits serve four pixels.
 
 References:

@@ -20,7 +20,7 @@ from voxdepth.types import GrayImage
 from .errors import SensorError
 from .sensor import DepthSensor, RigConfig
 from .stereo import StereoConfig
-from .types import BodyPose, Capture, Images, RenderedPair
+from .types import BodyPose, CameraImages, Capture, RenderedPair
 
 __all__ = ["CAMERAS", "CameraName", "DepthCamera"]
 
@@ -87,8 +87,8 @@ class DepthCamera:
         pair = RenderedPair(pose=pose, frame=frame, left=self._images(left), right=self._images(right))
         return self._sensor.capture(pair)
 
-    def _images(self, gray: GrayImage) -> Images:
-        """Return a gray image of surfaces at unknown places."""
+    def _images(self, gray: GrayImage) -> CameraImages:
+        """Return a gray image of surfaces at an unknown depth."""
         shape = self.intrinsics.shape
         if gray.shape != shape or gray.dtype != np.uint8:
             raise SensorError(
@@ -96,4 +96,6 @@ class DepthCamera:
                 "the intrinsics of the camera"
             )
         unknown_m = np.full(shape, np.inf, np.float32)
-        return Images(gray=gray, depth_m=unknown_m, segment_id=np.full(shape, -1, np.int32), T_world_cam=np.eye(4))
+        return CameraImages(
+            gray=gray, depth_m=unknown_m, segment_id=np.full(shape, -1, np.int32), T_world_cam=np.eye(4)
+        )

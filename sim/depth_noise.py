@@ -110,7 +110,7 @@ class Disparity(NoiseTerm):
         image.depth_m[valid] = depth_m[valid]
 
 
-class Flicker(NoiseTerm):
+class PatchFlicker(NoiseTerm):
     """Square patches of pixels that drop out or change their depth for one frame."""
 
     dropout: float = Field(default=0.0, ge=0, le=1)
@@ -123,7 +123,7 @@ class Flicker(NoiseTerm):
     """Side of a patch."""
 
     @model_validator(mode="after")
-    def _check(self) -> "Flicker":
+    def _check(self) -> "PatchFlicker":
         if self.dropout + self.jump > 1:
             raise ValueError(f"dropout and jump are shares of all patches, got {self.dropout} + {self.jump} > 1")
         return self
@@ -173,7 +173,7 @@ class DepthNoise(Model):
     occlusion: Occlusion = Occlusion()
     scale: Scale = Scale()
     disparity: Disparity = Disparity()
-    flicker: Flicker = Flicker()
+    flicker: PatchFlicker = PatchFlicker()
     blank: Textureless = Textureless()
 
     @property

@@ -23,7 +23,7 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 from .bodies import Surface
 from .seeds import Purpose, stream
 from .stereo import focal_baseline_px_m, pixels
-from .types import Images, InvalidReason
+from .types import CameraImages, InvalidReason
 
 WHOLE_PX_SLOPE = 0.35
 """Slope of the measured over the true disparity between two whole ones; 1 would be no attraction."""
@@ -52,7 +52,7 @@ FATTENED_BLUR_PX = 1.0
 HOLE_BLUR_PX = 2.0
 """Size of the patches that share a hole."""
 HELD_FRAMES = 10
-"""Frames for which matching fails in the same places of the image; its noise is new in each."""
+"""Frames for which matching fails at the same pixels of the image; its noise is new in each."""
 
 
 class FittedStereo:
@@ -79,7 +79,7 @@ class FittedStereo:
         self._hole_share[-1] = HOLES_IN_SKY  # The sky has the id -1.
         self._faults = lru_cache(maxsize=64)(self._drawn_faults)
 
-    def measure(self, view: Images, drone: int, frame: int) -> tuple[FloatImage, GrayImage, MaskImage]:
+    def measure(self, view: CameraImages, drone: int, frame: int) -> tuple[FloatImage, GrayImage, MaskImage]:
         """Return depth [m], 0 = invalid, an `InvalidReason` per pixel, and the pixels in shadows, all (H, W)."""
         true_px = self._focal_baseline_px_m / view.depth_m
         is_fattened, hole_chance = self._faults(drone, frame // HELD_FRAMES)

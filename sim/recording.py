@@ -43,7 +43,7 @@ TIFF_STEPPED = (*LZW, cv2.IMWRITE_TIFF_PREDICTOR, cv2.IMWRITE_TIFF_PREDICTOR_NON
 
 
 @dataclass(frozen=True, kw_only=True)
-class Channel:
+class ImageChannel:
     """One image of every frame."""
 
     folder: str
@@ -78,13 +78,13 @@ class Channel:
 
 
 CHANNELS = (
-    Channel(folder="gray_left", field="gray_left", dtype=np.uint8),
-    Channel(folder="gray_right", field="gray_right", dtype=np.uint8),
-    Channel(folder="depth_raw", field="depth_raw_m", dtype=np.float32, suffix=".tiff", options=TIFF_STEPPED),
-    Channel(folder="depth_true", field="depth_true_m", dtype=np.float32, suffix=".tiff", options=TIFF_SMOOTH),
-    Channel(folder="occluded", field="occluded", dtype=np.bool_),
-    Channel(folder="segment", field="segment_id", dtype=np.int32),
-    Channel(folder="invalid_reason", field="invalid_reason", dtype=np.uint8),
+    ImageChannel(folder="gray_left", field="gray_left", dtype=np.uint8),
+    ImageChannel(folder="gray_right", field="gray_right", dtype=np.uint8),
+    ImageChannel(folder="depth_raw", field="depth_raw_m", dtype=np.float32, suffix=".tiff", options=TIFF_STEPPED),
+    ImageChannel(folder="depth_true", field="depth_true_m", dtype=np.float32, suffix=".tiff", options=TIFF_SMOOTH),
+    ImageChannel(folder="occluded", field="occluded", dtype=np.bool_),
+    ImageChannel(folder="segment", field="segment_id", dtype=np.int32),
+    ImageChannel(folder="invalid_reason", field="invalid_reason", dtype=np.uint8),
 )
 
 

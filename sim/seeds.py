@@ -21,8 +21,8 @@ class Purpose(IntEnum):
     LINK = 10
     DETECTION = 11
     PROJECTOR = 12
-    PLACE = 13
-    SPECKS = 14
+    VOXEL = 13
+    SPECKLES = 14
     WIND = 15
     LOCALISATION = 16
     FITTED = 17

@@ -21,7 +21,7 @@ from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .fitted import FittedStereo
 from .seeds import Purpose, stream
 from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask, pixels
-from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
+from .types import BodyPose, Camera, CameraImages, Capture, Model, RenderedPair, Renderer
 
 if TYPE_CHECKING:
     from .world import World
@@ -82,7 +82,7 @@ class RigConfig(Model):
     """Share of the time of a frame in which the shutter is open, in steps of 1/12. The images are means over that time,
     so that motion blurs them, and the truth and the pose are those of its middle."""
     artefacts: Artefacts | None = None
-    """Errors at the rims of surfaces and specks, which any sensor model may have."""
+    """Errors at the rims of surfaces and speckles, which any sensor model may have."""
 
     @model_validator(mode="after")
     def _check(self) -> "RigConfig":
@@ -216,7 +216,7 @@ class DepthSensor:
         self._apply(self._noise_terms, pair, left, occluded, depth_m, reason)
         return np.minimum(depth_m, np.float32(self._config.max_depth_m)), reason, occluded
 
-    def _add_camera_noise(self, images: Images, pair: RenderedPair, side: int) -> GrayImage:
+    def _add_camera_noise(self, images: CameraImages, pair: RenderedPair, side: int) -> GrayImage:
         if not self.needs_gray:
             return images.gray
         drone, frame = pair.pose.drone, pair.frame
@@ -228,7 +228,7 @@ class DepthSensor:
         self,
         terms: Iterable[NoiseTerm],
         pair: RenderedPair,
-        view: Images,
+        view: CameraImages,
         occluded: MaskImage,
         depth_m: FloatImage,
         reason: GrayImage,
@@ -306,7 +306,7 @@ class StereoSensor(DepthSensor):
         return Camera(T_world_cam=T_world_cam, intrinsics=self.rendered)
 
 
-def mean_gray(images: Sequence[Images]) -> Images:
+def mean_gray(images: Sequence[CameraImages]) -> CameraImages:
     """Return the middle one of successive images of a camera, with the mean of all gray images."""
     gray = np.rint(np.mean([image.gray for image in images], axis=0)).astype(np.uint8)
     return replace(images[len(images) // 2], gray=gray)
@@ -321,8 +321,8 @@ def _sampled_along_rows(image: FloatImage, at_px: FloatImage) -> FloatImage:
 
 
 def lit_by_pattern(
-    left: Images, right: Images, strength: float, intrinsics: Intrinsics, *, seed: int
-) -> tuple[Images, Images]:
+    left: CameraImages, right: CameraImages, strength: float, intrinsics: Intrinsics, *, seed: int
+) -> tuple[CameraImages, CameraImages]:
     """Return the images of a pair that a projector beside the left camera lights with a pattern of dots.
 
     The pattern is fixed in the left image, and each pixel of the right image shows the dot of the same surface. The

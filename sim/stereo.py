@@ -201,7 +201,7 @@ def fail_one_to_one(
     # output
     fails: MaskImage,
 ) -> None:
-    """Find the pixels without a disparity, or with a nearer rival in their place; outside of the image there is one."""
+    """Find the pixels without a disparity, or with a nearer rival instead; outside of the image there is one."""
     height, width = disparity.shape
     nearest = np.empty(width, np.int16)
     for row in range(height):

@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from .bodies import Body, Box, Cylinder, Scene, Sphere, Surface, standing_body
-from .depth_noise import DepthNoise, Disparity, Flicker, Occlusion, Scale, Textureless
+from .depth_noise import DepthNoise, Disparity, Occlusion, PatchFlicker, Scale, Textureless
 from .errors import SensorError
 from .flights import Walk
 from .render import create_renderer
@@ -76,7 +76,7 @@ def noisy_sequences(
 
     The images of each baseline stay in memory, half a megabyte per frame.
     """
-    rendered: dict[float, list[View]] = {}
+    rendered: dict[float, list[RenderedView]] = {}
     for config in (sensor_config(*kind) for kind in kinds):
         if config.baseline_m not in rendered:
             rendered[config.baseline_m] = list(_views(config, seed, frames))
@@ -97,7 +97,7 @@ def sensor_config(term: Term, level: Level) -> RigConfig:
         "scale": DepthNoise(scale=Scale(theta=THETA[k]), occlusion=off),
         "disparity": DepthNoise(disparity=Disparity(sigma_px=SIGMA_PX[k]), occlusion=off),
         "quantisation": DepthNoise(disparity=Disparity(step_px=STEP_PX[k]), occlusion=off),
-        "flicker": DepthNoise(flicker=Flicker(dropout=DROPOUT[k], jump=DROPOUT[k] / 2), occlusion=off),
+        "flicker": DepthNoise(flicker=PatchFlicker(dropout=DROPOUT[k], jump=DROPOUT[k] / 2), occlusion=off),
         "blank": DepthNoise(blank=Textureless(below_texture=BELOW_TEXTURE[k]), occlusion=off),
     }[term]
     return RigConfig(
@@ -111,24 +111,24 @@ def sensor_config(term: Term, level: Level) -> RigConfig:
     )
 
 
-View = tuple[RenderedPair, Mapping[int, Surface]]
+RenderedView = tuple[RenderedPair, Mapping[int, Surface]]
 """Images without noise, and the surfaces of the bodies that they show."""
 
 
-def _captures(config: RigConfig, seed: int, views: Iterable[View]) -> Iterator[Capture]:
+def _captures(config: RigConfig, seed: int, views: Iterable[RenderedView]) -> Iterator[Capture]:
     sensor: DepthSensor | None = None
     for pair, surfaces in views:
         sensor = sensor or DepthSensor(config, surfaces, seed=seed)
         yield sensor.capture(pair)
 
 
-def _views(config: RigConfig, seed: int, frames: int) -> Iterator[View]:
+def _views(config: RigConfig, seed: int, frames: int) -> Iterator[RenderedView]:
     if not 1 <= frames <= MAX_FRAMES:
         raise SensorError(f"a noisy sequence has 1 to {MAX_FRAMES} frames, got {frames}")
     return _rendered(config, seed, frames)
 
 
-def _rendered(config: RigConfig, seed: int, frames: int) -> Iterator[View]:
+def _rendered(config: RigConfig, seed: int, frames: int) -> Iterator[RenderedView]:
     scene = _scene(seed)
     poses = Walk(speed_m_s=0.8).poses(scene.path_m, seed, config.rate_hz)
     with World(scene, np.array([[4.0, -1.5, 1.6]]), start_yaw_rad=np.pi / 2) as world:

@@ -114,7 +114,7 @@ class Camera:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Images:
+class CameraImages:
     """Noise-free images of one camera."""
 
     gray: GrayImage
@@ -134,18 +134,18 @@ class RenderedPair:
     pose: BodyPose
     """Pose of the carrier."""
     frame: int
-    left: Images
-    right: Images | None = None
+    left: CameraImages
+    right: CameraImages | None = None
     """The second camera, or the view of a projector."""
-    color: Images | None = None
+    color: CameraImages | None = None
     """The colour camera that depth is aligned to."""
 
 
 class Renderer(Protocol):
     """Renders cameras in one world."""
 
-    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """Return images of the world's present state, one `Images` per camera. Without `gray` they may be black."""
+    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[CameraImages]:
+        """Return the `CameraImages` of each camera, of the world's present state. Without `gray` they may be black."""
         ...
 
 

@@ -247,8 +247,8 @@ class World:
         steps = np.ceil(np.linalg.norm(np.diff(way_m, axis=0), axis=1) / (radius_m / 2)).astype(np.int64)
         ends = zip(way_m[:-1], way_m[1:], steps.tolist(), strict=True)
         parts = [np.linspace(start, end, n, endpoint=False) for start, end, n in ends]
-        places_m = np.concatenate([*parts, way_m[-1:]])
-        return all(self._apart_m(body, at_m, radius_m, 0.0) > 0 for at_m in places_m for body in bodies)
+        points_m = np.concatenate([*parts, way_m[-1:]])
+        return all(self._apart_m(body, at_m, radius_m, 0.0) > 0 for at_m in points_m for body in bodies)
 
     def _create_bodies(self, starts_m: FloatArray) -> None:
         """Set physics up, and create all bodies: the movers first, then what is fixed, and last the drones."""

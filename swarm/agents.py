@@ -14,7 +14,7 @@ from .mapping_pilot import MappingPilot
 from .pilot import Decision, Pilot, Situation
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
-"""Places that a follower tries, as shares of the way from its slot to its place in single file behind the leader."""
+"""Positions that a follower tries, as shares of the way from its slot to its position in single file."""
 TRACK_STEP_M = 0.2
 """Distance of the points of a track."""
 LOOP_M = 0.3
@@ -42,7 +42,7 @@ class Leader:
         self._pilot = pilot
         self._team = role.team
         self._config = config
-        self._track = Track(role.team.start_m, config.rules.separation_radius_m)
+        self._track = LeaderTrack(role.team.start_m, config.rules.separation_radius_m)
 
     def decide(self, situation: Situation) -> Decision:
         """Fly straight to the goal, slower near it and while a follower lags behind."""
@@ -56,14 +56,14 @@ class Leader:
     def _lag_speed_factor(self, situation: Situation) -> float:
         """Return the share of the cruise speed that lets followers catch up; 0 if one of them is not heard.
 
-        A follower lags by its distance from the nearest place that it may take. Those that have dropped out are not
+        A follower lags by its distance from the nearest position that it may take. Those that have dropped out are not
         waited for.
         """
         mates, offsets_m = situation.mates, self._team.offsets_m
         if len(mates) < len(offsets_m) - 1 - situation.mates_dropped:
             return 0.0
         lags_m = (
-            np.linalg.norm(at_m - self._track.places_m(situation.own.position_m + offsets_m[n], n), axis=1).min()
+            np.linalg.norm(at_m - self._track.positions_m(situation.own.position_m + offsets_m[n], n), axis=1).min()
             for n, at_m in zip(mates.drone - self._team.leader, mates.position_m, strict=True)
         )
         return rules.lag_speed_factor(float(max(lags_m, default=0.0)))
@@ -76,16 +76,16 @@ class Follower:
         self._pilot = pilot
         self._role = role
         self._config = config
-        self._track = Track(role.team.start_m, config.rules.separation_radius_m)
+        self._track = LeaderTrack(role.team.start_m, config.rules.separation_radius_m)
 
     def decide(self, situation: Situation) -> Decision:
-        """Fly at the sum of the rules to the slot, or to the first place where the drone fits."""
+        """Fly at the sum of the rules to the slot, or to the first position where the drone fits."""
         self._track.add(situation.leader.position_m)
         slot_m = situation.leader.position_m + self._role.offset_m
-        places_m = self._track.places_m(slot_m, self._role.drone - self._role.team.leader)
-        first = self._pilot.first_free(places_m)
-        wanted = rules.limit(self.wanted(situation, places_m[first]), self._config.follower_speed_m_s)
-        return self._pilot.fly(wanted, situation, places_m[first], look_at_m=slot_m if first > 0 else None)
+        positions_m = self._track.positions_m(slot_m, self._role.drone - self._role.team.leader)
+        first = self._pilot.first_free(positions_m)
+        wanted = rules.limit(self.wanted(situation, positions_m[first]), self._config.follower_speed_m_s)
+        return self._pilot.fly(wanted, situation, positions_m[first], look_at_m=slot_m if first > 0 else None)
 
     def wanted(self, situation: Situation, slot_m: FloatArray) -> FloatArray:
         """Return the sum of the rules, shape (3,); cohesion and alignment use the own swarm only."""
@@ -100,8 +100,8 @@ class Follower:
         )
 
 
-class Track:
-    """The way that a leader has come, from where its formation started, and the places of its followers.
+class LeaderTrack:
+    """The way that a leader has come, from where its formation started, and the positions of its followers.
 
     In single file, they follow each other on the track at the distance `spacing_m`.
     """
@@ -121,8 +121,8 @@ class Track:
         self._lengths_m.append(self._lengths_m[-1] + length(at_m - self._points_m[-1]))
         self._points_m.append(at_m.copy())
 
-    def places_m(self, slot_m: FloatArray, number: int) -> FloatArray:
-        """Return the places that a follower may take, from its slot to its place in single file, shape (n, 3)."""
+    def positions_m(self, slot_m: FloatArray, number: int) -> FloatArray:
+        """Return the positions that a follower may take, from its slot to its position in single file, shape (n, 3)."""
         return np.asarray(slot_m + SHIFTS[:, None] * (self.behind(number * self._spacing_m) - slot_m))
 
     def behind(self, distance_m: float) -> FloatArray:

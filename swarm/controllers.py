@@ -27,7 +27,7 @@ class Agent(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Role:
-    """The place of one drone in its swarm."""
+    """What one drone is in its swarm."""
 
     drone: int
     """Number of the drone in the mission."""

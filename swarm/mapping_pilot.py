@@ -81,9 +81,9 @@ class MappingPilot(Pilot):
             path_m=course.path_m,
         )
 
-    def first_free(self, places_m: FloatArray) -> int:
-        """Return the index of the first place, of shape (n, 3), where the drone fits; the last one if there is none."""
-        return self._map.first_free(places_m)
+    def first_free(self, points_m: FloatArray) -> int:
+        """Return the index of the first point, of shape (n, 3), where the drone fits; the last one if there is none."""
+        return self._map.first_free(points_m)
 
     def _recover(self, course: Course, time_s: float) -> None:
         """Rotate, or blacklist what is unknown on the path, if the drone wants to fly and makes no progress.
@@ -107,5 +107,5 @@ class MappingPilot(Pilot):
 
 
 def _apart_m(one_m: FloatArray, other_m: FloatArray) -> float:
-    """Return the horizontal distance of two places."""
+    """Return the horizontal distance of two points."""
     return length(one_m[:2] - other_m[:2])

@@ -40,7 +40,7 @@ def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
 class UnsafeCommitments:
     """Counts the episodes in which a drone was committed to a way on which it could not have stopped in time.
 
-    At every decision the truth is asked whether the way to a stop after the command, as wide as the drone, touches a
+    At every decision the truth shows whether the way to a stop after the command, as wide as the drone, touches a
     fixed body. The controller never knows.
     """
 

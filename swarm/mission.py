@@ -237,8 +237,10 @@ class Mission:
             *(("goal", team.goal_m, self.world.airframe.radius_m) for team in self._teams),
         ):
             if self.world.clearance_at_m(at_m.tolist()) < radius_m or self.world.is_inside(at_m):
-                place_m = at_m.round(6).tolist()
-                raise MissionError(f"the {what} {place_m} m is inside a building or the ground; move it into the open")
+                position_m = at_m.round(6).tolist()
+                raise MissionError(
+                    f"the {what} {position_m} m is inside a building or the ground; move it into the open"
+                )
 
 
 class TerminationConditions:

@@ -20,8 +20,8 @@ DETECTED_WITHIN_M = 12.0
 SEEN_FOR_S = 0.5
 """Time for which a detected drone is assumed to keep its velocity when it is not detected again."""
 AGREED_M = 1.0
-"""Largest distance of the place where a drone was detected from that of which the radio tells; beyond it, the depth is
-taken for wrong."""
+"""Largest distance of the detected position of a drone from that which it transmits; beyond it, the depth is taken for
+wrong."""
 
 
 class NeighbourConfig(Model):
@@ -39,7 +39,7 @@ class Detector:
 
     The simulator's labels say which pixels show which drone, as a segmentation network would; nothing else of the truth
     is used. The range is the median of the corrected depth over those pixels, so a drone whose depth is wrong is seen
-    in the wrong place, and a drone without depth is not found at all.
+    at the wrong position, and a drone without depth is not found at all.
 
     Args:
         miss_rate: Probability that a drone in view is not found in an image.

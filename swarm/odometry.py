@@ -1,4 +1,4 @@
-"""The odometry of a drone, by which it builds its map, and what its corrector is told of it."""
+"""The odometry of a drone, by which it builds its map, and what its corrector is given of it."""
 
 from typing import Literal
 

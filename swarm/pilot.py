@@ -101,9 +101,9 @@ class Pilot:
         Args:
             wanted_m_s: Wanted velocity in the world frame, shape (3,).
             situation: What the drone knows.
-            target_m: Place to which the drone wants to get, world frame, shape (3,); None for where the velocity leads.
+            target_m: Point to which the drone wants to get, world frame, shape (3,); None for where the velocity leads.
                 Pilots with a map use it.
-            look_at_m: Place at which it looks when it has nowhere to fly, world frame, shape (3,); None for none.
+            look_at_m: Point at which it looks when it has nowhere to fly, world frame, shape (3,); None for none.
                 Pilots with a map use it.
         """
         yaw_rad = self._heading.turn_towards(wanted_m_s, length(wanted_m_s[:2]))
@@ -111,8 +111,8 @@ class Pilot:
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
         return Decision(command=command, state="unguarded")
 
-    def first_free(self, places_m: FloatArray) -> int:
-        """Return the index of the first place, of shape (n, 3), where the drone fits; one without a map takes any."""
+    def first_free(self, points_m: FloatArray) -> int:
+        """Return the index of the first point, of shape (n, 3), where the drone fits; one without a map takes any."""
         return 0
 
     def _drone_limits(self, situation: Situation) -> ApproachLimits:

@@ -60,13 +60,13 @@ class Percept:
     """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth
     gray: GrayImage | None = None
-    """The gray image of the capture, shape (H, W), uint8; black if nothing asked for it."""
+    """The gray image of the capture, shape (H, W), uint8; black if nothing requests it."""
     detections: Mapping[int, FloatArray] = field(default_factory=dict)
     """Centres of the other drones that were found in the image, by their numbers: in the camera frame, shape (3,)."""
 
 
 class MapView(Protocol):
-    """What a drone knows of the air at its height; its places are in the frame of the drone's odometry."""
+    """What a drone knows of the air at its height; its points are in the frame of the drone's odometry."""
 
     state: npt.NDArray[np.uint8]
     """Worst state of each cell, shape (rows along y, columns along x): one of `map.voxel_map.STATES`."""
@@ -75,12 +75,12 @@ class MapView(Protocol):
     T_odom_world: FloatArray
     """Transform to the frame of the odometry from that of the world, shape (4, 4)."""
 
-    def place(self, world_m: FloatArray) -> FloatArray:
-        """Return places of the world, shape (..., 3), in the frame of the odometry."""
+    def from_world(self, world_m: FloatArray) -> FloatArray:
+        """Return points of the world, shape (..., 3), in the frame of the odometry."""
         ...
 
     def in_world(self, odom_m: FloatArray) -> FloatArray:
-        """Return places in the frame of the odometry, shape (..., 3), in that of the world."""
+        """Return points in the frame of the odometry, shape (..., 3), in that of the world."""
         ...
 
     def state_at(self, at_m: FloatArray) -> int:

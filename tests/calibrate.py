@@ -1,4 +1,4 @@
-"""Fits confidences to real recordings, and judges each recording by what the others give.
+"""Fits confidences to real recordings, and evaluates each recording by what the others give.
 
     python -m tests.calibrate FOLDER FOLDER...
     python -m tests.calibrate --write FOLDER FOLDER...
@@ -9,8 +9,8 @@ believed at 0.8 is right. The last line is the factor of all; after a change of 
 `MEASURED_ODDS` by it. The second command fits the other correctors, which have one probability for each source of
 their fills, and writes `voxdepth/confidence.toml`.
 
-Fills are judged on held-out pixels of every kind and on the sensor's own holes, kinds alike, and measured pixels where
-the truth or later frames are known.
+Fills are evaluated on held-out pixels of every kind and on the sensor's own holes, kinds alike, and measured pixels
+where the truth or later frames are known.
 """
 
 import argparse
@@ -69,10 +69,10 @@ class Sample(NamedTuple):
 
 def sample_of(folder: Path, make: Make, frames: int) -> Sample:
     """Pixels of all kinds of a recording as a corrector shows them; kinds count alike."""
-    opened = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
+    opener = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
     kinds = []
-    for name, kind in kinds_of(folder, opened).items():
-        source = RecordedSource(name, opened(folder), kind)
+    for name, kind in kinds_of(folder, opener).items():
+        source = RecordedSource(name, opener(folder), kind)
         drawn = np.hstack(list(_drawn(source, make(source.intrinsics), frames)))
         kinds.append(drawn if name == HOLES else drawn[:, drawn[2] > 0])  # Methods are given the others' reference.
     kinds = [kind for kind in kinds if kind.size]
@@ -177,14 +177,14 @@ def main() -> None:
     parser.add_argument("folders", metavar="FOLDER", nargs="+", type=Path, help="recordings of real cameras")
     parser.add_argument("--frames", type=int, default=60, help="how many of the first frames (default 60)")
     parser.add_argument("--write", action="store_true", help="fit the other correctors, and write their file")
-    asked = parser.parse_args()
-    if len(asked.folders) < 2:
+    arguments = parser.parse_args()
+    if len(arguments.folders) < 2:
         parser.error("expected at least two recordings: each is judged by the factor of the others")
-    if asked.write:
-        write_fills(asked.folders, asked.frames)
+    if arguments.write:
+        write_fills(arguments.folders, arguments.frames)
         return
 
-    for table in tables_of(asked.folders, asked.frames):
+    for table in tables_of(arguments.folders, arguments.frames):
         table.print(Console())
 
 

@@ -23,7 +23,7 @@ def interpreter(version: str) -> str | None:
 def new_environment(folder: Path, python: str, *what: str | Path) -> Path:
     """Make an environment in place of whatever the folder holds, and return its Python.
 
-    What is installed is told as to `uv pip install`. A `CalledProcessError` says that uv has told why it could not.
+    What is installed is as for `uv pip install`. A `CalledProcessError` says that uv reported why it could not.
     """
     uv = (sys.executable, "-m", "uv", "--quiet")
     subprocess.run([*uv, "venv", "--clear", "--python", python, folder], check=True)

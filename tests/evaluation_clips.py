@@ -12,10 +12,10 @@ from sim.recording import RecordingWriter
 from sim.types import Capture
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.tools.evaluation.frames import TRUTH, EvaluationFrame, Reference
-from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.measurements import MetricValue
 from voxdepth.tools.evaluation.methods import Method
 from voxdepth.tools.evaluation.references import held_out
-from voxdepth.tools.evaluation.results import Result, SequenceInfo
+from voxdepth.tools.evaluation.results import MethodResult, SequenceInfo
 from voxdepth.tools.evaluation.scoring import Score
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics, MaskImage
@@ -109,7 +109,7 @@ def method(name: str, change: Change | None = None) -> Method:
 
 def scores_of(
     reference: Reference, frames: Iterable[EvaluationFrame], change: Change
-) -> dict[tuple[str, ...], Measurement]:
+) -> dict[tuple[str, ...], MetricValue]:
     """What is measured where a function makes the corrected depth of a frame, by metric, mask, range and pixels."""
     score = Score(reference, CAMERA)
     for frame in frames:
@@ -133,11 +133,13 @@ def held_out_info(name: str, mask: str) -> SequenceInfo:
     return info_of(name, reference=held_out(mask), hidden=70)
 
 
-def result_of(sequence: str, method: str, *measurements: Measurement, **given: Any) -> Result:
+def result_of(sequence: str, method: str, *measurements: MetricValue, **given: Any) -> MethodResult:
     """A made-up result of a method on a sequence with the truth, unless `info` says otherwise."""
-    return Result(sequence=sequence, method=method, measurements=measurements, **{"info": info_of(sequence)} | given)
+    return MethodResult(
+        sequence=sequence, method=method, measurements=measurements, **{"info": info_of(sequence)} | given
+    )
 
 
-def evaluation_of(*results: Result) -> Evaluation:
+def evaluation_of(*results: MethodResult) -> Evaluation:
     """Made-up results."""
     return Evaluation(results=results)

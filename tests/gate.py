@@ -128,7 +128,7 @@ def write(measured: Sequence[Figure]) -> None:
     GATE.write_text(tomli_w.dumps({"figure": tables}))
 
 
-def judged(measured: Sequence[Figure], before: dict[str, Figure]) -> dict[str, list[Figure]]:
+def judge(measured: Sequence[Figure], before: dict[str, Figure]) -> dict[str, list[Figure]]:
     """The figures by their change; one of the file that is not measured is a `ConfigError`."""
     if gone := sorted(set(before) - {one.name for one in measured}):
         raise ConfigError(f"{GATE.name} has figures that are not measured: {', '.join(gone)}; write it with --update")
@@ -156,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     before, measured = read() if GATE.exists() else {}, list(figures())
     try:
         known = {name: one for name, one in before.items() if not given.update or name in {m.name for m in measured}}
-        found = judged(measured, known)
+        found = judge(measured, known)
     except VoxDepthError as error:
         print(f"gate: {error}", file=sys.stderr)
         return 2

@@ -37,7 +37,7 @@ def block(distance_m: float, side_m: float, *, name: str = "block") -> Body:
 
 @contextmanager
 def world_of(*bodies: Body, starts_m: object = ()) -> Iterator[World]:
-    """A world of some bodies, with drones where asked for."""
+    """A world of some bodies, with drones where requested."""
     with World(Scene(seed=5, bodies=bodies), np.asarray(starts_m, np.float64).reshape(-1, 3)) as world:
         yield world
 

@@ -128,14 +128,14 @@ def counted(report: Path) -> dict[str, int]:
 def run(version: str, versions: str, tests: Sequence[str]) -> Outcome:
     """Make the environment of a Python with a choice of versions, and run tests in it."""
     print(f"\nPython {version}, {versions} versions", flush=True)
-    folder, python, begun = FOLDER / f"{version}-{versions}", interpreter(version), time.monotonic()
+    folder, python, start_s = FOLDER / f"{version}-{versions}", interpreter(version), time.monotonic()
     assert python is not None
     wheels = ("--only-binary", ":all:", "--no-binary", "voxdepth")
     library = ("--editable", f"{ROOT}[{','.join(EXTRAS)}]")
     inside = new_environment(folder, python, "--resolution", RESOLUTIONS[versions], *wheels, *library)
     if versions == "lowest":
-        told = ", ".join(raised(required(ROOT, EXTRAS), listed(folder))) or "none"
-        print(f"higher than the lowest, which has no wheel here or none that fits the others: {told}", flush=True)
+        reported = ", ".join(raised(required(ROOT, EXTRAS), listed(folder))) or "none"
+        print(f"higher than the lowest, which has no wheel here or none that fits the others: {reported}", flush=True)
     # Another Numba would take what the last has compiled for old, and compile it again.
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "compiled")}
     subprocess.run([inside, "-c", COMPILE], check=True, cwd=ROOT, env=environment)
@@ -143,7 +143,7 @@ def run(version: str, versions: str, tests: Sequence[str]) -> Outcome:
     pytest = [inside, "-m", "pytest", "-q", "-n", "2", "--dist", "worksteal", "-m", "not testbed"]
     done = subprocess.run([*pytest, f"--junit-xml={report}", *tests], check=False, cwd=ROOT, env=environment)
     counts = counted(report) if report.is_file() else {}
-    return Outcome(version, versions, done.returncode, **counts, seconds=time.monotonic() - begun)
+    return Outcome(version, versions, done.returncode, **counts, seconds=time.monotonic() - start_s)
 
 
 def listed(folder: Path) -> dict[str, str]:
@@ -163,12 +163,12 @@ def table(outcomes: Iterable[Outcome]) -> str:
 
 
 def chosen(arguments: Sequence[str] | None) -> list[tuple[str, str]]:
-    """The Pythons and the versions that are asked for; those that make no sense end the program with one line."""
+    """The Pythons and the versions that are requested; those that make no sense end the program with one line."""
     parser = argparse.ArgumentParser(prog="python -m tests.matrix", usage=argparse.SUPPRESS)
     parser.add_argument("--python", choices=PYTHONS, help="one Python, in place of all that are here")
     parser.add_argument("--versions", choices=RESOLUTIONS, help="one choice of versions, in place of both")
-    asked = parser.parse_args(arguments)
-    wanted = [asked.python] if asked.python else PYTHONS
+    options = parser.parse_args(arguments)
+    wanted = [options.python] if options.python else PYTHONS
     absent = [version for version in wanted if interpreter(version) is None]
     if len(absent) == len(wanted):
         parser.error(f"there is no Python {' or '.join(absent)} on the path or below pyenv; install one")
@@ -178,12 +178,12 @@ def chosen(arguments: Sequence[str] | None) -> list[tuple[str, str]]:
         print(f"Python {version} is left out: there is none here")
     present = [version for version in wanted if version not in absent]
     return [
-        (version, versions) for version in present for versions in RESOLUTIONS if asked.versions in (None, versions)
+        (version, versions) for version in present for versions in RESOLUTIONS if options.versions in (None, versions)
     ]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what is asked for and print a table; 1 if something failed."""
+    """Run what is requested and print a table; 1 if something failed."""
     combinations, tests = chosen(arguments), library_tests()
     print(f"{len(tests)} files of tests need no package of the testbed", flush=True)
     outcomes = []

@@ -86,7 +86,7 @@ def good_pairs() -> list[Pair]:
 
 
 def bad_pairs() -> list[Pair]:
-    """Of different places: the first, middle and last frames of their films."""
+    """Of different scenes: the first, middle and last frames of their films."""
     both = zip(*(spoilt(gain) for gain in GAINS), strict=True)
     return [Pair(a[i], b[i]) for (a, _), (_, b) in permutations(both, 2) for i in (0, 3, 6)]
 

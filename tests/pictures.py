@@ -416,8 +416,8 @@ def epochs() -> Figures:
         lower.axvline(k, color="black", linewidth=0.8)
     for k, reason in ends:
         lower.axvline(k + 0.5, color="#d03030", linewidth=1, linestyle="--")
-        place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "fontsize": 7}
-        lower.annotate(f"ends: {reason.value.replace('_', ' ')}", (k + 0.5, 1), (4, -10), color="#d03030", **place)
+        offset = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "fontsize": 7}
+        lower.annotate(f"ends: {reason.value.replace('_', ' ')}", (k + 0.5, 1), (4, -10), color="#d03030", **offset)
     matches = [state.registration.n_matches if state.template is not None else np.nan for state in states]
     lower.plot(np.arange(len(states)) + 0.5, matches, ".-", color="#2a78c8", markersize=4, linewidth=1)
     lower.set_ylabel("good matches\nwith the template", fontsize=8)

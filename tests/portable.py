@@ -119,15 +119,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1, help="processes at a time")
     given = parser.parse_args(arguments)
     first = next(iter(SETTINGS))
-    asked = list(SHORT_SETTINGS[1:]) if given.short and not given.setting else given.setting
+    requested = list(SHORT_SETTINGS[1:]) if given.short and not given.setting else given.setting
     try:
-        settings = chosen(asked, list(SETTINGS), "setting")
+        settings = chosen(requested, list(SETTINGS), "setting")
         workloads = chosen(given.workload or (SHORT_WORKLOADS if given.short else ()), list(WORKLOADS), "workload")
         for setting in (each for each in settings if not has(each)):
-            lacking = f"{setting} needs {NEEDS[setting]}, which this processor does not have"
+            unsupported = f"{setting} needs {NEEDS[setting]}, which this processor does not have"
             if given.setting:
-                raise ConfigError(f"{lacking}: leave it out, or run it on another machine")
-            print(f"left out: {lacking}")
+                raise ConfigError(f"{unsupported}: leave it out, or run it on another machine")
+            print(f"left out: {unsupported}")
         able = [first, *(setting for setting in settings if has(setting) and setting != first)]
         return 0 if report(able, workloads, given.processes) else 1
     except VoxDepthError as error:

@@ -28,7 +28,7 @@ from scenarios.experiments.catalogue import CATALOGUE
 from scenarios.experiments.runner import claim_table, find_experiment, run
 from scenarios.sensor_pictures import make_gallery
 from scenarios.sequences import GROUPS, load_sequence
-from scenarios.study.report import Findings
+from scenarios.study.report import StudyAnalysis
 from scenarios.study.store import read_study
 from tests import calibrate, camera_errors, odometries, speeds
 from voxdepth.errors import no_such
@@ -39,8 +39,8 @@ from voxdepth.tools.evaluate import requested_of
 from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.quantities import ERROR_IN_HOLES
 from voxdepth.tools.evaluation.report import method_table
-from voxdepth.tools.evaluation.shares import Kind
-from voxdepth.tools.evaluation.suite import Evaluation, Plan, Requested, evaluate
+from voxdepth.tools.evaluation.shares import PixelKind
+from voxdepth.tools.evaluation.suite import Evaluation, EvaluationSequence, Plan, evaluate
 from voxdepth.tools.files import write
 from voxdepth.tools.provenance import Provenance, source_commit
 from voxdepth.tools.recorded import Opener, restrict_opencv
@@ -56,7 +56,7 @@ SIZES = ((160, 96), (480, 270), (640, 360), (848, 480))
 REAL = ("aloe", "cones", "d435-arm", "d435-hand", "kinect", "kitti", "motorcycle")
 """Recordings by the names of their folders; docs/corrector.md says what they are."""
 ABLATED = ("cones", "d435-arm", "kitti")
-"""Recordings by which parts are judged: of a pair, of a camera at stations, and of one that moves."""
+"""Recordings by which parts are evaluated: of a pair, of a camera at stations, and of one that moves."""
 REAL_FRAMES, ABLATION_FRAMES, CALIBRATION_FRAMES, RENDERED_FRAMES = 40, 12, 30, 30
 UNSEEN_SEED = 2024
 """Of rendered sequences by which nothing was trained or tuned."""
@@ -153,7 +153,7 @@ def real(data: Data) -> Tables:
     """How many pixels of real cameras are filled right, beside the best baseline."""
     evaluation = _evaluated(_recorded(data, REAL), [*BASELINES, WHOLE], REAL_FRAMES, data)
     rows: list[list[Value]] = []
-    of_kinds: dict[str, list[Kind]] = {}
+    of_kinds: dict[str, list[PixelKind]] = {}
     for shares in evaluation.shares:
         for kind in shares.kinds.values():
             other = _best_other(kind)
@@ -247,9 +247,9 @@ def learned(data: Data) -> Tables:
 def studies(_: Data) -> Tables:
     """The tables of the studies whose stores are in docs/study."""
     return {
-        f"{place.name.partition('.')[0]}-{name}": table
-        for place in sorted(STUDIES.glob("*.tar.xz"))
-        for name, table in Findings(read_study(place)).tables.items()
+        f"{path.name.partition('.')[0]}-{name}": table
+        for path in sorted(STUDIES.glob("*.tar.xz"))
+        for name, table in StudyAnalysis(read_study(path)).tables.items()
         if len(table)
     }
 
@@ -259,7 +259,7 @@ def experiments(data: Data) -> Tables:
     restrict_opencv()
     tables, claims = {}, []
     for name in CATALOGUE:
-        experiment = find_experiment(name).asked(out=data.out, report=lambda what: None)
+        experiment = find_experiment(name).with_options(out=data.out, report=lambda what: None)
         claims += [(name, claim) for claim in run(name, experiment, f"voxdepth experiment {name}", Console())]
         tables[name] = Table.of_frame(experiment.question, pd.read_csv(data.out / name / "table.csv"))
     return {"claims": claim_table(claims), **tables}
@@ -278,9 +278,9 @@ MAKERS: dict[str, Make] = {make.__name__: make for make in (*OF_FRAMES, *OF_FLIG
 def study_pictures(_: Data) -> dict[str, bytes]:
     """The figures of the studies whose stores are in docs/study."""
     return {
-        f"{place.name.partition('.')[0]}-{figure.name}": figure.png
-        for place in sorted(STUDIES.glob("*.tar.xz"))
-        for figure in Findings(read_study(place)).figures
+        f"{path.name.partition('.')[0]}-{figure.name}": figure.png
+        for path in sorted(STUDIES.glob("*.tar.xz"))
+        for figure in StudyAnalysis(read_study(path)).figures
     }
 
 
@@ -295,13 +295,13 @@ def _factor(flown: speeds.Flown) -> str:
     return f"{flown.real_time_factor:.2f} times real time"
 
 
-def _recorded(data: Data, names: Sequence[str]) -> list[Requested]:
-    opened = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
+def _recorded(data: Data, names: Sequence[str]) -> list[EvaluationSequence]:
+    opener = Opener(None, 20.0, 0, units_per_m=None, depth_topic=None, gray_topic=None)
     folders = [data.of_camera(name) for name in names]
-    return [requested for folder in folders for requested in requested_of(folder, opened)]
+    return [requested for folder in folders for requested in requested_of(folder, opener)]
 
 
-def _evaluated(requested: Sequence[Requested], methods: Sequence[str], frames: int, data: Data) -> Evaluation:
+def _evaluated(requested: Sequence[EvaluationSequence], methods: Sequence[str], frames: int, data: Data) -> Evaluation:
     restrict_opencv()
     plan = Plan(sequences=requested, methods=find_methods(methods), frames=frames, out=data.out / "evaluation")
     evaluation = evaluate(plan, lambda what, done: print(f"\r{what}; {done} of {len(plan)} done", end="", flush=True))
@@ -311,15 +311,15 @@ def _evaluated(requested: Sequence[Requested], methods: Sequence[str], frames: i
     return evaluation
 
 
-def _best_other(kind: Kind) -> str:
+def _best_other(kind: PixelKind) -> str:
     return next(method for method in kind.ranked if method != WHOLE)
 
 
-def _two_shares(kind: Kind, other: str) -> list[str]:
+def _two_shares(kind: PixelKind, other: str) -> list[str]:
     return [f"{100 * kind.share(WHOLE).value:.1f}", f"{100 * kind.share(other).value:.1f} `{other}`"]
 
 
-def _points(kind: Kind, method: str, other: str) -> str:
+def _points(kind: PixelKind, method: str, other: str) -> str:
     """The lead of a method over another one in points, with its interval."""
     value, low, high = (f"{100 * end:+.1f}" for end in kind.lead(method, other))
     return f"{value} ({low} to {high})"
@@ -345,7 +345,7 @@ def to_json(name: str, tables: Tables) -> dict[str, Any]:
             key: {
                 "title": table.title,
                 "columns": table.headings,
-                "right": [table.is_numeric(place) for place in range(len(table.columns))],
+                "right": [table.is_numeric(index) for index in range(len(table.columns))],
                 "rows": table.texts,
             }
             for key, table in tables.items()
@@ -391,11 +391,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", metavar="NAME", nargs="*", help=", ".join(MAKERS))
     parser.add_argument("--recordings", type=Path, metavar="FOLDER", help="folder of the recordings of real cameras")
-    asked = parser.parse_args()
-    if unknown := [name for name in asked.names if name not in MAKERS]:
+    arguments = parser.parse_args()
+    if unknown := [name for name in arguments.names if name not in MAKERS]:
         parser.error(no_such("result", unknown[0], MAKERS))
-    made, kept, data = {}, [], Data(asked.recordings)
-    for name in asked.names or MAKERS:
+    made, kept, data = {}, [], Data(arguments.recordings)
+    for name in arguments.names or MAKERS:
         print(f"{name}: {MAKERS[name].__doc__}")
         start_s = time.perf_counter()
         try:

@@ -87,9 +87,9 @@ def steps_of_one(**options: Any) -> Stepped:
     env.reset(seed=0)
     hover = env.action_space.sample() * 0
     env.step(hover)
-    begun_s = time.perf_counter()
+    start_s = time.perf_counter()
     env.reset(seed=1)
-    reset_s = time.perf_counter() - begun_s
+    reset_s = time.perf_counter() - start_s
     wall_s, busy_s = time.perf_counter(), time.process_time()
     for _ in range(STEPS):
         env.step(hover)

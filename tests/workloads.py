@@ -28,7 +28,7 @@ from scenarios.sequences import load_sequence, record, simulation
 from scenarios.study.design import expand
 from scenarios.study.diagnose import CollisionProbe
 from scenarios.study.executors import run_one
-from scenarios.study.report import Findings
+from scenarios.study.report import StudyAnalysis
 from scenarios.study.store import StudyData
 from sim.recording import Recording
 from sim.types import Capture
@@ -75,7 +75,7 @@ CORRECTORS = (
 CRASH = {"mission.controller": "examples.straight_controller:create", "mission.cruise_speed_m_s": 4.0}
 """The leader hits the first pillar."""
 JUDGED = (None, "shadows", "wide-shadows", "patches")
-"""What pixels methods are judged by; None for all, by the truth."""
+"""What pixels methods are evaluated on; None for all, by the truth."""
 ODD = replace(CAMERA, width_px=161, height_px=121)
 """A camera whose last row and column have no working pixel at half resolution."""
 FLIGHTS: Mapping[str, tuple[str, dict[str, Any]]] = {
@@ -198,14 +198,14 @@ def diagnosis() -> Any:
 
 
 def references(hidden: str | None) -> Any:
-    """What methods are judged by in a recording, and how two of them are judged; None for the truth."""
+    """What methods are evaluated on in a recording, and how two of them compare; None for the truth."""
     with TemporaryDirectory() as folder:
-        place = Path(folder) / "clip"
-        record(load_sequence("sim-cross", 1, SMALL | MOVING | {"renderer": "raster"}), place, 12, lambda done: None)
+        path = Path(folder) / "clip"
+        record(load_sequence("sim-cross", 1, SMALL | MOVING | {"renderer": "raster"}), path, 12, lambda done: None)
         if hidden is None:
-            source: Any = SimulatedSource("clip", Recording.open(place), 1)
+            source: Any = SimulatedSource("clip", Recording.open(path), 1)
         else:
-            source = RecordedSource("clip", open_dataset(place), kinds_of(place, open_dataset)[hidden])
+            source = RecordedSource("clip", open_dataset(path), kinds_of(path, open_dataset)[hidden])
         frames = list(source.frames(6))
         methods = [find_method(name) for name in ("ip-basic", "temporal")]
         scores = [run(method, frames, source.reference, source.intrinsics, 0).measurements for method in methods]
@@ -216,7 +216,7 @@ def references(hidden: str | None) -> Any:
 
 def report(contents: Callable[[], StudyData]) -> Any:
     """The sentences and the tables of the report of a study."""
-    findings = Findings(contents())
+    findings = StudyAnalysis(contents())
     return {"verdict": findings.verdict, **{name: table.markdown() for name, table in findings.tables.items()}}
 
 

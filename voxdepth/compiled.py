@@ -51,7 +51,7 @@ class SealedFiles(IndexDataCacheFile):  # type: ignore[misc]
     """The index and the code that Numba keeps of a function, each file with its digest at the end.
 
     A file without it, as after a loss of power, counts as missing, and the function is compiled again: Numba itself
-    would fail on it for ever, and LLVM crash. Files are renamed into place, so that another process reads whole ones.
+    would fail on it for ever, and LLVM crash. Files are renamed in one step, so that another process reads whole ones.
     """
 
     def _load_index(self) -> Any:
@@ -71,14 +71,14 @@ class SealedFiles(IndexDataCacheFile):  # type: ignore[misc]
 
 
 class ModuleLocator(UserProvidedCacheLocator):  # type: ignore[misc]
-    """A place by the name of the module, not by its path: every copy of the same source finds what is compiled."""
+    """Locates the cache by the name of the module, not by its path: copies of a source share what is compiled."""
 
     def __init__(self, function: Callable[..., Any], file: str) -> None:
         super().__init__(function, file)
         self._cache_path = str(Path(numba.config.CACHE_DIR) / function.__module__)
 
 
-class ModulePlaces(CompileResultCacheImpl):  # type: ignore[misc]
+class ModuleCache(CompileResultCacheImpl):  # type: ignore[misc]
     """Where Numba keeps functions: by their modules, and where it would, if that cannot be."""
 
     _locator_classes = (ModuleLocator, *CompileResultCacheImpl._locator_classes)
@@ -87,12 +87,12 @@ class ModulePlaces(CompileResultCacheImpl):  # type: ignore[misc]
 class SealedCache(FunctionCache):  # type: ignore[misc]
     """What Numba keeps of a function, in `SealedFiles`."""
 
-    _impl_class = ModulePlaces
+    _impl_class = ModuleCache
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        place = self._impl.locator
-        self._cache_file = SealedFiles(place.get_cache_path(), self._impl.filename_base, place.get_source_stamp())
+        locator = self._impl.locator
+        self._cache_file = SealedFiles(locator.get_cache_path(), self._impl.filename_base, locator.get_source_stamp())
 
 
 class Compiled:
@@ -259,9 +259,9 @@ def _folder(package: str) -> Path | None:
     sources = [path for name in packages for path in sorted(_source_folder(name).rglob("*.py"))]
     for path in sources:
         digest.update(path.read_bytes())
-    if (place := _user_cache()) is None or not sources:  # A package in an archive has no files.
+    if (user_cache := _user_cache()) is None or not sources:  # A package in an archive has no files.
         return None
-    folder = place / f"{package}-{digest.hexdigest()[:16]}"
+    folder = user_cache / f"{package}-{digest.hexdigest()[:16]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:  # The home is read-only.
@@ -278,11 +278,11 @@ def _source_folder(package: str) -> Path:
 def _user_cache() -> Path | None:
     """Return `$NUMBA_CACHE_DIR`, or VoxDepth's folder in the user's caches; None if there is none.
 
-    A place of caches or a home that is no absolute path does not count: files would lie in the current folder.
+    A folder of caches or a home that is no absolute path does not count: files would lie in the current folder.
     """
     if numba.config.CACHE_DIR:
         return Path(numba.config.CACHE_DIR)
     caches = [Path(os.environ.get("XDG_CACHE_HOME", ""))]
     with suppress(RuntimeError):  # There is no home.
         caches.append(Path.home() / ".cache")
-    return next((place / "voxdepth" for place in caches if place.is_absolute()), None)
+    return next((cache / "voxdepth" for cache in caches if cache.is_absolute()), None)

@@ -1,4 +1,4 @@
-"""Signals that ask a program to end, kept back where they would do harm."""
+"""Signals that ask a program to end, deferred where they would do harm."""
 
 import signal
 import threading
@@ -15,9 +15,9 @@ Handler = Callable[[int, FrameType | None], object]
 def kept_back() -> Iterator[Callable[[], None]]:
     """Keep back the first signal that asks for the end; later ones have their usual effect.
 
-    Yields a function that gives a signal that was kept back to its usual handler, which may raise `KeyboardInterrupt`;
+    Yields a function that gives a deferred signal to its usual handler, which may raise `KeyboardInterrupt`;
     call it where an interruption does no harm. A signal after its last call has no effect. Outside of the main thread,
-    which alone handles signals, nothing is kept back.
+    which alone handles signals, nothing is deferred.
     """
     usual: dict[int, Handler] = {}
     kept: list[int] = []

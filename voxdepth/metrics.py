@@ -33,7 +33,7 @@ class Addable:
         return type(self)(**{name: getattr(self, name) + getattr(other, name) for name in names})
 
 
-def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
+def evaluated_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
     """Return the pixels of a mask that have a true surface (not 0, NaN or infinite), shape (H, W).
 
     Raises:
@@ -44,7 +44,7 @@ def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
     return np.asarray(mask & (truth_m > 0) & (truth_m < np.inf))
 
 
-def select_judged(
+def select_evaluated(
     depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Return depth and true depth [m] of the pixels of a mask that have a true surface, both of shape (N,).
@@ -53,9 +53,9 @@ def select_judged(
         FrameError: The shapes differ, or a selected depth is negative, NaN or infinite.
     """
     require_same_shape(depth_m=depth_m, truth_m=truth_m, mask=mask)
-    judged = judged_pixels(truth_m, mask)
-    require_depth(depth_m[judged])
-    return depth_m[judged], truth_m[judged]
+    evaluated = evaluated_pixels(truth_m, mask)
+    require_depth(depth_m[evaluated])
+    return depth_m[evaluated], truth_m[evaluated]
 
 
 def require_same_shape(**images: npt.NDArray[Any]) -> None:
@@ -131,11 +131,11 @@ def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float
 
     The true depth [m] is +inf where there is no surface.
     """
-    judged = truth_m <= max_range_m
-    known = judged & (depth_m > 0)
+    evaluated = truth_m <= max_range_m
+    known = evaluated & (depth_m > 0)
     depth_m, truth_m = depth_m[known], truth_m[known]
     return DepthErrors(
-        pixels=int(np.count_nonzero(judged)),
+        pixels=int(np.count_nonzero(evaluated)),
         filled=len(depth_m),
         abs_error_m=float(np.abs(depth_m - truth_m).sum(dtype=np.float64)),
         too_far=int(np.count_nonzero(depth_m > np.float32(TOO_FAR) * truth_m)),
@@ -160,9 +160,9 @@ class Sums(DepthErrors):
         The time is proportional to the pixels of the mask: for many masks of a frame, add the sums of disjoint ones.
 
         Raises:
-            FrameError: See `select_judged`.
+            FrameError: See `select_evaluated`.
         """
-        depth, truth = select_judged(depth_m, truth_m, mask)
+        depth, truth = select_evaluated(depth_m, truth_m, mask)
         filled = depth > 0
         near, far = depth[filled], truth[filled]
         error_m = near.astype(np.float64) - far
@@ -262,19 +262,19 @@ class Reliability(Addable):
             focal_baseline_px_m: The property of `Intrinsics`.
 
         Raises:
-            FrameError: The shapes differ, or a judged depth is negative, NaN or infinite.
+            FrameError: The shapes differ, or an evaluated depth is negative, NaN or infinite.
         """
         require_same_shape(depth_m=depth_m, confidence=confidence)
-        depth, truth = select_judged(depth_m, truth_m, mask)
+        depth, truth = select_evaluated(depth_m, truth_m, mask)
         filled = depth > 0
-        said = confidence[judged_pixels(truth_m, mask)][filled].astype(np.float64)
+        said = confidence[evaluated_pixels(truth_m, mask)][filled].astype(np.float64)
         right = is_correct(depth[filled], truth[filled], focal_baseline_px_m)
-        place = np.minimum((said * BINS).astype(np.intp), BINS - 1)
+        bin_index = np.minimum((said * BINS).astype(np.intp), BINS - 1)
         believed = said >= np.float32(BELIEVED)
         return cls(
-            pixels=np.asarray(np.bincount(place, minlength=BINS), np.float64),
-            confidence=np.asarray(np.bincount(place, said, BINS), np.float64),
-            right=np.asarray(np.bincount(place, right, BINS), np.float64),
+            pixels=np.asarray(np.bincount(bin_index, minlength=BINS), np.float64),
+            confidence=np.asarray(np.bincount(bin_index, said, BINS), np.float64),
+            right=np.asarray(np.bincount(bin_index, right, BINS), np.float64),
             believed=Share(hits=int(np.count_nonzero(believed)), of=said.size),
             believed_right=Share(hits=int(np.count_nonzero(believed & right)), of=int(np.count_nonzero(believed))),
             squared_error=float(np.square(said - right).sum()),
@@ -330,14 +330,14 @@ def flying_share(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage, foca
     Args:
         depth_m: Depth under test [m], shape (H, W); 0 = invalid, not counted.
         truth_m: True depth [m], shape (H, W); 0, NaN or infinite is unknown.
-        mask: Pixels that are judged, if they have a true depth, shape (H, W).
+        mask: Pixels that are evaluated, if they have a true depth, shape (H, W).
         focal_baseline_px_m: The property of `Intrinsics`.
 
     Raises:
-        FrameError: See `select_judged`.
+        FrameError: See `select_evaluated`.
     """
-    select_judged(depth_m, truth_m, mask)
-    known = judged_pixels(truth_m, np.ones_like(mask))
+    select_evaluated(depth_m, truth_m, mask)
+    known = evaluated_pixels(truth_m, np.ones_like(mask))
     scale = np.float32(focal_baseline_px_m)
     true_px = np.divide(scale, truth_m, out=np.zeros_like(truth_m), where=known)
     window = np.ones((EDGE_PX, EDGE_PX), np.uint8)
@@ -375,11 +375,11 @@ def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage
             would be at or behind the background are not counted.
 
     Raises:
-        FrameError: See `select_judged`.
+        FrameError: See `select_evaluated`.
     """
     require_same_shape(depth_m=depth_m, truth_m=truth_m, departed_m=departed_m)
     left = (departed_m > 0) & (departed_m < truth_m) & (truth_m < np.inf)
-    depth, background = select_judged(depth_m, truth_m, left)
+    depth, background = select_evaluated(depth_m, truth_m, left)
     object_m = departed_m[left]
     filled = depth > 0
     ghosts = filled & (np.square(depth.astype(np.float64)) < background.astype(np.float64) * object_m)
@@ -392,9 +392,9 @@ def survival(depth_m: FloatImage, truth_m: FloatImage, moving: MaskImage) -> Sha
     The sensor misses some pixels as well: compare the share with that of the raw depth of the same frames.
 
     Raises:
-        FrameError: See `select_judged`.
+        FrameError: See `select_evaluated`.
     """
-    depth, truth = select_judged(depth_m, truth_m, moving)
+    depth, truth = select_evaluated(depth_m, truth_m, moving)
     return Share(hits=int(np.count_nonzero(is_close(depth, truth))), of=depth.size)
 
 
@@ -429,7 +429,7 @@ class Flicker:
             FrameError: The shapes differ, or the depth of a pixel with a true surface is negative, NaN or infinite.
         """
         require_same_shape(depth_m=depth_m, truth_m=truth_m, static=static)
-        known = judged_pixels(truth_m, np.ones_like(static))
+        known = evaluated_pixels(truth_m, np.ones_like(static))
         require_depth(depth_m[known])
         error_m = np.full(depth_m.shape, np.nan)
         np.subtract(depth_m, truth_m, out=error_m, where=known & (depth_m > 0), dtype=np.float64)

@@ -94,7 +94,7 @@ def shorten(value: object) -> str:
 
 
 def _is_below(loc: Sequence[object], other: Sequence[object]) -> bool:
-    """Return whether a place is within another one, which is wrong for that reason alone."""
+    """Return whether a location is within another one, which is wrong for that reason alone."""
     return len(loc) > len(other) and loc[: len(other)] == other
 
 
@@ -127,7 +127,7 @@ def _got(value: object) -> str:
 def _likely_keys(problem: Any, model: type[BaseModel], field: str) -> str:
     """Ask for similar keys in the same table, else anywhere."""
     table, _, wrong = _dotted(problem, model, field).rpartition(".")
-    beside = {name: f"{table}.{name}".strip(".") for one in _place(problem, model)[1] for name in one.model_fields}
+    beside = {name: f"{table}.{name}".strip(".") for one in _location(problem, model)[1] for name in one.model_fields}
     content = _models(_below(model, field)) or [model]
     wrong_key = f"{table}.{wrong}".strip(".")  # A table of another kind may have it.
     everywhere = [key for one in content for key in _keys_of(one) if key != wrong_key]
@@ -145,12 +145,12 @@ def _keys_of(model: type[BaseModel]) -> Iterator[str]:
 
 def _dotted(problem: Any, model: type[BaseModel], field: str) -> str:
     """Return the key of a problem as the file has it; empty where it is of the whole field."""
-    keys = _place(problem, model)[0]
+    keys = _location(problem, model)[0]
     kind = [problem["ctx"]["discriminator"].strip("'")] if problem["type"].startswith("union_tag") else []
     return ".".join((keys[1:] if keys[:1] == [field] else keys) + kind)
 
 
-def _place(problem: Any, model: type[BaseModel]) -> tuple[list[str], list[type[BaseModel]]]:
+def _location(problem: Any, model: type[BaseModel]) -> tuple[list[str], list[type[BaseModel]]]:
     """Return the keys that lead to a problem, without members of unions that Pydantic puts between, and its tables."""
     at: list[Any] = [model]
     keys: list[str] = []
@@ -166,7 +166,7 @@ def _place(problem: Any, model: type[BaseModel]) -> tuple[list[str], list[type[B
 
 
 def _below(annotation: Any, key: str | int) -> list[Any]:
-    """Return what a key of a table or a place in a list may hold; nothing if there is none of that kind."""
+    """Return what a key of a table or an entry of a list may hold; nothing if there is none of that kind."""
     if fields := getattr(annotation, "model_fields", {}):
         return _members(fields[key].annotation) if key in fields else []
     origin, inner = get_origin(annotation), get_args(annotation)

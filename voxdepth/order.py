@@ -1,4 +1,4 @@
-"""The order of the frames of a stream: one that comes late is told from a stream that begins again."""
+"""The order of the frames of a stream: one that comes late is distinguished from a stream that begins again."""
 
 import warnings
 from enum import Enum
@@ -12,8 +12,8 @@ RESTART_IN_A_ROW = 3
 """So many stamps in a row that are late, but increase, begin a new stream, too."""
 
 
-class Place(Enum):
-    """Where a stamp belongs."""
+class StampStatus(Enum):
+    """How a stamp follows those before it."""
 
     NEXT = "next"
     """It is later than all before it."""
@@ -24,26 +24,26 @@ class Place(Enum):
 
 
 class StampOrder:
-    """Tells where each stamp of a stream belongs."""
+    """Classifies the stamps of a stream."""
 
     def __init__(self) -> None:
         self.newest_s = float("-inf")
         """The latest stamp of the present stream [s]."""
         self._late_s: list[float] = []
 
-    def place(self, stamp_s: float) -> Place:
-        """Return where the stamp [s] of the next image belongs."""
+    def classify(self, stamp_s: float) -> StampStatus:
+        """Return the status of the stamp [s] of the next image."""
         if stamp_s > self.newest_s:
-            return self._follow(stamp_s, Place.NEXT)
+            return self._follow(stamp_s, StampStatus.NEXT)
         in_a_row = self._late_s and stamp_s > self._late_s[-1]
         self._late_s = [*self._late_s, stamp_s] if in_a_row else [stamp_s]
         if self.newest_s - stamp_s >= RESTART_S or len(self._late_s) == RESTART_IN_A_ROW:
-            return self._follow(stamp_s, Place.RESTART)
-        return Place.LATE
+            return self._follow(stamp_s, StampStatus.RESTART)
+        return StampStatus.LATE
 
-    def _follow(self, stamp_s: float, place: Place) -> Place:
+    def _follow(self, stamp_s: float, status: StampStatus) -> StampStatus:
         self.newest_s, self._late_s = stamp_s, []
-        return place
+        return status
 
 
 class FrameOrder:
@@ -64,10 +64,10 @@ class FrameOrder:
             LateFrameError: The frame is not later than one before it, so that the corrector cannot use it.
         """
         newest_s = self._stamps.newest_s
-        place = self._stamps.place(frame.stamp_s)
-        if place is Place.LATE:
+        status = self._stamps.classify(frame.stamp_s)
+        if status is StampStatus.LATE:
             raise LateFrameError(f"it comes late: its stamp {frame.stamp_s} s follows {newest_s} s")
-        if place is Place.RESTART:
+        if status is StampStatus.RESTART:
             self._corrector.reset()
             warnings.warn(
                 f"the stamps go back from {newest_s} s to {frame.stamp_s} s: a new stream begins", stacklevel=2

@@ -42,7 +42,7 @@ class StagedCorrector(DepthCorrector, Protocol):
 class CorrectionPipeline:
     """Iterates over `(frame, corrected)` in the order of the frames, while later frames are in work.
 
-    The threads start with the first frame asked for. They stop when the iteration ends, when its iterator is dropped,
+    The threads start with the first requested frame. They stop when the iteration ends, when its iterator is dropped,
     with the `with` block, or by `close`. A pipeline is iterated once, and its corrector must not be used elsewhere
     meanwhile; it is not closed here.
 
@@ -61,7 +61,7 @@ class CorrectionPipeline:
         steps: list[tuple[str, Callable[[Any], Any]]] = [("correcting", corrector.process)]
         if isinstance(corrector, StagedCorrector):
             steps = [("registering", corrector.align), ("combining", corrector.combine)]
-        self._channels: list[Channel[_Job]] = [Channel(latest=latest) for _ in range(1 + len(steps))]
+        self._channels: list[SingleItemQueue[_Job]] = [SingleItemQueue(latest=latest) for _ in range(1 + len(steps))]
         self._threads = [_thread("reading", _read, frames, self._channels[0])]
         admits: Callable[[_Job], bool] = partial(_is_in_time, FrameOrder(corrector))
         for (name, run), source, output in zip(steps, self._channels[:-1], self._channels[1:], strict=True):
@@ -137,7 +137,7 @@ class CorrectionPipeline:
             self.close()
 
 
-class Channel(Generic[T]):
+class SingleItemQueue(Generic[T]):
     """A place between two threads where one item waits. `put` blocks while it is taken, iteration while it is empty.
 
     With `latest`, an item replaces the one that waits, where `put` would block.
@@ -171,7 +171,7 @@ class Channel(Generic[T]):
             self._changed.wait_for(lambda: self._ended or self._latest or not self._items)
             return not self._ended
 
-    def __iter__(self) -> "Channel[T]":
+    def __iter__(self) -> "SingleItemQueue[T]":
         return self
 
     def __next__(self) -> T:
@@ -217,7 +217,7 @@ def _thread(name: str, target: Callable[..., None], *args: object) -> Thread:
     return Thread(target=target, args=args, name=f"voxdepth {name}", daemon=True)
 
 
-def _read(frames: Iterable[Frame], output: Channel[_Job]) -> None:
+def _read(frames: Iterable[Frame], output: SingleItemQueue[_Job]) -> None:
     """Put the frames of a source, numbered, into the output, as the first stage, until one of the two ends.
 
     A frame is read when there is room for it, so that it is recent when it is delivered.
@@ -245,8 +245,8 @@ def _work(
     name: str,
     admits: Callable[[_Job], bool],
     run: Callable[[Any], Any],
-    source: Channel[_Job],
-    output: Channel[_Job],
+    source: SingleItemQueue[_Job],
+    output: SingleItemQueue[_Job],
 ) -> None:
     """Process the result of the stage before, as any other stage, until the source or the output ends."""
     error = None
@@ -285,7 +285,7 @@ def _failure(stage: str, where: str, cause: BaseException) -> PipelineError:
     return error
 
 
-def _stop(channels: Sequence[Channel[_Job]], threads: Sequence[Thread]) -> None:
+def _stop(channels: Sequence[SingleItemQueue[_Job]], threads: Sequence[Thread]) -> None:
     """End all channels, and with them the threads; the first thread is the one that reads."""
     for channel in channels:
         channel.close()

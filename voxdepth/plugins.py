@@ -57,8 +57,8 @@ def load(kind: str, name: str, signature: str, code: str | None = None) -> Calla
         factory = pkgutil.resolve_name(code or name)
     except FAULTS as error:
         raise PluginError(
-            f"the {kind} {name!r} cannot be loaded: {_told(error, source_of(code or name))}; its module must lie in "
-            f"the folder {Path.cwd()} or in one that PYTHONPATH names, or be installed, and have {signature}"
+            f"the {kind} {name!r} cannot be loaded: {_error_text(error, source_of(code or name))}; its module must lie "
+            f"in the folder {Path.cwd()} or in one that PYTHONPATH names, or be installed, and have {signature}"
         ) from error
     if not callable(factory):
         raise PluginError(f"the {kind} {name!r} must be {signature}, got {factory!r}")
@@ -138,7 +138,7 @@ class Plugin:
         try:
             return call(*arguments)
         except FAULTS as error:
-            raise PluginError(f"{self._title} failed {when}: {_told(error, self._file)}") from error
+            raise PluginError(f"{self._title} failed {when}: {_error_text(error, self._file)}") from error
 
     def faulty(self, fault: str) -> PluginError:
         """Return the error about what it returned."""
@@ -222,7 +222,7 @@ def _require_unhidden(kind: str, name: str) -> None:
             raise PluginError(f"the {kind} {name!r} could be {file} or {other}, which has the same name: rename yours")
 
 
-def _told(error: BaseException, file: Path | None) -> str:
+def _error_text(error: BaseException, file: Path | None) -> str:
     """Return an error with the last line of the user's file on the way to it."""
     if isinstance(error, SyntaxError):
         return f"{error.filename}, line {error.lineno}: {type(error).__name__}: {error.msg}"

@@ -122,7 +122,7 @@ def resolve_config(name: str, given: Mapping[str, Any]) -> "TemporalConfig | Vox
     merged, where = changed(default.model_dump(mode="json"), given), f"config of the corrector {name!r}"
     try:  # As JSON, in which a list may stand for a tuple and a string for an enumeration.
         with explained(
-            type(default), lambda told: ConfigError(f"{where}: {told}; `voxdepth config {name}` prints all")
+            type(default), lambda problem: ConfigError(f"{where}: {problem}; `voxdepth config {name}` prints all")
         ):
             return type(default).model_validate_json(json.dumps(merged))
     except TypeError as error:  # TOML has dates and times, JSON has not.

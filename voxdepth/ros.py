@@ -35,7 +35,7 @@ GRAY_ENCODINGS: dict[str, tuple[int, int | None]] = {
 }
 """Number of channels and OpenCV's conversion to gray by encoding."""
 STREAM_WORDS = {"depth", "left", "infra1", "infrared1", "ir", "optical", "frame", "link"}
-"""Parts of the name of a coordinate frame that do not tell from which place a camera looks."""
+"""Parts of the name of a coordinate frame that do not tell from which position a camera looks."""
 LABELS = re.compile(r"/voxdepth/(source|confidence)$")
 """Topics of our own results that have the encoding of gray images and are none."""
 PNG, GRAY_16 = b"\x89PNG", b"\x10\0"
@@ -60,10 +60,10 @@ def header_of(message: Any) -> Header:
 
 
 def are_apart(first: Any, second: Any) -> bool:
-    """Return whether the coordinate frames of two messages have names of cameras in different places."""
+    """Return whether the coordinate frames of two messages have names of cameras at different positions."""
     ids = [str(message.header.frame_id).lower() for message in (first, second)]
-    places = [[word for word in re.findall("[a-z0-9]+", name) if word not in STREAM_WORDS] for name in ids]
-    return "" not in ids and places[0] != places[1]
+    positions = [[word for word in re.findall("[a-z0-9]+", name) if word not in STREAM_WORDS] for name in ids]
+    return "" not in ids and positions[0] != positions[1]
 
 
 def encoding_of(message: Any) -> str:

@@ -35,7 +35,7 @@ class Unit:
     least_m: float = LEAST_M
     """Least median depth of an image [m] that does not contradict a usual unit."""
     convention: str = ""
-    """Who has this unit, in words, where it is merely usual and must be told; empty where nobody can doubt it."""
+    """Who has this unit, in words, where it is merely usual and must be reported; empty where it is certain."""
     may_be_halves: bool = False
     """Whether whole numbers may be the bits of floats of 16 bits, as some renderers put them into images."""
 
@@ -51,8 +51,8 @@ class Unit:
         """Return the steps of a metre in values of a type."""
         return self.units_per_m or (1.0 if kind.kind == "f" else MILLIMETRES)
 
-    def told(self, values: npt.NDArray[Any]) -> str:
-        """Return how an image of stored values, shape (H, W), is read, and what is to be stated if that is wrong."""
+    def description(self, values: npt.NDArray[Any]) -> str:
+        """Return how an image of stored values, shape (H, W), is read, and what is to be given if that is wrong."""
         steps = self.steps(values.dtype)
         return (
             f"has depth in {NAMED.get(steps, f'steps of 1/{steps:g} m')}, as {self.convention}, "

@@ -9,7 +9,7 @@ from typer.core import TyperGroup
 
 from voxdepth.tools.options import use_one_thread
 
-from ..experiments.catalogue import CATALOGUE, Entry, told
+from ..experiments.catalogue import CATALOGUE, Entry, duration_text
 from .options import Seed
 
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder of the results; recordings are shared with `evaluate`.")]
@@ -55,13 +55,15 @@ def _run(names: Iterable[str], out: Path, **given: Any) -> None:
 
     cv2.setNumThreads(1)
     console, command = Console(), " ".join(["voxdepth", *sys.argv[1:]])
-    asked = {name: find_experiment(name).asked(**given, out=out) for name in names}
+    experiments = {name: find_experiment(name).with_options(**given, out=out) for name in names}
     claims = []
-    for name, experiment in asked.items():
+    for name, experiment in experiments.items():
         with console.status("") as status:
-            watched = experiment.asked(report=lambda what, name=name, status=status: status.update(f"{name}: {what}"))
+            watched = experiment.with_options(
+                report=lambda what, name=name, status=status: status.update(f"{name}: {what}")
+            )
             claims += [(name, claim) for claim in run(name, watched, command, console)]
-    if len(asked) > 1:
+    if len(experiments) > 1:
         claim_table(claims).print(console)
 
 
@@ -88,7 +90,7 @@ def _command(name: str, entry: Entry) -> Callable[..., None]:
         given = {"sequences": chosen, "frames": frames, "width_px": width, "seed": seed}
         _run([name], out, **given, data=tuple(data) if data else None)
 
-    experiment.__doc__ = f"{entry.label}: {entry.claim}; {told(entry.minutes)}."
+    experiment.__doc__ = f"{entry.label}: {entry.claim}; {duration_text(entry.minutes)}."
     return experiment
 
 
@@ -102,4 +104,4 @@ def all_(seed: Seed = None, out: Out = DEFAULT_OUT) -> None:
     _run(CATALOGUE, out, seed=seed)
 
 
-all_.__doc__ = f"{all_.__doc__} {told(sum(entry.minutes for entry in CATALOGUE.values()))}."
+all_.__doc__ = f"{all_.__doc__} {duration_text(sum(entry.minutes for entry in CATALOGUE.values()))}."

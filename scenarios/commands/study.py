@@ -11,7 +11,7 @@ from voxdepth.tools.signals import INTERRUPTED
 
 if TYPE_CHECKING:
     from ..study.executors import Executor
-    from ..study.report import Findings
+    from ..study.report import StudyAnalysis
     from ..study.store import StudyData
 
 DEFAULT_OUT = Path("runs/studies")
@@ -67,7 +67,7 @@ def run(
     """Fly the runs of a study and store each as it ends. Exits 1 if a run failed."""
     from ..study.design import load_study
     from ..study.executors import Cluster, Processes, Serial
-    from ..study.report import Findings
+    from ..study.report import StudyAnalysis
     from ..study.run import run_study
 
     study = load_study(file)
@@ -81,7 +81,7 @@ def run(
     except KeyboardInterrupt:
         typer.echo(f"stopped; the finished runs in {folder} are safe, go on with --resume")
         raise typer.Exit(INTERRUPTED) from None
-    _print_status(Findings(data))
+    _print_status(StudyAnalysis(data))
     typer.echo(f"the report: voxdepth study report {folder}")
     if data.failures:
         raise typer.Exit(1)
@@ -100,11 +100,11 @@ def report(
     These are report.html, its tables as report.md, its figures in figures/, all runs with a result as runs.csv and
     runs.parquet, and their drones as drones.csv and drones.parquet.
     """
-    from ..study.report import Findings, export, write_report
+    from ..study.report import StudyAnalysis, export, write_report
     from ..study.store import read_study
 
     data = read_study(out)
-    findings = Findings(data)
+    findings = StudyAnalysis(data)
     _print_status(findings)
     folder = to or _folder_of(out, data)
     for path in (write_report(findings, out, folder), *export(data, folder)):
@@ -167,7 +167,7 @@ def _folder_of(out: Path, data: "StudyData") -> Path:
     return out if out.is_dir() else DEFAULT_OUT / data.study.name
 
 
-def _print_status(findings: "Findings") -> None:
+def _print_status(findings: "StudyAnalysis") -> None:
     """Print what was found, how the runs of each arm ended, and what failed."""
     from rich.console import Console
 

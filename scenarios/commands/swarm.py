@@ -60,8 +60,8 @@ def run(
     }
     planned = load_run(scenario, seed, given(options, size))
     console = Console()
-    with counter(console, "flying", int(planned.scenario.mission.duration_s), "s of simulated time") as told:
-        finished = fly_and_write(planned, out, record=record, progress=lambda time_s: told(int(time_s)))
+    with counter(console, "flying", int(planned.scenario.mission.duration_s), "s of simulated time") as advance:
+        finished = fly_and_write(planned, out, record=record, progress=lambda time_s: advance(int(time_s)))
     print_summary(console, finished, planned)
     if finished.result.outcome == "interrupted":
         raise typer.Exit(INTERRUPTED)

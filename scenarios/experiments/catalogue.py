@@ -47,6 +47,6 @@ CATALOGUE = {
 """In the order of the paper."""
 
 
-def told(minutes: float) -> str:
+def duration_text(minutes: float) -> str:
     """Say how long an experiment takes."""
     return f"{minutes:g} min" if minutes >= 1 else f"{60 * minutes:.0f} s"

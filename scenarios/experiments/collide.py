@@ -13,7 +13,7 @@ from ..study.executors import Processes
 from ..study.run import run_study
 from ..study.statistics import cloglog_curve, wilson
 from ..study.store import StudyData, read_study
-from .experiment import Claim, Experiment, Findings
+from .experiment import Claim, Experiment, ExperimentResult
 from .plots import picture, plotted
 
 WHOLE, ARM = "noise", "one draw per object"
@@ -23,20 +23,24 @@ THETAS, SEEDS, GROWTH = (0.3, 0.5, 0.7, 0.9, 1.0), 5, 8.0
 THETA, SHARE = "noise ratio theta", "runs with a collision [%]"
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Read a store of the study, or fly what its small form lacks."""
-    if len(asked.data) > 1:
-        raise ScenarioError(f"expected one store of the study {WHOLE}, got {len(asked.data)}: name one")
-    data = read_study(asked.data[0]) if asked.data else fly(small_study(asked.frames, asked.seed), asked)
+    if len(experiment.data) > 1:
+        raise ScenarioError(f"expected one store of the study {WHOLE}, got {len(experiment.data)}: name one")
+    data = (
+        read_study(experiment.data[0])
+        if experiment.data
+        else fly(small_study(experiment.frames, experiment.seed), experiment)
+    )
     table = table_of(data)
     shown = table.pivot(index=THETA, columns="arm", values=SHARE)
-    return Findings(table=table, figure=picture("Collisions of the swarm", [plotted(shown, "", THETA, SHARE)]))
+    return ExperimentResult(table=table, figure=picture("Collisions of the swarm", [plotted(shown, "", THETA, SHARE)]))
 
 
-def fly(study: Study, asked: Experiment) -> StudyData:
+def fly(study: Study, experiment: Experiment) -> StudyData:
     """Fly the missions that are not in the folder of the results yet."""
     executor = Processes(os.cpu_count() or 1, study.time_limit_s)
-    return run_study(study, asked.out / "collide" / "study", executor, asked.report, resume=True)
+    return run_study(study, experiment.out / "collide" / "study", executor, experiment.report, resume=True)
 
 
 def small_study(count: int, skipped: int = 0) -> Study:

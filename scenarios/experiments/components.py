@@ -12,7 +12,7 @@ from voxdepth.paper.epochs import Phase
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
-from .experiment import Claim, Experiment, Findings, pivot
+from .experiment import Claim, Experiment, ExperimentResult, pivot
 from .paper import COMPONENTS_MS
 from .plots import picture, plotted
 
@@ -26,13 +26,13 @@ ROUNDS, RATE_HZ = 5, 30.0
 MEDIAN, PAPER = "median [ms]", ("paper, Jetson Nano [ms]", "paper, workstation [ms]")
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Time the steps of the corrector over many frames and fusions."""
     found = {}
-    for name in asked.sequences:
-        frames = list(asked.frames_of(name))
+    for name in experiment.sequences:
+        frames = list(experiment.frames_of(name))
         played = (replace(frame, stamp_s=k / RATE_HZ) for k, frame in enumerate((frames + frames[::-1]) * ROUNDS))
-        times = component_times_ms(VoxDepth(asked.recording(name).intrinsics, CONFIG), played)
+        times = component_times_ms(VoxDepth(experiment.recording(name).intrinsics, CONFIG), played)
         found[name] = pd.DataFrame({
             component: {MEDIAN: of_ms.median(), "95th percentile [ms]": of_ms.quantile(0.95), "n": len(of_ms)}
             for component, of_ms in times.items()
@@ -43,7 +43,7 @@ def answer(asked: Experiment) -> Findings:
     )
     shown = pivot(table, "component", "sequence", MEDIAN).join(printed)
     panel = plotted(shown, "", "", "time [ms]", kind="bar", logy=True)
-    return Findings(table=table, figure=picture("Median time of each component, OpenCV on one thread", [panel]))
+    return ExperimentResult(table=table, figure=picture("Median time of each component, OpenCV on one thread", [panel]))
 
 
 def component_times_ms(corrector: VoxDepth, frames: Iterable[Frame]) -> dict[str, pd.Series]:

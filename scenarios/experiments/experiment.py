@@ -1,4 +1,4 @@
-"""An experiment: a question of the paper, the frames that it is asked of, and the functions that answer it."""
+"""An experiment: a question of the paper, the frames that it is about, and the functions that answer it."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +12,7 @@ from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.tools.evaluation.frames import FrameSource
 from voxdepth.tools.evaluation.methods import find_methods
-from voxdepth.tools.evaluation.suite import Plan, Requested, evaluate
+from voxdepth.tools.evaluation.suite import EvaluationSequence, Plan, evaluate
 from voxdepth.types import Frame
 
 from ..errors import ScenarioError
@@ -44,7 +44,7 @@ class Claim:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Findings:
+class ExperimentResult:
     """What was measured."""
 
     table: pd.DataFrame
@@ -55,11 +55,11 @@ class Findings:
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """A question that is asked of rendered sequences; recordings and results are shared with `voxdepth evaluate`."""
+    """A question about rendered sequences; recordings and results are shared with `voxdepth evaluate`."""
 
     question: str
     """One sentence."""
-    answer: Callable[["Experiment"], Findings]
+    answer: Callable[["Experiment"], ExperimentResult]
     """Raises `ScenarioError`, `SimError` or `VoxDepthError` if a sequence cannot be recorded or a method fails."""
     claims: Callable[[pd.DataFrame], tuple[Claim, ...]]
     """The claims of the paper, and what the table says of them."""
@@ -79,7 +79,7 @@ class Experiment:
     report: Callable[[str], None] = field(default=print, repr=False)
     """Is called with a description of each step when it begins."""
 
-    def asked(self, **given: Any) -> Self:
+    def with_options(self, **given: Any) -> Self:
         """Return the experiment with what the user gives and is not None; what cannot be is a `ScenarioError`."""
         given = {name: value for name, value in given.items() if value is not None}
         for name, option in {"sequences": "--sequences", "frames": "--frames", "width_px": "--width"}.items():
@@ -87,12 +87,14 @@ class Experiment:
                 raise ScenarioError(f"{self.question!r} is not asked of images: leave out {option}")
         if "sequences" in given and "data" in given:
             raise ScenarioError("--data takes the place of the sequences: leave out --sequences, or --data")
-        asked = replace(self, **given)
-        if asked.frames < self.least_frames:
-            raise ScenarioError(f"expected at least {self.least_frames} frames of each sequence, got {asked.frames}")
-        for name in asked.sequences:
-            asked.sequence(name)
-        return asked
+        experiment = replace(self, **given)
+        if experiment.frames < self.least_frames:
+            raise ScenarioError(
+                f"expected at least {self.least_frames} frames of each sequence, got {experiment.frames}"
+            )
+        for name in experiment.sequences:
+            experiment.sequence(name)
+        return experiment
 
     def sequence(self, name: str) -> SeededSequence:
         """Return a sequence at the requested width with its field of view; a `ScenarioError` if there is none."""
@@ -119,7 +121,7 @@ class Experiment:
         return map(frame_of, self.captures(name))
 
     @property
-    def requested(self) -> list[Requested]:
+    def requested(self) -> list[EvaluationSequence]:
         """The sequences, or the recordings with the truth in their place."""
         if self.data:
             return [with_truth(folder) for folder in self.data]

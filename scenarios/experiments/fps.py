@@ -13,7 +13,7 @@ from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import create_corrector
 from voxdepth.types import Intrinsics
 
-from .experiment import WITHIN, Claim, Experiment, Findings, alike, listed, pivot
+from .experiment import WITHIN, Claim, Experiment, ExperimentResult, alike, listed, pivot
 from .paper import FRAMES_PER_S, OURS, SWARM
 from .plots import picture, plotted
 
@@ -39,27 +39,29 @@ SETUPS: dict[str, Setup] = {
 }
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Time every setup on frames from files, in alternating runs."""
-    rates = pd.DataFrame(_timed(asked)).groupby(["sequence", "method"], sort=False)["rate"]
+    rates = pd.DataFrame(_timed(experiment)).groupby(["sequence", "method"], sort=False)["rate"]
     spread = rates.agg(**{MEDIAN: "median", "lowest [frames/s]": "min", "highest [frames/s]": "max"})
-    everyone = pd.MultiIndex.from_product([asked.sequences, [*SETUPS, SWARM]], names=["sequence", "method"])
+    everyone = pd.MultiIndex.from_product([experiment.sequences, [*SETUPS, SWARM]], names=["sequence", "method"])
     table = spread.reindex(everyone).reset_index()
     table.insert(2, "how", table["method"].map({name: how for name, (_, how) in SETUPS.items()}).fillna("quoted"))
     table["n runs"] = table["method"].isin(SETUPS) * RUNS
     table[PAPER] = table["method"].map(FRAMES_PER_S)
     shown = pivot(table, "method", "sequence", MEDIAN).assign(**{PAPER: pd.Series(FRAMES_PER_S)})[::-1]
-    title = f"Frame rates, median of {RUNS} runs of {asked.frames} frames; the paper's target is {TARGET:g}"
-    return Findings(table=table, figure=picture(title, [plotted(shown, "", "frames per second", "", kind="barh")]))
+    title = f"Frame rates, median of {RUNS} runs of {experiment.frames} frames; the paper's target is {TARGET:g}"
+    return ExperimentResult(
+        table=table, figure=picture(title, [plotted(shown, "", "frames per second", "", kind="barh")])
+    )
 
 
-def _timed(asked: Experiment) -> Iterator[dict[str, Any]]:
+def _timed(experiment: Experiment) -> Iterator[dict[str, Any]]:
     """Yield the rate of every setup on every sequence in each run after the warm-up."""
-    for name in asked.sequences:
-        dataset = open_dataset(asked.recording(name).folder)
+    for name in experiment.sequences:
+        dataset = open_dataset(experiment.recording(name).folder)
         for run in range(1 + RUNS):
-            asked.report(f"{name}, run {run} of {RUNS}")
-            frames = asked.frames if run else WARM_UP_FRAMES
+            experiment.report(f"{name}, run {run} of {RUNS}")
+            frames = experiment.frames if run else WARM_UP_FRAMES
             rates = {method: frame_rate(*setup, dataset, frames) for method, setup in SETUPS.items()}
             yield from ({"sequence": name, "method": method, "rate": rate} for method, rate in rates.items() if run)
 

@@ -55,7 +55,7 @@ def pair_starts(frames: int, distance: int, max_pairs: int) -> list[int]:
 
 
 def score_pairs(
-    asked: Experiment, name: str, estimators: Mapping[str, Estimator], distance: int, max_pairs: int
+    experiment: Experiment, name: str, estimators: Mapping[str, Estimator], distance: int, max_pairs: int
 ) -> pd.DataFrame:
     """Score each estimator over pairs of frames of a sequence, a row each; a failure moves nothing.
 
@@ -63,18 +63,18 @@ def score_pairs(
     and warping one depth image, on one thread; the earlier image is prepared before.
 
     Args:
-        asked: Gives the recordings and their number of frames.
+        experiment: Gives the recordings and their number of frames.
         name: The sequence.
         estimators: Estimators of the motion by name.
         distance: Frames from the earlier to the later one of a pair.
         max_pairs: Largest number of pairs, which are spread evenly.
     """
-    recording = asked.recording(name)
-    list(judged(estimators, recording[0], recording[1]))  # before the clock counts
+    recording = experiment.recording(name)
+    list(pair_scores(estimators, recording[0], recording[1]))  # before the clock counts
     rows: list[dict[str, Any]] = []
-    for start in pair_starts(asked.frames, distance, max_pairs):
-        asked.report(f"{name}, frame {start} to frame {start + distance}")
-        rows += judged(estimators, recording[start], recording[start + distance])
+    for start in pair_starts(experiment.frames, distance, max_pairs):
+        experiment.report(f"{name}, frame {start} to frame {start + distance}")
+        rows += pair_scores(estimators, recording[start], recording[start + distance])
     by_method = pd.DataFrame(rows).groupby("method", sort=False)
     sums = by_method[["gray", "n", "depth"]].sum()
     return pd.DataFrame(
@@ -89,7 +89,7 @@ def score_pairs(
     )
 
 
-def judged(estimators: Mapping[str, Estimator], earlier: Capture, later: Capture) -> Iterator[dict[str, Any]]:
+def pair_scores(estimators: Mapping[str, Estimator], earlier: Capture, later: Capture) -> Iterator[dict[str, Any]]:
     """Yield time, failure, squared gray error and depth error of each estimator, on the pixels that all cover."""
     depth_m = np.where(np.isfinite(earlier.depth_true_m), earlier.depth_true_m, np.float32(0))
     found: dict[str, tuple[float, Warp | None]] = {}

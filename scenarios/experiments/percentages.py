@@ -5,7 +5,7 @@ from statistics import mean
 
 import pandas as pd
 
-from .experiment import Claim, Experiment, Findings
+from .experiment import Claim, Experiment, ExperimentResult
 from .paper import COMPONENTS_MS, FRAMES_PER_S, M_RMSE, PSNR_DB, SWITCHES
 from .plots import picture, plotted
 
@@ -17,7 +17,7 @@ POINTS, SHARE = 1.0, 0.03
 """Largest difference of a number that was rounded or cut off: percentage points, or a share of it if that is more."""
 
 
-def answer(_: Experiment) -> Findings:
+def answer(_: Experiment) -> ExperimentResult:
     """Compute every percentage that its tables have the numbers of, first as the text says and then in other ways."""
     over_best = 100 * (PSNR_DB["VD"] / PSNR_DB.drop(columns="VD").max(axis="columns") - 1)
     over_rs = 100 * (PSNR_DB["VD"] / PSNR_DB["RS"] - 1)
@@ -42,7 +42,9 @@ def answer(_: Experiment) -> Findings:
     table = pd.DataFrame(rows, columns=["percentage", "as", PRINTED, COMPUTED])
     shown = table.set_index(table["percentage"] + ": " + table["as"])[[COMPUTED, PRINTED]][:-1]
     panel = plotted(shown[::-1], "", "%", "", kind="barh")
-    return Findings(table=table, figure=picture("Percentages of the paper's text", [panel], panel_in=(9.0, 4.5)))
+    return ExperimentResult(
+        table=table, figure=picture("Percentages of the paper's text", [panel], panel_in=(9.0, 4.5))
+    )
 
 
 def fewer_switches() -> dict[tuple[str, ...], float]:

@@ -20,7 +20,7 @@ def plotted(frame: pd.DataFrame, title: str, x: str, y: str, **style: Any) -> Dr
     """Return a panel with a line for every column of a frame, or with bars.
 
     Args:
-        frame: A row per place on the axis x, which its index has; a column per line.
+        frame: A row per value on the axis x, which is its index; a column per line.
         title: Title of the panel.
         x: Label of the axis x, with its unit.
         y: Label of the axis y, with its unit.

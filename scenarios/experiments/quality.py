@@ -8,7 +8,7 @@ from voxdepth.tools.evaluation.frames import FrameSource
 from voxdepth.tools.evaluation.measurements import select
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR, SETTLED_RMSE
 
-from .experiment import Claim, Experiment, Findings, counted, most_hold
+from .experiment import Claim, Experiment, ExperimentResult, counted, most_hold
 from .paper import M_RMSE, METHODS, OURS, PSNR_DB, SEQUENCES, beside
 from .plots import bars, picture
 
@@ -16,10 +16,10 @@ PSNR, MASKED, CORRECTED = "PSNR [dB]", "masked RMSE [m]", "frames corrected by a
 SELECTORS = {PSNR: SETTLED_PSNR, MASKED: SETTLED_RMSE}
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
-    shares = {name: corrected_percent(source, asked.frames) for name, source in asked.sources()}
-    measured, names, blocks = asked.evaluate(OURS.values()), list(shares), {}
+    shares = {name: corrected_percent(source, experiment.frames) for name, source in experiment.sources()}
+    measured, names, blocks = experiment.evaluate(OURS.values()), list(shares), {}
     for metric, selector in SELECTORS.items():
         found = select(measured, selector).unstack("method").reindex(names)
         ours = found["value"].reindex(columns=OURS.values()).set_axis(OURS, axis="columns")
@@ -27,9 +27,9 @@ def answer(asked: Experiment) -> Findings:
         blocks[metric] = ours.join(printed.add_suffix(" (paper)")).assign(
             n=found["n"].max(axis="columns").fillna(0).astype(int)
         )
-    blocks[CORRECTED] = pd.DataFrame.from_dict(shares, orient="index").assign(n=asked.frames)
+    blocks[CORRECTED] = pd.DataFrame.from_dict(shares, orient="index").assign(n=experiment.frames)
     table = pd.concat(blocks, names=["metric", "sequence"]).reset_index()
-    return Findings(table=table, figure=draw(table))
+    return ExperimentResult(table=table, figure=draw(table))
 
 
 def corrected_percent(source: FrameSource, frames: int) -> dict[str, float]:

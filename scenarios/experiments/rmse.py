@@ -12,7 +12,7 @@ from voxdepth.tools.evaluation.frames import FrameSource
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 
 from .authors_metrics import UNRELATED, millimetres, stretched_psnr_db, wrapped_rmse
-from .experiment import Claim, Experiment, Findings, counted, pivot
+from .experiment import Claim, Experiment, ExperimentResult, counted, pivot
 from .paper import M_RMSE, METHODS, OURS, SEQUENCES, beside
 from .plots import picture, plotted
 from .quality import leads
@@ -22,23 +22,23 @@ SATURATED, CLOSE = 175.0, 5.0
 METRES, WRAPPED, STRETCHED = "masked RMSE [m]", "in 16 bits", "stretched PSNR [dB]"
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Correct every sequence by every method, and compute the metrics on the occluded pixels."""
-    table = pd.DataFrame(row for name, source in asked.sources() for row in _rows(name, source, asked))
+    table = pd.DataFrame(row for name, source in experiment.sources() for row in _rows(name, source, experiment))
     printed = beside(M_RMSE, pd.Index(table["sequence"].unique())).stack().rename(f"{WRAPPED}, paper")
     panels = [
         plotted(pivot(table, "sequence", "method", name), name, "", name, kind="bar") for name in (METRES, WRAPPED)
     ]
     figure = picture("Error of occluded pixels by each method", panels, columns=1, panel_in=(9.0, 3.0))
-    return Findings(table=table.join(printed, on=["sequence", "method"]), figure=figure)
+    return ExperimentResult(table=table.join(printed, on=["sequence", "method"]), figure=figure)
 
 
-def _rows(name: str, source: FrameSource, asked: Experiment) -> Iterator[dict[str, Any]]:
+def _rows(name: str, source: FrameSource, experiment: Experiment) -> Iterator[dict[str, Any]]:
     """Yield a row for each method on a sequence."""
     for label, method in OURS.items():
-        asked.report(f"{name}, {method}")
+        experiment.report(f"{name}, {method}")
         corrector, sums, scores = create_bare(method, source.intrinsics), Sums(), []
-        for index, frame in enumerate(source.frames(min(asked.frames, len(source)))):
+        for index, frame in enumerate(source.frames(min(experiment.frames, len(source)))):
             depth_m, hidden = corrector.process(frame.frame).depth_m, frame.occluded
             if index >= SETTLED_FRAMES and hidden is not None and hidden.any():
                 sums += Sums.of(fill_from_nearest(depth_m), frame.reference_m, hidden & frame.near())

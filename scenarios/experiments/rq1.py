@@ -13,7 +13,7 @@ from voxdepth.metrics import TOO_FAR, psnr_db
 from voxdepth.tools.evaluation.scoring import PEAK16_M
 from voxdepth.types import FloatImage, MaskImage
 
-from .experiment import Claim, Experiment, Findings, listed
+from .experiment import Claim, Experiment, ExperimentResult, listed
 from .paper import SEQUENCES
 from .plots import MARKERS, labelled, picture, plotted
 
@@ -25,16 +25,18 @@ POINTS, PAPER_LOSS = 10.0, 28.1
 """The paper's increase of occluded pixels, taken as percentage points of the image, and what it costs [%]."""
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Relate the quality of raw depth to occlusion, with artificially grown patches."""
-    doses = {name: measure(asked.captures(name)) for name in asked.sequences}
+    doses = {name: measure(experiment.captures(name)) for name in experiment.sequences}
     table = pd.concat(doses, names=["sequence"]).reset_index()
     incorrect = table[table[GROWN] == 0].set_index("sequence")[[OCCLUDED, EMPTY, WRONG]]
     panels = [
         plotted(incorrect, "incorrect pixels", "", "pixels within 65.5 m [%]", kind="bar"),
         lambda axes: _draw_grown(table, axes),
     ]
-    return Findings(table=table, figure=picture(f"RQ1: occlusion and quality, {asked.frames} frames", panels))
+    return ExperimentResult(
+        table=table, figure=picture(f"RQ1: occlusion and quality, {experiment.frames} frames", panels)
+    )
 
 
 def measure(captures: Iterable[Capture]) -> pd.DataFrame:

@@ -7,7 +7,7 @@ from voxdepth.registry import PAPER
 from voxdepth.tools.evaluation.measurements import select
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR
 
-from .experiment import Claim, Experiment, Findings, all_hold, listed, pivot
+from .experiment import Claim, Experiment, ExperimentResult, all_hold, listed, pivot
 from .image_motion import GRAY, TIME, UNMOVED, by_registration, score_pairs
 from .plots import picture, plotted
 
@@ -20,21 +20,21 @@ DISTANCE, MAX_PAIRS = 10, 10
 SIZE, CORRECTED = "size [px]", "corrected PSNR [dB]"
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Register pairs of frames and correct whole sequences at each size."""
-    corrected_db = select(asked.evaluate(METHODS), SETTLED_PSNR)["value"]
+    corrected_db = select(experiment.evaluate(METHODS), SETTLED_PSNR)["value"]
     scores = {}
-    for name in asked.sequences:
-        shape = asked.recording(name).intrinsics.shape
+    for name in experiment.sequences:
+        shape = experiment.recording(name).intrinsics.shape
         sizes = {str(px): by_registration(VoxDepthConfig(registration_px=px), shape) for px in SIZES_PX}
-        pairs = score_pairs(asked, name, UNMOVED | sizes, DISTANCE, MAX_PAIRS)
+        pairs = score_pairs(experiment, name, UNMOVED | sizes, DISTANCE, MAX_PAIRS)
         scores[name] = pairs.assign(**{CORRECTED: corrected_db[name].rename(METHODS)})
     table = pd.concat(scores, names=["sequence", SIZE]).reset_index()
     panels = [
         plotted(pivot(table, SIZE, "sequence", values).drop(list(UNMOVED)), title, SIZE, values)
         for values, title in ((GRAY, "registration"), (CORRECTED, "corrected depth"), (TIME, "time of registration"))
     ]
-    return Findings(table=table, figure=picture(f"RQ2: size of frames, n = up to {MAX_PAIRS} pairs", panels))
+    return ExperimentResult(table=table, figure=picture(f"RQ2: size of frames, n = up to {MAX_PAIRS} pairs", panels))
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:

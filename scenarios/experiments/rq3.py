@@ -18,7 +18,7 @@ from voxdepth.tools.evaluation.frames import NEAR_M
 from voxdepth.tools.evaluation.scoring import PEAK16_M
 from voxdepth.types import FloatImage
 
-from .experiment import Claim, Experiment, Findings, all_hold, listed, pivot
+from .experiment import Claim, Experiment, ExperimentResult, all_hold, listed, pivot
 from .inpainting import INPAINTINGS, dilation
 from .paper import INPAINTING
 from .plots import picture, plotted
@@ -28,17 +28,17 @@ CONFIG, REPETITIONS = VoxDepthConfig(), 5
 PSNR, TIME, FILLED = "PSNR completed [dB]", "median time [ms]", "filled [%]"
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Make templates of the same windows with every method."""
-    scores = {name: _measured(asked, name) for name in asked.sequences}
+    scores = {name: _measured(experiment, name) for name in experiment.sequences}
     table = pd.concat(scores, names=["sequence", "method"]).reset_index()
     panel = plotted(pivot(table, "method", "sequence", PSNR), "", "", PSNR, ls="")
-    return Findings(table=table, figure=picture(f"RQ3: templates of {asked.frames} frames", [panel]))
+    return ExperimentResult(table=table, figure=picture(f"RQ3: templates of {experiment.frames} frames", [panel]))
 
 
-def _measured(asked: Experiment, name: str) -> pd.DataFrame:
+def _measured(experiment: Experiment, name: str) -> pd.DataFrame:
     """Return a row for each method on the windows of a sequence."""
-    scores = pd.DataFrame(score for window in _windows(asked, name) for score in _scored(*window))
+    scores = pd.DataFrame(score for window in _windows(experiment, name) for score in _scored(*window))
     by_method = scores.groupby("method", sort=False)
     sums = by_method[["near", "completed"]].sum()
     return pd.DataFrame(
@@ -67,12 +67,12 @@ def _scored(sparse_m: FloatImage, truth_m: FloatImage) -> Iterator[dict[str, Any
         yield {"method": method, "near": near, "completed": completed, "ms": 1000 * float(np.median(times_s))}
 
 
-def _windows(asked: Experiment, name: str) -> Iterator[tuple[FloatImage, FloatImage]]:
+def _windows(experiment: Experiment, name: str) -> Iterator[tuple[FloatImage, FloatImage]]:
     """Yield the sparse projection of each window [m], and the true depth of its last frame [m]; both (H, W)."""
-    camera = asked.recording(name).intrinsics
+    camera = experiment.recording(name).intrinsics
     grid, odometry = create_grid(CONFIG.device, CONFIG.voxels, camera), PhotometricOdometry(camera)
     registration, window = OrbRegistration(CONFIG, camera.shape), []
-    for capture in asked.captures(name):
+    for capture in experiment.captures(name):
         window.append(frame_of(capture))
         if len(window) == CONFIG.window_frames:
             features = registration.describe(window[-1].gray)

@@ -4,7 +4,7 @@ import pandas as pd
 
 from voxdepth.paper.config import VoxDepthConfig
 
-from .experiment import Claim, Experiment, Findings, all_hold, listed, most_hold, pivot
+from .experiment import Claim, Experiment, ExperimentResult, all_hold, listed, most_hold, pivot
 from .image_motion import DEPTH, TIME, UNMOVED, by_flow, by_registration, score_pairs
 from .optical_flow import FLOWS
 from .paper import FLOW_S
@@ -17,14 +17,14 @@ BUDGET_MS = 50.0
 """The paper's limit for a frame: 20 frames per second."""
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Warp a perfect template, which is the true depth of a frame, to later frames with every method."""
     scores = {}
-    for name in asked.sequences:
-        registration = by_registration(VoxDepthConfig(), asked.recording(name).intrinsics.shape)
+    for name in experiment.sequences:
+        registration = by_registration(VoxDepthConfig(), experiment.recording(name).intrinsics.shape)
         estimators = UNMOVED | {REGISTRATION: registration} | {flow: by_flow(FLOWS[flow]) for flow in FLOWS}
-        for distance in (distance for distance in DISTANCES if distance < asked.frames):
-            scores[name, distance] = score_pairs(asked, name, estimators, distance, MAX_PAIRS)
+        for distance in (distance for distance in DISTANCES if distance < experiment.frames):
+            scores[name, distance] = score_pairs(experiment, name, estimators, distance, MAX_PAIRS)
     table = pd.concat(scores, names=["sequence", DISTANCE, "method"]).reset_index()
     panels = [
         plotted(pivot(of, DISTANCE, "method", DEPTH), f"{name}, surfaces within 20 m", DISTANCE, DEPTH, logy=True)
@@ -32,7 +32,9 @@ def answer(asked: Experiment) -> Findings:
     ]
     times_ms = _times_ms(table).T
     panels.append(plotted(times_ms, "median; the paper's limit is 50 ms", "", "time [ms]", kind="bar", logy=True))
-    return Findings(table=table, figure=picture("RQ4: a perfect template warped to later frames", panels, columns=2))
+    return ExperimentResult(
+        table=table, figure=picture("RQ4: a perfect template warped to later frames", panels, columns=2)
+    )
 
 
 def _times_ms(table: pd.DataFrame) -> pd.DataFrame:

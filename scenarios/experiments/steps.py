@@ -18,7 +18,7 @@ from voxdepth.types import FloatImage
 
 from ..errors import ScenarioError
 from ..figure import Draw, image_shown
-from .experiment import Claim, Experiment, Findings, all_hold, pivot
+from .experiment import Claim, Experiment, ExperimentResult, all_hold, pivot
 from .paper import OURS
 from .plots import picture
 
@@ -50,19 +50,19 @@ class Step(NamedTuple):
         return image_shown(f"{self.name} ({self.frame})", image, cmap="gray", interpolation="nearest")
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Follow the last frame of each sequence that a template corrects back to the window of the template."""
-    found = [(name, step) for name in asked.sequences for step in steps(asked, name)]
+    found = [(name, step) for name in experiment.sequences for step in steps(experiment, name)]
     table = pd.DataFrame([{"sequence": name, **step.row} for name, step in found if step.image.dtype != np.uint8])
     title = "The steps of one epoch, and the frame that it corrects as every method gives it; in brackets its number"
-    return Findings(
+    return ExperimentResult(
         table=table, figure=picture(title, [step.drawn for _, step in found], columns=5, panel_in=(2.4, 1.7))
     )
 
 
-def steps(asked: Experiment, name: str) -> Iterator[Step]:
+def steps(experiment: Experiment, name: str) -> Iterator[Step]:
     """Yield the images of a sequence in the order of the paper's figures; a `ScenarioError` if none is corrected."""
-    camera, captures = asked.recording(name).intrinsics, list(asked.captures(name))
+    camera, captures = experiment.recording(name).intrinsics, list(experiment.captures(name))
     frames = list(map(frame_of, captures))
     results = list(map(VoxDepth(camera, CONFIG).process, frames))
     states: list[Any] = [result.diagnostics for result in results]

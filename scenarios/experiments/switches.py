@@ -10,7 +10,7 @@ from voxdepth import VoxDepth
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.paper.epochs import EpochEnd
 
-from .experiment import Claim, Experiment, Findings, most_hold, pivot
+from .experiment import Claim, Experiment, ExperimentResult, most_hold, pivot
 from .image_motion import FAILED, GRAY, by_registration, pair_starts, score_pairs, true_displacement_px
 from .optical_flow import dis
 from .paper import MOVEMENT, SEQUENCES, SWITCHES, SWITCHES_FRAMES, dataset
@@ -26,36 +26,38 @@ RATE, PRINTED = f"switches per {SWITCHES_FRAMES} frames", f"paper, {SWITCHES_FRA
 DISTANCE, FLOW, MOVED = "distance [frames]", "flow [px]", "true movement [px]"
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Count the epochs of a long run, and score registration on pairs of frames at growing distances."""
-    ends = pd.DataFrame([_ends(asked, name) for name in asked.sequences])
-    distances = [distance for distance in DISTANCES if distance < asked.frames]
-    movement = pd.DataFrame([_movement(asked, *case) for case in product(asked.sequences, distances)])
+    ends = pd.DataFrame([_ends(experiment, name) for name in experiment.sequences])
+    distances = [distance for distance in DISTANCES if distance < experiment.frames]
+    movement = pd.DataFrame([_movement(experiment, *case) for case in product(experiment.sequences, distances)])
     rates = ends.set_index("sequence")[[RATE, PRINTED]].astype(float)
     panels = [plotted(rates, "epochs that ended; the paper has other data", "", RATE, kind="bar")]
     panels += [plotted(pivot(movement, DISTANCE, "sequence", name), "", DISTANCE, name) for name in (FLOW, MOVED, GRAY)]
-    title = f"State switches, {asked.frames} frames of each sequence"
-    return Findings(table=ends.merge(movement, on="sequence"), figure=picture(title, panels, columns=2))
+    title = f"State switches, {experiment.frames} frames of each sequence"
+    return ExperimentResult(table=ends.merge(movement, on="sequence"), figure=picture(title, panels, columns=2))
 
 
-def _ends(asked: Experiment, name: str) -> dict[str, Any]:
+def _ends(experiment: Experiment, name: str) -> dict[str, Any]:
     """Return a row with the ends of epochs by the rules about matches alone."""
-    corrector = VoxDepth(asked.recording(name).intrinsics, BY_MATCHES)
-    ends = [corrector.align(frame).diagnostics.epoch_end for frame in asked.frames_of(name)]
+    corrector = VoxDepth(experiment.recording(name).intrinsics, BY_MATCHES)
+    ends = [corrector.align(frame).diagnostics.epoch_end for frame in experiment.frames_of(name)]
     few, refused = ends.count(EpochEnd.FEW_MATCHES), ends.count(EpochEnd.DEGENERATE)
-    rate = (few + refused) * SWITCHES_FRAMES / asked.frames
-    row = {"sequence": name, "n frames": asked.frames, "too few matches": few, "map refused": refused, RATE: rate}
+    rate = (few + refused) * SWITCHES_FRAMES / experiment.frames
+    row = {"sequence": name, "n frames": experiment.frames, "too few matches": few, "map refused": refused, RATE: rate}
     return row | {PRINTED: SWITCHES.get(dataset(name))}
 
 
-def _movement(asked: Experiment, name: str, distance: int) -> dict[str, Any]:
+def _movement(experiment: Experiment, name: str, distance: int) -> dict[str, Any]:
     """Return a row with the image motion between pairs of frames at a distance, and how registration follows it."""
-    recording = asked.recording(name)
-    pairs = [(recording[k], recording[k + distance]) for k in pair_starts(asked.frames, distance, MAX_PAIRS)]
+    recording = experiment.recording(name)
+    pairs = [(recording[k], recording[k + distance]) for k in pair_starts(experiment.frames, distance, MAX_PAIRS)]
     flows_px = [np.linalg.norm(dis(later.gray_left, earlier.gray_left), axis=2).mean() for earlier, later in pairs]
     moved_px = np.nanmean([true_displacement_px(*pair) for pair in pairs])
     estimators = {"registration": by_registration(BY_MATCHES, recording.intrinsics.shape)}
-    (scores,) = score_pairs(asked, name, estimators, distance, MAX_PAIRS)[[GRAY, FAILED, "n pairs"]].to_dict("records")
+    (scores,) = score_pairs(experiment, name, estimators, distance, MAX_PAIRS)[[GRAY, FAILED, "n pairs"]].to_dict(
+        "records"
+    )
     return {"sequence": name, DISTANCE: distance, FLOW: float(np.mean(flows_px)), MOVED: float(moved_px), **scores}
 
 

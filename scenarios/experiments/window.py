@@ -6,7 +6,7 @@ from voxdepth.registry import PAPER
 from voxdepth.tools.evaluation.measurements import of_frames, select
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR
 
-from .experiment import Claim, Experiment, Findings, all_hold, pivot
+from .experiment import Claim, Experiment, ExperimentResult, all_hold, pivot
 from .plots import picture, plotted
 
 SIZES = {f"{PAPER}[window_frames={size}]": size for size in (2, 4, 6, 8, 10, 12)}
@@ -17,18 +17,20 @@ SIZE, PSNR, TIME = "window [frames]", "PSNR [dB]", "time per frame [ms]"
 TIMES = {"median latency [ms]": of_frames("latency_p50"), "fusing per frame [ms]": of_frames("latency_background")}
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """Correct the same frames with every window size."""
-    measured = asked.evaluate(SIZES)
+    measured = experiment.evaluate(SIZES)
     quality = select(measured, SETTLED_PSNR)
     table = pd.DataFrame(
         {PSNR: quality["value"], **{name: select(measured, of)["value"] for name, of in TIMES.items()}}
     )
     table[TIME] = table[list(TIMES)].fillna(0.0).sum(axis="columns")
     table = table.assign(**{"n pixels": quality["n"]}).rename(index=SIZES, level="method").sort_index(level="method")
-    table = table.loc[list(asked.sequences)].rename_axis(["sequence", SIZE]).reset_index()
+    table = table.loc[list(experiment.sequences)].rename_axis(["sequence", SIZE]).reset_index()
     panels = [plotted(pivot(table, SIZE, "sequence", values), "", SIZE, values) for values in (PSNR, TIME)]
-    return Findings(table=table, figure=picture(f"Fusion window, {asked.frames} frames of each sequence", panels))
+    return ExperimentResult(
+        table=table, figure=picture(f"Fusion window, {experiment.frames} frames of each sequence", panels)
+    )
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:

@@ -24,12 +24,12 @@ def assert_no_worse(make: CorrectorFactory, baseline: str | Path, cases: Collect
         AssertionError: It is worse; the message says in what.
     """
     from .clips import Here
-    from .judgement import judged
+    from .judgement import judge
     from .measurement import measured, read
 
     before = read(Path(baseline))
     now, _ = measured(before.corrector, Here(make), cases=cases)
     before.require_same_clips(now, Path(baseline))
-    judgement = judged(now.corrector, now.figures, before.figures)
+    judgement = judge(now.corrector, now.figures, before.figures)
     if judgement.is_bad:
         raise AssertionError("\n".join(judgement.verdict))

@@ -151,27 +151,27 @@ class _AtRevision:
 
     def __call__(self, clip: Clip) -> Corrected:
         """See `Corrects`."""
-        asked = {"clip": str(self._folder / "clip.npz"), "out": str(self._folder / "out.npz")}
+        request = {"clip": str(self._folder / "clip.npz"), "out": str(self._folder / "out.npz")}
         frames = [each.frame for each in clip.frames]
         images: dict[str, Any] = {name: [getattr(f, name) for f in frames] for name in ("stamp_s", "gray", "depth_m")}
-        np.savez(asked["clip"], **images)
+        np.savez(request["clip"], **images)
         assert self._process.stdin is not None, "it is a pipe"
         with suppress(BrokenPipeError):  # It ended, and its last line says why.
-            self._process.stdin.write(f"{json.dumps(asked | {'intrinsics': asdict(clip.intrinsics)})}\n".encode())
+            self._process.stdin.write(f"{json.dumps(request | {'intrinsics': asdict(clip.intrinsics)})}\n".encode())
             self._process.stdin.flush()
-        told = self.answer()
-        if "fault" in told:
-            raise ScenarioError(f"the corrector of {self._rev} failed on {clip.title}, {told['fault']}")
-        with np.load(asked["out"], allow_pickle=False) as out:
+        answer = self.answer()
+        if "fault" in answer:
+            raise ScenarioError(f"the corrector of {self._rev} failed on {clip.title}, {answer['fault']}")
+        with np.load(request["out"], allow_pickle=False) as out:
             corrections = zip(*(out[name] for name in worker.IMAGES), strict=True)
         results = [CorrectedDepth(**dict(zip(worker.IMAGES, each, strict=True))) for each in corrections]
-        return Corrected(results, 1000 * median(told["times_s"]))
+        return Corrected(results, 1000 * median(answer["times_s"]))
 
     def answer(self) -> dict[str, Any]:
         """Read an answer of the worker; that it ended instead is a `ScenarioError`."""
         assert self._process.stdout is not None, "it is a pipe"
         if line := self._process.stdout.readline():
-            told: dict[str, Any] = json.loads(line)
-            return told
+            answer: dict[str, Any] = json.loads(line)
+            return answer
         lines = (self._folder / "errors").read_text(encoding="utf-8", errors="replace").strip().splitlines()
         raise ScenarioError(f"the corrector of {self._rev} ended: {lines[-1] if lines else 'without a message'}")

@@ -11,7 +11,7 @@ from ..errors import ScenarioError
 from ..rerun.frames import record_case
 from ..revision import commit_of
 from .clips import Corrects, Here, at_revision, clips
-from .judgement import Judgement, judged
+from .judgement import Judgement, judge
 from .measurement import Baseline, read
 from .picture import draw, worst_frame
 
@@ -35,7 +35,7 @@ class Opponent(NamedTuple):
         if self.file is not None:
             before = read(self.file)
             before.require_same_clips(now, self.file)
-        return judged(
+        return judge(
             now.corrector, now.figures, None if before is None else before.figures, by_turns=by_turns is not None
         )
 
@@ -68,7 +68,7 @@ def write_worst(out: Path, judgement: Judgement, corrects: Corrects, other: Oppo
     Args:
         out: Folder of the files.
         judgement: What became worse.
-        corrects: The corrector that was judged.
+        corrects: The corrector that was evaluated.
         other: What it was compared with; without a corrector of it, the picture shows the raw depth instead.
     """
     worst = judgement.worst

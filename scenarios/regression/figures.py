@@ -71,7 +71,7 @@ FIGURES += (Figure(MEASURED, BRIER), Figure(HOLES, BRIER), Figure(STATIC, FLICKE
 HEADINGS = tuple(figure.heading for figure in FIGURES)
 
 
-class Scores(NamedTuple):
+class FigureSums(NamedTuple):
     """Sums of the figures of each frame, and what they are divided by, both of shape (frames, figures)."""
 
     totals: FloatArray
@@ -92,7 +92,7 @@ def _quotient(totals: FloatArray, counts: FloatArray) -> FloatArray:
     return np.asarray(np.divide(totals, counts, out=np.full(totals.shape, np.nan), where=counts > 0))
 
 
-def scores(clip: Clip, results: Sequence[CorrectedDepth]) -> Scores:
+def scores(clip: Clip, results: Sequence[CorrectedDepth]) -> FigureSums:
     """Return the figures of the corrections of a clip."""
     focal_baseline_px_m = clip.intrinsics.focal_baseline_px_m
     sums = np.zeros((2, len(clip.frames), len(FIGURES)))
@@ -104,7 +104,7 @@ def scores(clip: Clip, results: Sequence[CorrectedDepth]) -> Scores:
         for column, figure in enumerate(FIGURES):
             sums[:, k, column] = found.get(figure, (0, 0))
         before = frame, result
-    return Scores(*sums)
+    return FigureSums(*sums)
 
 
 def regions_of(frame: EvaluationFrame, k: int) -> dict[str, MaskImage]:
@@ -138,10 +138,10 @@ def _of_frame(
         yield Figure(region, TOO_FAR), (100 * completed.too_far, completed.filled)
         yield Figure(region, WITHOUT), (100 * without, completed.pixels)
     for region in (MEASURED, HOLES):
-        told = Reliability.of(
+        reliability = Reliability.of(
             result.depth_m, result.confidence, frame.reference_m, regions[region], focal_baseline_px_m
         )
-        yield Figure(region, BRIER), (told.squared_error, told.n)
+        yield Figure(region, BRIER), (reliability.squared_error, reliability.n)
 
 
 def _flicker(

@@ -166,7 +166,7 @@ def _named(changes: Sequence[Change]) -> str:
     return "; ".join(map(str, changes[:SHOWN])) + more
 
 
-def judged(
+def judge(
     corrector: str, now: pd.DataFrame, before: pd.DataFrame | None = None, *, by_turns: bool = False
 ) -> Judgement:
     """Judge the figures of a corrector, a row for each case and seed, by the limits and by earlier figures.

@@ -30,7 +30,7 @@ REGION = (255, 200, 0)
 Colors = npt.NDArray[np.uint8]
 
 
-class Shown(NamedTuple):
+class FrameComparison(NamedTuple):
     """A frame of a clip with two corrections of it."""
 
     title: str
@@ -45,7 +45,7 @@ class Shown(NamedTuple):
 
 def worst_frame(
     clip: Clip, figure: Figure, before: Sequence[CorrectedDepth], before_title: str, now: Sequence[CorrectedDepth]
-) -> Shown:
+) -> FrameComparison:
     """Return the frame of a clip in which a figure grew most.
 
     Args:
@@ -53,7 +53,7 @@ def worst_frame(
         figure: Figure that is compared.
         before: Correction of each frame that it is compared with.
         before_title: What titles call that correction, as in `at main`.
-        now: Correction of each frame by the corrector that was judged.
+        now: Correction of each frame by the corrector that was evaluated.
     """
     column = FIGURES.index(figure)
     old, new = (scores(clip, results).of_frames[:, column] for results in (before, now))
@@ -61,7 +61,7 @@ def worst_frame(
     k = int(grown.argmax())
     focal_baseline_px_m = clip.intrinsics.focal_baseline_px_m
     region = regions_of(clip.frames[k], k)[figure.region]
-    return Shown(
+    return FrameComparison(
         f"{figure.region} of {clip.title}, frame {k}: {figure.metric} {figure.text(float(new[k]))}, "
         f"{before_title} {figure.text(float(old[k]))}",
         figure,
@@ -74,7 +74,7 @@ def worst_frame(
     )
 
 
-def draw(path: Path, shown: Shown) -> None:
+def draw(path: Path, shown: FrameComparison) -> None:
     """Write the picture of a frame; a failure is a `ToolError`."""
     truth_m = shown.frame.reference_m
     far_m = far_end_m([truth_m, shown.frame.frame.depth_m])
@@ -142,7 +142,7 @@ def _change_m(before_m: FloatImage, now_m: FloatImage, truth_m: FloatImage) -> F
     return np.asarray(np.abs(now_m - known_m) - np.abs(before_m - known_m), np.float32)
 
 
-def _change_end_m(shown: Shown) -> float:
+def _change_end_m(shown: FrameComparison) -> float:
     both = (shown.before.depth_m > 0) & (shown.now.depth_m > 0) & np.isfinite(shown.frame.reference_m)
     change_m = np.abs(_change_m(shown.before.depth_m, shown.now.depth_m, shown.frame.reference_m))[both & shown.region]
     largest_m = float(np.quantile(change_m, 0.95)) if change_m.size else 0.0
@@ -155,7 +155,7 @@ def _gray_colors(values: FloatImage, known: MaskImage) -> Colors:
     return image
 
 
-def _right_colors(shown: Shown) -> Colors:
+def _right_colors(shown: FrameComparison) -> Colors:
     depth_m, truth_m = shown.now.depth_m, shown.frame.reference_m
     known = (depth_m > 0) & (truth_m < np.inf)
     right = np.zeros_like(known)
@@ -165,7 +165,7 @@ def _right_colors(shown: Shown) -> Colors:
     return image
 
 
-def _region_colors(shown: Shown) -> Colors:
+def _region_colors(shown: FrameComparison) -> Colors:
     image = np.repeat(shown.frame.frame.gray[..., None], 3, axis=-1)
     image[shown.region] = (image[shown.region] + np.array(REGION, np.uint16)) // 2
     return image

@@ -20,7 +20,7 @@ def show(console: "Console", now: Baseline, judgement: Judgement, against: str |
 
     Args:
         console: Where it is printed.
-        now: Figures of the corrector that was judged.
+        now: Figures of the corrector that was evaluated.
         judgement: Verdict, and what became worse or better.
         against: File or commit that it was compared with, as the command line has it; None without a comparison.
     """
@@ -52,7 +52,7 @@ def changes_table(title: str, changes: Sequence[Change]) -> Table:
 
 
 def times_line(now: Baseline, judgement: Judgement) -> str:
-    """Return the time for a frame in words, and whether it was judged."""
+    """Return the time for a frame in words, and whether it was evaluated."""
     now_ms = float(now.figures[TIME].median())
     if judgement.times_ms is not None:
         before_ms, _ = judgement.times_ms

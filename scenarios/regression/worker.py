@@ -52,17 +52,17 @@ def correct(
     return results, times_s
 
 
-def answer(spec: str, asked: Mapping[str, Any]) -> Mapping[str, Any]:
+def answer(spec: str, request: Mapping[str, Any]) -> Mapping[str, Any]:
     """Correct the clip of a file into another one, and return the times [s], or what is wrong."""
-    with np.load(asked["clip"], allow_pickle=False) as clip:
+    with np.load(request["clip"], allow_pickle=False) as clip:
         images = zip(clip["stamp_s"], clip["gray"], clip["depth_m"], strict=True)
         frames = [Frame(stamp_s=float(stamp_s), gray=gray, depth_m=depth_m) for stamp_s, gray, depth_m in images]
     try:
-        results, times_s = correct(CorrectorSpec.of(spec).create, Intrinsics(**asked["intrinsics"]), frames)
+        results, times_s = correct(CorrectorSpec.of(spec).create, Intrinsics(**request["intrinsics"]), frames)
     except VoxDepthError as error:
         return {"fault": str(error)}
     made: dict[str, Any] = {name: np.stack([getattr(result, name) for result in results]) for name in IMAGES}
-    np.savez(asked["out"], **made)
+    np.savez(request["out"], **made)
     return {"times_s": times_s}
 
 

@@ -1,4 +1,4 @@
-"""Calls that run in a thread of their own, while the one that asked for them goes on."""
+"""Calls that run in a thread of their own, while the caller goes on."""
 
 from collections.abc import Callable
 from functools import partial, wraps

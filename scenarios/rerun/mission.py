@@ -81,7 +81,7 @@ ERROR_COLORS = {"raw": (200, 90, 60), "corrected": (60, 150, 220)}
 CHOICE_M, CHOICE_COLOR = 1.5, (240, 230, 80)
 """Length and colour of the arrow of a chosen direction; a planned way has the same colour."""
 COMMAND_COLOR, BELIEVED_COLOR = (250, 250, 250), (160, 160, 160)
-"""Colours of a commanded velocity, and of the place where a drone believes that it is."""
+"""Colours of a commanded velocity, and of the position where a drone believes that it is."""
 NO_LEGEND = rrb.PlotLegend(visible=False)
 EVENT_COLUMNS = rrb.archetypes.TextLogColumns(text_log_columns=[rrb.components.TextLogColumn("Body")])
 """Columns of the list of events beside the time: the rest would hide what happened."""
@@ -381,7 +381,7 @@ class MissionRecorder(Recorder):
     def _add_odometry(self, drone: int, state: DroneState, decision: Decision) -> None:
         """Record where a drone believes that it is, and the way that it plans."""
         assert decision.view is not None, "a drone with a map has an odometry"
-        at_m, way_m = decision.view.place(state.position_m), np.zeros((0, 3))
+        at_m, way_m = decision.view.from_world(state.position_m), np.zeros((0, 3))
         self._columns.add(f"world/believed/{drone}", rr.Points3D, positions=[at_m])
         if decision.path_m is not None:
             heights_m = np.full(len(decision.path_m), at_m[2])

@@ -14,8 +14,8 @@ from voxdepth.types import FloatArray
 
 from .design import ENDPOINTS, GAIN, EndpointName, RunSpec, Study, arm_label
 from .statistics import (
-    Estimate,
     IndexArray,
+    IntervalEstimate,
     Pairs,
     SeedStatistic,
     bootstrap_ratio,
@@ -68,7 +68,7 @@ SWARM_MEASURES = (
 )
 """The same of swarms. Whether a run collided does not tell what became of its drones."""
 PASSED_THROUGH = Measure("passed through [%]", "percent_passed")
-"""The frames that a corrector handed on as they were: with many of them, a rate says little of its correction."""
+"""The frames that a corrector passed through unchanged: with many of them, a rate says little of its correction."""
 DEPTH_MEASURES = Measure("depth error, MAE [m]", "depth_error_m"), Measure("without depth [%]", "without_depth_percent")
 
 
@@ -133,7 +133,7 @@ def _percent(share: float | None) -> float | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class ArmRuns:
     """The runs of an arm at one level of the axis, in one scenario or in all together."""
 
     scenario: str
@@ -171,22 +171,22 @@ class Arm:
         """Return the number of runs that reached an endpoint."""
         return int(self.runs[endpoint].sum())
 
-    def estimate(self, measure: Measure) -> Estimate | None:
+    def estimate(self, measure: Measure) -> IntervalEstimate | None:
         """Return a measure over the runs with its interval; None where no run has it."""
         return _estimate(self.runs["scenario"], self.runs[measure.count], self.runs[measure.per])
 
 
-def arms_of(runs: pd.DataFrame) -> list[Arm]:
+def arms_of(runs: pd.DataFrame) -> list[ArmRuns]:
     """Return every arm at every level that was flown: in each scenario, and then in all if there are several."""
     by = [("scenario", "label")] if len(runs["scenario"].cat.categories) < 2 else [("scenario", "label"), ("label",)]
     return [
-        Arm("all" if len(names) == 1 else names[0], names[-1], own)
+        ArmRuns("all" if len(names) == 1 else names[0], names[-1], own)
         for keys in by
         for names, own in runs.groupby(list(keys), observed=True)
     ]
 
 
-def _estimate(scenarios: pd.Series, *columns: pd.Series) -> Estimate | None:
+def _estimate(scenarios: pd.Series, *columns: pd.Series) -> IntervalEstimate | None:
     """Return `bootstrap_ratio` of some columns, with the scenarios as strata."""
     rows = np.column_stack(columns)
     known = np.isfinite(rows).all(axis=1)
@@ -194,7 +194,7 @@ def _estimate(scenarios: pd.Series, *columns: pd.Series) -> Estimate | None:
     return bootstrap_ratio(strata) if strata else None
 
 
-class Comparison(NamedTuple):
+class ArmComparison(NamedTuple):
     """A paired comparison of two arms, over the scenarios and seeds for which both have a result."""
 
     first: str
@@ -219,13 +219,13 @@ class Comparison(NamedTuple):
         return {**self.cells, "all": self.pairs} if len(self.cells) > 1 else {}
 
 
-def headline(comparisons: Sequence[Comparison]) -> list[Comparison]:
+def headline(comparisons: Sequence[ArmComparison]) -> list[ArmComparison]:
     """Return the comparisons that are shown scenario by scenario: the declared one, or those with the first arm."""
     declared = [one for one in comparisons if one.declared]
     return declared or [one for one in comparisons if comparisons[0].first in (one.first, one.second)]
 
 
-def compare_arms(matched: "MatchedArms", study: Study, endpoint: EndpointName) -> list[Comparison]:
+def compare_arms(matched: "MatchedArms", study: Study, endpoint: EndpointName) -> list[ArmComparison]:
     """Compare how many runs of two arms reached an endpoint, for all pairs of arms that have a pair of runs.
 
     The declared comparisons come first; they are the primary ones if they were declared on this endpoint.
@@ -235,7 +235,7 @@ def compare_arms(matched: "MatchedArms", study: Study, endpoint: EndpointName) -
     p_values = {sides: mcnemar(pairs.first_only, pairs.second_only) for sides, pairs in pooled.items()}
     adjusted = _adjusted(p_values, primary)
     return [
-        Comparison(
+        ArmComparison(
             first=sides[0],
             second=sides[1],
             declared=sides in matched.declared,
@@ -276,7 +276,7 @@ def _counted_by_scenario(pairs: RunPairs, endpoint: EndpointName) -> dict[str, P
     return {name: _counted((first[is_in[name]], second[is_in[name]]), endpoint) for name in names}
 
 
-def difference_of_means(pairs: RunPairs, measure: Measure) -> Estimate | None:
+def difference_of_means(pairs: RunPairs, measure: Measure) -> IntervalEstimate | None:
     """Return the difference of a measure over pairs of runs, with a bootstrap over the seeds of each scenario."""
     columns = [runs[name] for runs in pairs for name in (measure.count, measure.per)]
     return _estimate(pairs[0]["scenario"], *columns)
@@ -343,7 +343,7 @@ class Gain(NamedTuple):
     second: str
     declared: bool
     seeds: int
-    estimate: Estimate | None
+    estimate: IntervalEstimate | None
     """In the unit of the axis, positive if the first comes farther; None if one of them may leave the flown range."""
 
 
@@ -353,9 +353,9 @@ class Threshold(NamedTuple):
     scenario: str
     arm: str
     seeds: int
-    half_arrive: Estimate
+    half_arrive: IntervalEstimate
     """Level at which half of the flights arrive."""
-    half_speed: Estimate | None
+    half_speed: IntervalEstimate | None
     """Level at which half of the reference's goal speed is left; None without a reference."""
     levels: FloatArray
     """The levels that were flown."""
@@ -428,7 +428,7 @@ def _half_speed(speeds: pd.DataFrame, full: Mapping[int, float], seeds: Sequence
 
 def _gain(
     first: pd.DataFrame, second: pd.DataFrame, full: Mapping[int, float], seeds: Sequence[int]
-) -> Estimate | None:
+) -> IntervalEstimate | None:
     """Return how much farther the first keeps half of the speed; None if one of them may do so beyond the levels."""
     level_of_first, level_of_second = (_half_speed(speeds, full, seeds) for speeds in (first, second))
     for level_of, speeds in ((level_of_first, first), (level_of_second, second)):

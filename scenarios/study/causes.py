@@ -34,7 +34,7 @@ class Diagnosis:
     """Whether the object that was hit has no texture."""
     true_m: float | None = None
     """True depth [m] of the trusted pixel whose ratio of depths is the median, by which depths that are too far and
-    correct ones are told apart; None for other causes."""
+    correct ones are distinguished; None for other causes."""
     corrected_m: float | None = None
     """Corrected depth of the same pixel [m]."""
     held_before: str | None = None

@@ -84,11 +84,11 @@ class CollisionProbe(Recorder):
         return replace(found, textureless=body.surface.is_blank, held_before=held)
 
 
-def held_at(view: MapView | None, place_m: FloatArray) -> str | None:
-    """Return what a map holds at a place of the world, shape (3,); None without a map."""
+def held_at(view: MapView | None, point_m: FloatArray) -> str | None:
+    """Return what a map holds at a point of the world, shape (3,); None without a map."""
     if view is None:
         return None
-    return STATES[view.state_at(view.place(place_m))]
+    return STATES[view.state_at(view.from_world(point_m))]
 
 
 def diagnose(images: Sequence[Image], body: int, point_m: FloatArray, min_confidence: float) -> Diagnosis:

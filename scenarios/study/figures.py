@@ -9,9 +9,9 @@ import numpy as np
 from voxdepth.types import FloatArray
 
 from ..figure import Draw, Picture, encoded, line_color, panel_figure
-from .analysis import GOAL_SPEED, SWARM_MEASURES, Arm, Comparison, headline
+from .analysis import GOAL_SPEED, SWARM_MEASURES, ArmComparison, ArmRuns, headline
 from .design import ENDPOINTS, EndpointName, Study
-from .statistics import Estimate, Interval, wilson
+from .statistics import Interval, IntervalEstimate, wilson
 from .tables import ENDPOINT_TITLES
 
 WIDTH_IN = 9.0
@@ -30,7 +30,7 @@ AXIS_LABELS: dict[EndpointName, str] = {
 }
 
 
-def all_figures(study: Study, arms: Sequence[Arm], comparisons: Sequence[Comparison]) -> list[Picture]:
+def all_figures(study: Study, arms: Sequence[ArmRuns], comparisons: Sequence[ArmComparison]) -> list[Picture]:
     """Draw the effects by scenario, and of each scenario the shares by arm, or the curves over the axis."""
     found = forest(comparisons, study.endpoint)
     unit = "" if study.axis is None or not study.axis.unit else f" [{study.axis.unit}]"
@@ -47,11 +47,11 @@ def all_figures(study: Study, arms: Sequence[Arm], comparisons: Sequence[Compari
     return found
 
 
-def by_arm(scenario: str, arms: Sequence[Arm], endpoint: EndpointName) -> Picture:
+def by_arm(scenario: str, arms: Sequence[ArmRuns], endpoint: EndpointName) -> Picture:
     """Draw how many runs of each arm reached an endpoint, and how many drones of a swarm were lost."""
     labels = [f"{arm.label}, n = {arm.n}" for arm in arms]
-    shares = [Estimate(arm.reached(endpoint) / arm.n, wilson(arm.reached(endpoint), arm.n)) for arm in arms]
-    percent = [Estimate(100 * one.value, Interval(*(100 * end for end in one.interval))) for one in shares]
+    shares = [IntervalEstimate(arm.reached(endpoint) / arm.n, wilson(arm.reached(endpoint), arm.n)) for arm in arms]
+    percent = [IntervalEstimate(100 * one.value, Interval(*(100 * end for end in one.interval))) for one in shares]
     draws = [partial(_draw_estimates, labels, percent, f"{AXIS_LABELS[endpoint]} [%]")]
     lost = SWARM_MEASURES[0]
     of_swarms = [estimate for arm in arms if (estimate := arm.estimate(lost)) is not None]
@@ -61,7 +61,7 @@ def by_arm(scenario: str, arms: Sequence[Arm], endpoint: EndpointName) -> Pictur
     return _picture(title, ARM_CAPTION, draws, size_in)
 
 
-def forest(comparisons: Sequence[Comparison], endpoint: EndpointName) -> list[Picture]:
+def forest(comparisons: Sequence[ArmComparison], endpoint: EndpointName) -> list[Picture]:
     """Draw the effects of the headline comparisons by scenario; nothing for one scenario."""
     found = [one for one in headline(comparisons) if one.by_scenario]
     if not found:
@@ -76,7 +76,7 @@ def _picture(title: str, caption: str, draws: Sequence[Draw], panel_in: tuple[fl
     return Picture(title=title, caption=caption, png=encoded(figure))
 
 
-def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
+def _draw_forest(comparisons: Sequence[ArmComparison], axes: Any) -> None:
     """Draw a block of rows for each comparison: its scenarios, and a diamond for all of them."""
     row, names = 0, {}
     for one in comparisons:
@@ -96,7 +96,7 @@ def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
     axes.grid(alpha=0.3, axis="x")
 
 
-def _draw_estimates(labels: Sequence[str], estimates: Sequence[Estimate], x_label: str, axes: Any) -> None:
+def _draw_estimates(labels: Sequence[str], estimates: Sequence[IntervalEstimate], x_label: str, axes: Any) -> None:
     """Draw a row with its interval for each label, the first at the top."""
     values = np.array([one.value for one in estimates])
     ends = np.array([one.interval for one in estimates]).T
@@ -109,7 +109,9 @@ def _draw_estimates(labels: Sequence[str], estimates: Sequence[Estimate], x_labe
     axes.grid(alpha=0.3, axis="x")
 
 
-def _draw_curves(arms: Sequence[Arm], x_label: str, y_label: str, bands: Callable[..., FloatArray], axes: Any) -> None:
+def _draw_curves(
+    arms: Sequence[ArmRuns], x_label: str, y_label: str, bands: Callable[..., FloatArray], axes: Any
+) -> None:
     """Draw a curve with its band for every arm over the axis, or a horizontal line for an arm of one level or none."""
     for k, name in enumerate(dict.fromkeys(arm.name for arm in arms)):
         own, color = sorted((a for a in arms if a.name == name), key=lambda a: abs(a.level or 0)), line_color(k)
@@ -130,13 +132,13 @@ def _draw_curves(arms: Sequence[Arm], x_label: str, y_label: str, bands: Callabl
     axes.grid(alpha=0.3)
 
 
-def _goal_speeds(arms: Sequence[Arm]) -> FloatArray:
+def _goal_speeds(arms: Sequence[ArmRuns]) -> FloatArray:
     """Return mean goal speeds [m/s] and the ends of their intervals, shape (3, arms)."""
     found = [estimate for arm in arms if (estimate := arm.estimate(GOAL_SPEED)) is not None]
     return np.array([(one.value, *one.interval) for one in found]).T
 
 
-def _shares(arms: Sequence[Arm], endpoint: EndpointName) -> FloatArray:
+def _shares(arms: Sequence[ArmRuns], endpoint: EndpointName) -> FloatArray:
     """Return shares of runs that reached an endpoint [%] and their Wilson bounds, shape (3, arms)."""
     counts = [(arm.reached(endpoint), arm.n) for arm in arms]
     return 100 * np.array([(count / n, *wilson(count, n)) for count, n in counts]).T

@@ -35,7 +35,7 @@ from .tables import (
 )
 
 
-class Findings:
+class StudyAnalysis:
     """The analysis of all results so far."""
 
     def __init__(self, data: StudyData) -> None:
@@ -82,10 +82,10 @@ class Findings:
         return all_figures(self.data.study, self.arms, self.comparisons[self.data.study.endpoint])
 
 
-def write_report(findings: Findings, place: Path, out: Path) -> Path:
+def write_report(findings: StudyAnalysis, source: Path, out: Path) -> Path:
     """Write `report.html`, its tables as `report.md`, and its figures as PNG, into `out`; return the path of the first.
 
-    `place` is the folder or the archive of the study. The same results give the same bytes.
+    `source` is the folder or the archive of the study. The same results give the same bytes.
 
     Raises:
         ToolError: A file cannot be written.
@@ -113,7 +113,7 @@ def write_report(findings: Findings, place: Path, out: Path) -> Path:
         figures=pictures,
         versions=data.versions,
         machine=data.machine,
-        out=place,
+        out=source,
     )
     write(out / "report.html", page.encode())
     return out / "report.html"
@@ -125,7 +125,7 @@ def run_table(data: StudyData) -> pd.DataFrame:
     rows = []
     for spec in data.flown:
         record = data.records[spec.key]
-        row = _place(data, spec) | {"outcome": record.outcome.value, "contacts": len(record.contacts)}
+        row = _row_labels(data, spec) | {"outcome": record.outcome.value, "contacts": len(record.contacts)}
         row |= {"commit": record.commit, "code": record.versions.get("code")}
         rows.append(row | {"wall_s": record.wall_s} | {name: record.metrics.get(name) for name in names})
     return _typed(rows)
@@ -133,7 +133,9 @@ def run_table(data: StudyData) -> pd.DataFrame:
 
 def drone_table(data: StudyData) -> pd.DataFrame:
     """Return a row for each drone of each run of each arm with a result."""
-    return _typed([_place(data, spec) | dict(drone) for spec in data.flown for drone in data.records[spec.key].drones])
+    return _typed(
+        [_row_labels(data, spec) | dict(drone) for spec in data.flown for drone in data.records[spec.key].drones]
+    )
 
 
 def diagnoses_by_arm(data: StudyData) -> dict[str, list[Diagnosed]]:
@@ -145,11 +147,11 @@ def diagnoses_by_arm(data: StudyData) -> dict[str, list[Diagnosed]]:
     return found
 
 
-def _place(data: StudyData, spec: RunSpec) -> dict[str, Any]:
-    """Return what tells a run from others, with the factors of its arm."""
+def _row_labels(data: StudyData, spec: RunSpec) -> dict[str, Any]:
+    """Return the labels of a row, which identify its run, with the factors of its arm."""
     factors = next(arm.factors for arm in data.study.arms if arm.name == spec.arm)
-    place = {"scenario": spec.scenario, "arm": spec.arm, "level": spec.level, "seed": spec.seed, "key": spec.key}
-    return place | {f"factor {name}": level for name, level in factors.items()}
+    labels = {"scenario": spec.scenario, "arm": spec.arm, "level": spec.level, "seed": spec.seed, "key": spec.key}
+    return labels | {f"factor {name}": level for name, level in factors.items()}
 
 
 def _typed(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:

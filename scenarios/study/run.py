@@ -1,4 +1,4 @@
-"""Running a study: missing runs go to the executor, completed runs go into the store, and the progress is told."""
+"""Running a study: missing runs go to the executor, completed runs go into the store, and the progress is reported."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ from ..config import Scenario
 from ..errors import ScenarioError
 from .design import RunSpec, Study, by_importance, expand
 from .executors import Executor
-from .store import Failure, StudyData, add, begun, read_study
+from .store import Failure, StudyData, add, read_study, start_study
 
 LINE_EVERY_S = 30.0
 """Wall-clock time between two lines about the progress."""
@@ -97,18 +97,18 @@ def run_study(
     """
     specs = expand(study)
     require_flyable(specs)
-    with begun(out, study, specs, resume=resume, mixed=mixed) as data:
+    with start_study(out, study, specs, resume=resume, mixed=mixed) as data:
         waiting = by_importance(study, data.missing)
         if not waiting:
             return data
-        planned, failed, start_s, told_s = len(data.runs), 0, time.monotonic(), 0.0
+        planned, failed, start_s, reported_s = len(data.runs), 0, time.monotonic(), 0.0
         tell(progress_line(planned, len(waiting), 0, 0, 0.0))
         with closing(executor.run(waiting)) as runs:
             for flown, ended in enumerate(runs, start=1):
                 add(out, ended)
                 failed += isinstance(ended, Failure)
                 elapsed_s = time.monotonic() - start_s
-                if flown == len(waiting) or elapsed_s > told_s + LINE_EVERY_S:
-                    told_s = elapsed_s
+                if flown == len(waiting) or elapsed_s > reported_s + LINE_EVERY_S:
+                    reported_s = elapsed_s
                     tell(progress_line(planned, len(waiting) - flown, flown, failed, elapsed_s))
         return read_study(out)

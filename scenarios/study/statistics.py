@@ -31,8 +31,8 @@ RESAMPLES = 1000
 BOOTSTRAP_SEED = 20240601
 LAPSE = 0.02
 """Share of flights that fail however easy they are."""
-N_PLACES, WIDTHS = 61, tuple(np.geomspace(0.01, 0.5, 12))
-"""Number of places along an axis at which a curve may fall to a half, and its widths as shares of the axis."""
+N_POSITIONS, WIDTHS = 61, tuple(np.geomspace(0.01, 0.5, 12))
+"""Number of positions along an axis at which a curve may fall to a half, and its widths as shares of the axis."""
 
 EXPONENTS, LOG_A = np.linspace(0, 12, 121), np.linspace(-8, 4, 61)
 """The curves of a share that grows as a power, by its exponent and the logarithm of its factor."""
@@ -45,7 +45,7 @@ class Interval(NamedTuple):
     high: float
 
 
-class Estimate(NamedTuple):
+class IntervalEstimate(NamedTuple):
     """A value with its confidence interval."""
 
     value: float
@@ -74,9 +74,9 @@ class Pairs(NamedTuple):
         return sum(self)
 
     @property
-    def difference(self) -> Estimate:
+    def difference(self) -> IntervalEstimate:
         """Share of runs of the first that reached the endpoint minus that of the second, by Newcombe; n > 0."""
-        return Estimate((self.first_only - self.second_only) / self.n, newcombe(self))
+        return IntervalEstimate((self.first_only - self.second_only) / self.n, newcombe(self))
 
 
 def wilson(k: int, n: int) -> Interval:
@@ -121,7 +121,7 @@ def newcombe(pairs: Pairs) -> Interval:
     return Interval(difference - below, difference + above)
 
 
-def bootstrap_ratio(strata: Sequence[FloatArray]) -> Estimate:
+def bootstrap_ratio(strata: Sequence[FloatArray]) -> IntervalEstimate:
     """Return a ratio of sums with the percentile interval of a bootstrap that draws within each stratum.
 
     A row of a stratum, none of which is empty, is a run: what is counted, and what it is counted per, which is 1 for a
@@ -135,7 +135,7 @@ def bootstrap_ratio(strata: Sequence[FloatArray]) -> Estimate:
         sums += n * rows[rng.integers(0, n, (RESAMPLES, max(n - 1, 1)))].mean(axis=1)
     value = _ratio(np.sum([rows.sum(axis=0) for rows in strata], axis=0))
     tail = 50 * (1 - LEVEL)
-    return Estimate(float(value), Interval(*np.percentile(_ratio(sums), [tail, 100 - tail]).tolist()))
+    return IntervalEstimate(float(value), Interval(*np.percentile(_ratio(sums), [tail, 100 - tail]).tolist()))
 
 
 def _ratio(sums: FloatArray) -> FloatArray:
@@ -144,7 +144,7 @@ def _ratio(sums: FloatArray) -> FloatArray:
     return np.asarray(ratios[..., 0] if ratios.shape[-1] == 1 else ratios[..., 0] - ratios[..., 1])
 
 
-def told(estimate: Estimate, levels: FloatArray) -> str:
+def level_text(estimate: IntervalEstimate, levels: FloatArray) -> str:
     """Return a level of an axis as text, or that it may be beyond the levels that were flown: none is extrapolated."""
     low, high = estimate.interval
     if is_beyond(estimate, levels):
@@ -152,32 +152,32 @@ def told(estimate: Estimate, levels: FloatArray) -> str:
     return f"{estimate.value:.2f} [{low:.2f}, {high:.2f}]"
 
 
-def is_beyond(estimate: Estimate, levels: FloatArray) -> bool:
+def is_beyond(estimate: IntervalEstimate, levels: FloatArray) -> bool:
     """Return whether a level may lie beyond the ends of an axis, which stand for what is there."""
     low, high = estimate.interval
     return bool(low <= min(levels) or high >= max(levels))
 
 
-def success_threshold(levels: FloatArray, arrived: MaskImage) -> Estimate:
+def success_threshold(levels: FloatArray, arrived: MaskImage) -> IntervalEstimate:
     """Return the level at which half of the flights succeed, by maximum likelihood, with a bootstrap over seeds.
 
     The curves over the axis are logistic and fall, with a small share of lapses [6]. `arrived` has shape (seeds,
     levels), and the levels begin with the easiest. An end of the axis in the interval stands for all that is beyond it.
     """
-    grid = np.meshgrid(np.linspace(levels[0], levels[-1], N_PLACES), WIDTHS, indexing="ij")
-    places, scale = (side.ravel() for side in grid)
-    beyond = (levels[:, None] - places) / (scale * (levels[-1] - levels[0]))
+    grid = np.meshgrid(np.linspace(levels[0], levels[-1], N_POSITIONS), WIDTHS, indexing="ij")
+    positions, scale = (side.ravel() for side in grid)
+    beyond = (levels[:, None] - positions) / (scale * (levels[-1] - levels[0]))
     success = (1 - LAPSE) / (1 + np.exp(np.clip(beyond, -50, 50)))  # of each curve at each level
 
     def likeliest(rows: IndexArray) -> FloatArray:
         successes = arrived[rows].sum(axis=-2, dtype=np.float64)
         log_likelihood = successes @ np.log(success) + (len(arrived) - successes) @ np.log1p(-success)
-        return np.asarray(places[log_likelihood.argmax(axis=-1)])
+        return np.asarray(positions[log_likelihood.argmax(axis=-1)])
 
     return over_seeds(len(arrived), likeliest)
 
 
-def cloglog_curve(levels: FloatArray, reached: MaskImage) -> tuple[Estimate, Estimate]:
+def cloglog_curve(levels: FloatArray, reached: MaskImage) -> tuple[IntervalEstimate, IntervalEstimate]:
     """Return the exponent b of `p = 1 - exp(-a level^b)`, and p at level 1 over p at level 0.5, by maximum likelihood.
 
     This is the complementary log-log model `log(-log(1 - p)) = log a + b log level` [8]. `reached` has shape (seeds,
@@ -189,14 +189,14 @@ def cloglog_curve(levels: FloatArray, reached: MaskImage) -> tuple[Estimate, Est
     log_p, grown = np.log(-np.expm1(failure)), np.expm1(-np.exp(log_a)) / np.expm1(-np.exp(log_a) * 0.5**exponents)
     rng, (n, _) = np.random.default_rng(BOOTSTRAP_SEED), reached.shape
     drawn = np.concatenate([reached[None], reached[rng.integers(0, n, (RESAMPLES, n))]]).sum(axis=1, dtype=np.float64)
-    counts, places = np.unique(drawn, axis=0, return_inverse=True)
-    best = np.array([np.argmax(k @ log_p + (n - k) @ failure) for k in counts])[places.ravel()]
+    counts, inverse = np.unique(drawn, axis=0, return_inverse=True)
+    best = np.array([np.argmax(k @ log_p + (n - k) @ failure) for k in counts])[inverse.ravel()]
     tells = (drawn.sum(axis=1) > 0) & (drawn.sum(axis=1) < n * len(levels))
     if not tells[0]:
-        return (Estimate(math.nan, Interval(math.nan, math.nan)),) * 2
+        return (IntervalEstimate(math.nan, Interval(math.nan, math.nan)),) * 2
     tail = 50 * (1 - LEVEL)
     exponent, growth = (
-        Estimate(float(value[0]), Interval(*np.nanpercentile(value, [tail, 100 - tail]).tolist()))
+        IntervalEstimate(float(value[0]), Interval(*np.nanpercentile(value, [tail, 100 - tail]).tolist()))
         for value in (np.where(tells, of[best], np.nan) for of in (exponents, grown))
     )
     return exponent, growth
@@ -213,14 +213,14 @@ def crossing(levels: FloatArray, values: FloatArray, height: float) -> float:
     return float(np.interp(-height, -falling, levels))
 
 
-def over_seeds(n: int, statistic: SeedStatistic) -> Estimate:
+def over_seeds(n: int, statistic: SeedStatistic) -> IntervalEstimate:
     """Return a statistic of n seeds with the percentile interval of a bootstrap over them."""
     from scipy.stats import bootstrap
 
     seeds = np.arange(n)
     (value,) = statistic(seeds[None])
     if n == 1:
-        return Estimate(float(value), Interval(float(value), float(value)))
+        return IntervalEstimate(float(value), Interval(float(value), float(value)))
     drawn = bootstrap(
         (seeds,),
         lambda rows, axis: statistic(rows),
@@ -229,4 +229,4 @@ def over_seeds(n: int, statistic: SeedStatistic) -> Estimate:
         method="percentile",
         rng=BOOTSTRAP_SEED,
     )
-    return Estimate(float(value), Interval(*map(float, drawn.confidence_interval)))
+    return IntervalEstimate(float(value), Interval(*map(float, drawn.confidence_interval)))

@@ -1,4 +1,4 @@
-"""The folder of a study: what it was begun with in `study.json`, and a file for each run that has ended.
+"""The folder of a study: what it was started with in `study.json`, and a file for each run that has ended.
 
 Every file appears whole: it is written under another name and renamed, and holds its digest. A run has its file in
 `runs` by its key, or in `failures` if it has no result; `diagnoses` has why its drones collided, of a run that was
@@ -150,7 +150,7 @@ class Cell:
 
 
 class Manifest(Model):
-    """What a study was begun with."""
+    """What a study was started with."""
 
     format: Literal[1] = 1
     """Version of the files."""
@@ -178,10 +178,10 @@ class Manifest(Model):
 
 
 @contextmanager
-def begun(
+def start_study(
     folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool, mixed: bool = False
 ) -> Iterator[StudyData]:
-    """Begin a study in a folder, or go on with the one that is there, as the only writer; yields what is there.
+    """Start a study in a folder, or go on with the one that is there, as the only writer; yields what is there.
 
     Args:
         folder: Folder of the study.
@@ -214,58 +214,58 @@ def add(folder: Path, done: Completion | Diagnosed) -> None:
     write(folder / kind / f"{done.key}.json", sealed_json(json.dumps(asdict(done), allow_nan=False)))
 
 
-def read_study(place: Path) -> StudyData:
+def read_study(source: Path) -> StudyData:
     """Read a study from its folder, to which another process may write at the same time, or from an archive of it.
 
     Raises:
         ScenarioError: There is no study, a file of it is damaged, or it belongs to another version.
     """
-    files = _files(place)
+    files = _files(source)
     if MANIFEST not in files:
-        raise ScenarioError(f"there is no study in {place}: expected a folder with {MANIFEST}, or an archive of one")
-    manifest = _manifest(place, files[MANIFEST])
+        raise ScenarioError(f"there is no study in {source}: expected a folder with {MANIFEST}, or an archive of one")
+    manifest = _manifest(source, files[MANIFEST])
     specs = manifest.specs
     keys = {spec.key for spec in specs}
-    records = _of_runs(place, files, RUNS, RunRecord, keys)
-    failures = _of_runs(place, files, FAILURES, Failure, keys)
+    records = _of_runs(source, files, RUNS, RunRecord, keys)
+    failures = _of_runs(source, files, FAILURES, Failure, keys)
     return StudyData(
         study=manifest.study,
         specs=specs,
         records=records,
         failures={key: failure for key, failure in failures.items() if key not in records},
-        diagnoses=_of_runs(place, files, DIAGNOSES, Diagnosed, keys),
+        diagnoses=_of_runs(source, files, DIAGNOSES, Diagnosed, keys),
         machine=manifest.machine,
     )
 
 
-def _files(place: Path) -> dict[str, bytes]:
+def _files(source: Path) -> dict[str, bytes]:
     """Return the files of a study by their names in its folder, without those that are being written."""
     try:
-        if not place.is_file():
-            of_runs = [path for kind in (RUNS, FAILURES, DIAGNOSES) for path in place.glob(f"{kind}/*.json")]
-            found = [place / MANIFEST, *of_runs]
-            return {path.relative_to(place).as_posix(): path.read_bytes() for path in sorted(found) if path.is_file()}
-        with tarfile.open(place) as packed:
+        if not source.is_file():
+            of_runs = [path for kind in (RUNS, FAILURES, DIAGNOSES) for path in source.glob(f"{kind}/*.json")]
+            found = [source / MANIFEST, *of_runs]
+            return {path.relative_to(source).as_posix(): path.read_bytes() for path in sorted(found) if path.is_file()}
+        with tarfile.open(source) as packed:
             members = [(str(PurePosixPath(one.name)), packed.extractfile(one)) for one in packed.getmembers()]
             return {name: member.read() for name, member in members if member is not None}
     except (OSError, EOFError, tarfile.TarError, lzma.LZMAError) as error:
-        raise ScenarioError(f"cannot read {place} ({error}): restore a copy of it") from error
+        raise ScenarioError(f"cannot read {source} ({error}): restore a copy of it") from error
 
 
-def _manifest(place: Path, text: bytes) -> Manifest:
-    """Decode the manifest of a study, without settings that have become constants since it was begun."""
+def _manifest(source: Path, text: bytes) -> Manifest:
+    """Decode the manifest of a study, without settings that have become constants since it was started."""
     try:
         return Manifest.model_validate_json(unsealed_json(text), extra="ignore")
     except ValueError as error:
         problem = problems(error, Manifest, "study") if isinstance(error, pydantic.ValidationError) else error
         raise ScenarioError(
-            f"{place / MANIFEST} is damaged, or was written by another version of voxdepth ({problem}): restore a copy "
-            "of it, or use that version"
+            f"{source / MANIFEST} is damaged, or was written by another version of voxdepth ({problem}): restore a "
+            "copy of it, or use that version"
         ) from error
 
 
 def _of_runs(
-    place: Path, files: Mapping[str, bytes], kind: str, record: type[OfRun], keys: set[str]
+    source: Path, files: Mapping[str, bytes], kind: str, record: type[OfRun], keys: set[str]
 ) -> dict[str, OfRun]:
     """Decode the files of runs in one of the folders, by key."""
     parse, found = pydantic.TypeAdapter(record).validate_json, {}
@@ -278,13 +278,13 @@ def _of_runs(
             problem = "; ".join(str(error).splitlines()[:3])
             again = "voxdepth study replay" if kind == DIAGNOSES else "--resume"
             remedy = f"restore a copy of it, or delete it and fly that run again with {again}"
-            raise ScenarioError(f"{place / name} is damaged ({problem}): {remedy}") from error
+            raise ScenarioError(f"{source / name} is damaged ({problem}): {remedy}") from error
         found[one.key] = one
     return found
 
 
 def _require_same(folder: Path, data: StudyData, study: Study, specs: Sequence[RunSpec], *, mixed: bool) -> None:
-    """Refuse to go on with what is not the study that was begun, or, unless `mixed`, was flown with other versions."""
+    """Refuse to go on with what is not the started study, or, unless `mixed`, was flown with other versions."""
     now = versions_of(specs)
     changed = {
         name: f"{name} {before[name]} -> {now.get(name, 'unknown')}"

@@ -15,8 +15,8 @@ from .analysis import (
     MEASURES,
     PASSED_THROUGH,
     SWARM_MEASURES,
-    Arm,
-    Comparison,
+    ArmComparison,
+    ArmRuns,
     Gain,
     Measure,
     RunPairs,
@@ -26,7 +26,7 @@ from .analysis import (
     headline,
 )
 from .design import EndpointName, arm_label
-from .statistics import LEVEL, Estimate, Interval, Pairs, told, wilson
+from .statistics import LEVEL, Interval, IntervalEstimate, Pairs, level_text, wilson
 
 ENDPOINT_TITLES: dict[EndpointName, str] = {
     "arrived": "arrived without a collision",
@@ -79,7 +79,7 @@ GAIN_NOTE = (
 BEYOND = "outside of the levels that were flown"
 
 
-def verdict(comparisons: Sequence[Comparison], endpoint: EndpointName) -> str:
+def verdict(comparisons: Sequence[ArmComparison], endpoint: EndpointName) -> str:
     """Say what the declared comparisons found, or else the first one."""
     if not comparisons:
         return "Nothing to compare: that takes two arms with results."
@@ -87,7 +87,7 @@ def verdict(comparisons: Sequence[Comparison], endpoint: EndpointName) -> str:
     return " ".join(_verdict(one, endpoint) for one in declared)
 
 
-def _verdict(found: Comparison, endpoint: EndpointName) -> str:
+def _verdict(found: ArmComparison, endpoint: EndpointName) -> str:
     what = ENDPOINT_TITLES[endpoint]
     pairs, p = found.pairs, found.p if found.p_holm is None else found.p_holm
     difference, (low, high) = pairs.difference
@@ -105,7 +105,7 @@ def gain_verdict(gain: Gain, unit: str) -> str:
     return f"{what}: half of the full goal speed is kept {_estimate(gain.estimate, '+.2f')} {unit} farther."
 
 
-def end_table(arms: Iterable[Arm]) -> Table:
+def end_table(arms: Iterable[ArmRuns]) -> Table:
     """Return the share of runs of each arm that came to each end, with Wilson intervals."""
     rows = [
         {"scenario": arm.scenario, "arm": arm.label, "runs": arm.n}
@@ -139,18 +139,18 @@ def drone_end_table(drones: pd.DataFrame) -> Table:
     return _table("How drones ended", rows, DRONE_NOTE)
 
 
-def mean_table(arms: Iterable[Arm]) -> Table:
+def mean_table(arms: Iterable[ArmRuns]) -> Table:
     """Return the mean of each measure of each arm with its bootstrap interval."""
     return _measured("Measures over all runs", arms, (*MEASURES, *DEPTH_MEASURES), MEAN_NOTE)
 
 
-def swarm_table(arms: Sequence[Arm]) -> Table:
+def swarm_table(arms: Sequence[ArmRuns]) -> Table:
     """Return the same of what became of the drones; empty for arms of one drone."""
     of_swarms = [arm for arm in arms if arm.estimate(SWARM_MEASURES[0]) is not None]
     return _measured("What became of the drones", of_swarms, (*SWARM_MEASURES, PASSED_THROUGH), SWARM_NOTE)
 
 
-def _measured(title: str, arms: Iterable[Arm], measures: Sequence[Measure], note: str) -> Table:
+def _measured(title: str, arms: Iterable[ArmRuns], measures: Sequence[Measure], note: str) -> Table:
     rows = [
         {"scenario": arm.scenario, "arm": arm.label, "runs": arm.n}
         | {one.heading: _estimate(arm.estimate(one)) for one in measures}
@@ -179,11 +179,11 @@ def mean_difference_table(
     return _table(title, rows, MEAN_DIFFERENCE_NOTE)
 
 
-def _differs(estimate: Estimate | None) -> bool:
+def _differs(estimate: IntervalEstimate | None) -> bool:
     return estimate is not None and any((estimate.value, *estimate.interval))
 
 
-def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> Table:
+def effect_table(comparisons: Sequence[ArmComparison], endpoint: EndpointName) -> Table:
     """Return the headline comparisons scenario by scenario, and over all; empty for one scenario."""
     rows = [
         {"first - second": f"{found.first} - {found.second}", "scenario": name, **_pairs_row(pairs)}
@@ -193,7 +193,7 @@ def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> T
     return _table(f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}", rows, EFFECT_NOTE)
 
 
-def comparison_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> Table:
+def comparison_table(comparisons: Sequence[ArmComparison], endpoint: EndpointName) -> Table:
     """Return a row for each pair of arms."""
     is_reached = any(one.pairs.neither < one.pairs.n for one in comparisons)
     note = COMPARISON_NOTE if is_reached else f"{NONE_REACHED_NOTE} {COMPARISON_NOTE}"
@@ -224,8 +224,8 @@ def threshold_table(found: Iterable[Threshold], unit: str) -> Table:
             "scenario": one.scenario,
             "arm": one.arm,
             "seeds": one.seeds,
-            f"half arrive{in_unit}": told(one.half_arrive, one.levels),
-            f"half of the full goal speed{in_unit}": one.half_speed and told(one.half_speed, one.levels),
+            f"half arrive{in_unit}": level_text(one.half_arrive, one.levels),
+            f"half of the full goal speed{in_unit}": one.half_speed and level_text(one.half_speed, one.levels),
         }
         for one in found
     ]
@@ -260,7 +260,7 @@ def _interval(interval: Interval, kind: str) -> str:
     return f"[{interval.low:{kind}}, {interval.high:{kind}}]"
 
 
-def _estimate(estimate: Estimate | None, kind: str = ".2f") -> str | None:
+def _estimate(estimate: IntervalEstimate | None, kind: str = ".2f") -> str | None:
     return None if estimate is None else f"{estimate.value:{kind}} {_interval(estimate.interval, kind)}"
 
 

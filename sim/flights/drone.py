@@ -15,7 +15,7 @@ from ..drone import AirframeConfig
 from ..errors import SceneError
 from ..seeds import Purpose, stream
 from ..types import BodyPose, DroneState, VelocityCommand
-from .trajectory import Flight, SmoothNoise, Track
+from .trajectory import Flight, SmoothNoise, SmoothPath
 
 ROUNDING_M = 1.5
 TURNING_S = 1.0
@@ -73,7 +73,7 @@ class _PurePursuit:
     """Follows a track by flying towards a target on it that stays a lookahead distance away from the drone."""
 
     def __init__(self, config: Drone, path_m: FloatArray, rng: np.random.Generator) -> None:
-        self.track = Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * config.speed_m_s)
+        self.track = SmoothPath(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * config.speed_m_s)
         self._gusts_m_s = SmoothNoise(rng, np.full(3, config.gust_m_s), GUST_HZ)
         self._speed_m_s = config.speed_m_s
         self.height_m = np.array([0.0, 0.0, config.height_m])

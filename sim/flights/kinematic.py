@@ -1,4 +1,4 @@
-"""Trajectories in closed form: a hand-held camera, cuts between its takes, and cameras that stay at one place."""
+"""Trajectories in closed form: a hand-held camera, cuts between its takes, and cameras that stay at one position."""
 
 import math
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ from .. import frames
 from ..errors import SceneError
 from ..seeds import Purpose, stream
 from ..types import BodyPose
-from .trajectory import Flight, SmoothNoise, Track, Trajectory, frame_times_s
+from .trajectory import Flight, SmoothNoise, SmoothPath, Trajectory, frame_times_s
 
 ROUNDING_M = 1.0
 TURNING_S = 1.2
@@ -76,11 +76,11 @@ class Walk(Flight):
         track = self.track(path_m)
         return map(self.trajectory(track, seed), frame_times_s(rate_hz, self.duration_s(track)))
 
-    def track(self, path_m: FloatArray) -> Track:
+    def track(self, path_m: FloatArray) -> SmoothPath:
         """Return the curve of the walk."""
-        return Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * self.speed_m_s)
+        return SmoothPath(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * self.speed_m_s)
 
-    def duration_s(self, track: Track) -> float:
+    def duration_s(self, track: SmoothPath) -> float:
         """Return the time from the start to the last way point; a path that ends before is a `SceneError`."""
         if self.start_m >= track.length_m:
             raise SceneError(
@@ -89,7 +89,7 @@ class Walk(Flight):
             )
         return (track.length_m - self.start_m) / self.speed_m_s
 
-    def trajectory(self, track: Track, seed: int) -> Trajectory:
+    def trajectory(self, track: SmoothPath, seed: int) -> Trajectory:
         """Return the trajectory of the camera, in the time since the start."""
         rng = stream(seed, Purpose.FLIGHT)
         first_step_rad = rng.uniform(0, 4 * np.pi)
@@ -116,7 +116,7 @@ class Walk(Flight):
 
 
 class Cut(Flight):
-    """A walk that is cut into takes in random order: each take continues at another place of the path.
+    """A walk that is cut into takes in random order: each take continues at another position of the path.
 
     The sequence begins at the start of the path and has as many frames as the walk.
     """
@@ -150,7 +150,7 @@ class Cut(Flight):
 
 
 class Hover(Flight):
-    """A camera that stays at one place of the path and sways about it; of the kind `yaw`, it also turns.
+    """A camera that stays at one position of the path and sways about it; of the kind `yaw`, it also turns.
 
     It has no end.
     """
@@ -179,13 +179,13 @@ class Hover(Flight):
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Return poses without an end; see `Flight.poses`."""
-        track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
+        track = SmoothPath(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
         if self.at_m > track.length_m:
             raise SceneError(f"at_m must lie on the path of {track.length_m:.3g} m, got {self.at_m:g} m; reduce it")
         rng = stream(seed, Purpose.FLIGHT)
         sway_m = SmoothNoise(rng, np.full(3, self.sway_m), SWAY_HZ)
         sway_rad = SmoothNoise(rng, np.full(3, np.radians(self.sway_deg)), SWAY_HZ)
-        place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
+        position_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
         heading_rad = track.heading_rad(self.at_m) + np.radians(self.look_deg)
         yaw_rate_rad_s = float(np.radians(self.rate_deg_s))
 
@@ -193,7 +193,7 @@ class Hover(Flight):
             yaw_rad, pitch_rad, roll_rad = sway_rad(time_s)
             mean_rad = heading_rad + yaw_rate_rad_s * time_s
             q_world_body_xyzw = frames.quaternion_from_angles(mean_rad + yaw_rad, pitch_rad, roll_rad)
-            return BodyPose(stamp_s=time_s, position_m=place_m + sway_m(time_s), q_world_body_xyzw=q_world_body_xyzw)
+            return BodyPose(stamp_s=time_s, position_m=position_m + sway_m(time_s), q_world_body_xyzw=q_world_body_xyzw)
 
         return map(pose_at, frame_times_s(rate_hz))
 
@@ -214,12 +214,12 @@ class Stations(Flight):
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Return poses without an end; see `Flight.poses`."""
-        track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
-        place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
-        return self._stand(place_m, track.heading_rad(self.at_m), stream(seed, Purpose.FLIGHT), rate_hz)
+        track = SmoothPath(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
+        position_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
+        return self._stand(position_m, track.heading_rad(self.at_m), stream(seed, Purpose.FLIGHT), rate_hz)
 
     def _stand(
-        self, place_m: FloatArray, heading_rad: float, rng: np.random.Generator, rate_hz: float
+        self, position_m: FloatArray, heading_rad: float, rng: np.random.Generator, rate_hz: float
     ) -> Iterator[BodyPose]:
         off_m, off_deg = np.zeros(3), np.array([0.0, self.pitch_deg])
         for k, time_s in enumerate(frame_times_s(rate_hz)):
@@ -230,7 +230,7 @@ class Stations(Flight):
                 off_deg = off_deg + turn / length(turn) * factor * rng.uniform(*JUMP_DEG)
             yaw_rad, pitch_rad = np.radians(off_deg)
             q_world_body_xyzw = frames.quaternion_from_angles(heading_rad + yaw_rad, pitch_rad, 0.0)
-            yield BodyPose(stamp_s=time_s, position_m=place_m + off_m, q_world_body_xyzw=q_world_body_xyzw)
+            yield BodyPose(stamp_s=time_s, position_m=position_m + off_m, q_world_body_xyzw=q_world_body_xyzw)
 
 
 def _jump(rng: np.random.Generator, off: FloatArray, axes: int, reach: float) -> FloatArray:

@@ -56,7 +56,7 @@ class SmoothNoise:
         return np.asarray(self._amplitude * waves.sum(axis=1))
 
 
-class Track:
+class SmoothPath:
     """A smooth curve along way points, by arc length and in closed form.
 
     Position, direction and heading are continuous, however sharp the corners are. At every way point the direction of

@@ -24,7 +24,7 @@ from ..bodies import Body, Mesh
 from ..engine import pybullet
 from ..errors import RenderError
 from ..solids import apply_texture, create_body
-from ..types import Camera, Images, Pinhole
+from ..types import Camera, CameraImages, Pinhole
 from ..world import World
 
 FAR_M = 2000.0
@@ -56,8 +56,8 @@ class TinyRenderer:
         self._client = world.client
         self._sun = world.scene.weather.to_sun
 
-    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """Return one `Images` per camera of the present state of the world, always with gray images."""
+    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[CameraImages]:
+        """Return one `CameraImages` per camera of the present state of the world, always with gray images."""
         return [_camera_image(camera, TINY, self._client, self._sun) for camera in cameras]
 
 
@@ -82,14 +82,14 @@ class EglRenderer:
         self._real = np.full(max(copies, default=-1) + 2, -1, np.int32)
         self._real[[copy + 1 for copy in copies]] = list(copies.values())
 
-    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """Return one `Images` per camera of the present state of the world, always with gray images."""
+    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[CameraImages]:
+        """Return one `CameraImages` per camera of the present state of the world, always with gray images."""
         for copy, real in self._moving.items():
             position, q_xyzw = pybullet.getBasePositionAndOrientation(real, physicsClientId=self._world.client)
             pybullet.resetBasePositionAndOrientation(copy, position, q_xyzw, physicsClientId=self._client)
         return [self._render(camera) for camera in cameras]
 
-    def _render(self, camera: Camera) -> Images:
+    def _render(self, camera: Camera) -> CameraImages:
         seen = _camera_image(camera, EGL, self._client, self._world.scene.weather.to_sun)
         return replace(seen, segment_id=self._real[seen.segment_id + 1])
 
@@ -134,7 +134,7 @@ def egl_plugin() -> str:
     return found.origin
 
 
-def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[float, float, float]) -> Images:
+def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[float, float, float]) -> CameraImages:
     intrinsics = camera.intrinsics
     _, _, rgba, buffer, segments = pybullet.getCameraImage(
         intrinsics.width_px,
@@ -154,7 +154,7 @@ def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[flo
     z_buffer = np.reshape(buffer, shape).astype(np.float64)
     depth_m = (FAR_M * engine.near_m / (FAR_M - (FAR_M - engine.near_m) * z_buffer)).astype(np.float32)
     depth_m[empty] = np.inf
-    return Images(gray=gray, depth_m=depth_m, segment_id=segment_id, T_world_cam=camera.T_world_cam)
+    return CameraImages(gray=gray, depth_m=depth_m, segment_id=segment_id, T_world_cam=camera.T_world_cam)
 
 
 def view_matrix(T_world_cam: FloatArray) -> list[float]:

@@ -38,7 +38,7 @@ FLAT = 2.0**-100
 """Slope that stands for 0. As a power of two it divides without rounding."""
 
 
-class View(NamedTuple):
+class CameraView(NamedTuple):
     """Pose and projection of a camera."""
 
     R_cam_world: FloatArray
@@ -70,7 +70,7 @@ class Buffers(NamedTuple):
     """Buffers for a body; `corners` has room for all bodies."""
 
     corners: FloatArray
-    """Place (x, y, z) [m] of each vertex in the camera frame, and its column and row [px], shape (V, 5)."""
+    """Position (x, y, z) [m] of each vertex in the camera frame, and its column and row [px], shape (V, 5)."""
     chosen: IdImage
     planes: FloatArray
     """For each of the three edges of a triangle, the edge function at the origin of the image and its growth by column
@@ -89,7 +89,7 @@ Bounds = tuple[float, float, float, float]
 FLOATS, INDICES, TABLE = float64[::1], int32[::1], float64[:, ::1]
 VECTOR, BOUNDS, CORNER = (types.UniTuple(float64, n) for n in (3, 4, 5))
 RANGE, BOX = types.UniTuple(int64, 2), types.UniTuple(int64, 4)
-VIEW = named_tuple(View, TABLE, FLOATS, *[float64] * 4, VECTOR, int64, int64)
+VIEW = named_tuple(CameraView, TABLE, FLOATS, *[float64] * 4, VECTOR, int64, int64)
 BODIES = named_tuple(Bodies, TABLE, uint32[:, ::1], TABLE, INDICES, INDICES)
 BUFFERS = named_tuple(Buffers, TABLE, INDICES, TABLE, int32[:, ::1], FLOATS)
 
@@ -108,7 +108,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 @compiled(void(VIEW, TABLE, int64, int64, TABLE))
 def project(
-    view: View,
+    view: CameraView,
     vertices_m: FloatArray,
     start: int,
     end: int,
@@ -127,7 +127,7 @@ def project(
     R, at_m = view.R_cam_world, view.origin_m
     for i in range(start, end):
         p = (vertices_m[i, 0] - at_m[0], vertices_m[i, 1] - at_m[1], vertices_m[i, 2] - at_m[2])
-        # A vertex at or behind the image plane gets a place without meaning, which `box_of` does not use.
+        # A vertex at or behind the image plane gets a position without meaning, which `box_of` does not use.
         x, y = dot((R[0, 0], R[0, 1], R[0, 2]), p), dot((R[1, 0], R[1, 1], R[1, 2]), p)
         z = dot((R[2, 0], R[2, 1], R[2, 2]), p)
         corners[i, 0], corners[i, 1], corners[i, 2] = x, y, z
@@ -170,9 +170,9 @@ def choose(
 
 @compiled_part(RANGE(float64, float64, int64))
 def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
-    """Return the first and last pixel of an image between two places; the last is before the first if there is none."""
+    """Return the first and last pixel between two positions; the last is before the first if there is none."""
     low, high = max(low_px, 0.0), min(high_px, size - 1.0)
-    if not low <= high:  # Also if a place is not a number.
+    if not low <= high:  # Also if a position is not a number.
         return 0, -1
     first = int(low)
     return first + (first < low), int(high)
@@ -183,7 +183,7 @@ def box_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> Box:
     """Return the pixels that a triangle may cover.
 
     Args:
-        a: A corner as a row of `Buffers.corners`: its place in the camera frame [m], and its column and row [px].
+        a: A corner as a row of `Buffers.corners`: its position in the camera frame [m], and its column and row [px].
         b: The next corner.
         c: The last corner.
         height: Rows of the image.
@@ -221,7 +221,7 @@ def is_hidden(box: Box, least_depth_m: float, width: int, inverse_depth: FloatAr
 
 @compiled(int64(VIEW, uint32[:, ::1], int64, FLOATS, BUFFERS))
 def set_up(
-    view: View,
+    view: CameraView,
     triangles: npt.NDArray[np.uint32],
     n_chosen: int,
     inverse_depth: FloatArray,
@@ -298,7 +298,7 @@ def draw(
         rows: As `Buffers.rows`, shape (n or more, 3).
         n: Number of triangles.
         width: Columns of the image.
-        near_clip: As `View.near_clip` [1/m].
+        near_clip: As `CameraView.near_clip` [1/m].
         inverse_depth: What has been drawn [1/m], 0 where there is nothing, shape (H * W,); changed in place.
         nearest: Index of the triangle that has been drawn, shape (H * W,); changed in place.
     """
@@ -329,7 +329,7 @@ def draw(
 
 @compiled(void(VIEW, BODIES, INDICES, types.boolean[::1], BUFFERS, float32[::1], INDICES))
 def rasterise(
-    view: View,
+    view: CameraView,
     bodies: Bodies,
     order: IdImage,
     is_one_sided: MaskImage,
@@ -435,10 +435,10 @@ class Rasteriser:
         return buffers
 
 
-def view_of(camera: Camera) -> View:
+def view_of(camera: Camera) -> CameraView:
     """Return a camera as the loops of rasterisation read it."""
     i, T = camera.intrinsics, camera.T_world_cam
-    return View(
+    return CameraView(
         R_cam_world=np.ascontiguousarray(T[:3, :3].T, np.float64),
         origin_m=T[:3, 3].astype(np.float64),
         fx_px=i.fx_px,
@@ -452,7 +452,7 @@ def view_of(camera: Camera) -> View:
 
 
 def _near_clip(camera: Camera) -> Vector:
-    """Return the inverse depth at which the ray of a pixel passes the plane of a camera; see `View.near_clip`."""
+    """Return the inverse depth at which the ray of a pixel passes the plane of a camera; see `CameraView.near_clip`."""
     if camera.clip_plane is None:
         return np.inf, 0.0, 0.0
     i, T, normal = camera.intrinsics, camera.T_world_cam, camera.clip_plane[:3]

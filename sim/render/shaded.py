@@ -12,7 +12,7 @@ from voxdepth.types import FloatImage
 
 from ..cpu import mapper
 from ..errors import RenderError
-from ..types import Camera, Images
+from ..types import Camera, CameraImages
 from ..world import World
 from .meshes import SceneMeshes
 from .mirrors import Mirrors
@@ -47,8 +47,8 @@ class ShadedRenderer:
         self._illuminate(0)
         compile_all()
 
-    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """Return one `Images` per camera of the present state of the world. Without `gray`, the gray images are black.
+    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[CameraImages]:
+        """Return one `CameraImages` per camera of the present state of the world. Without `gray`, these are black.
 
         Cameras with different intrinsics raise a `RenderError`.
         """
@@ -66,11 +66,11 @@ class ShadedRenderer:
             self._reflect(self._mirrors, cameras, hits, images)
         return images
 
-    def _shaded(self, cameras: Sequence[Camera], hits: Sequence[Hits]) -> list[Images]:
+    def _shaded(self, cameras: Sequence[Camera], hits: Sequence[Hits]) -> list[CameraImages]:
         return list(self._map(self._image, cameras, hits, self._sunlit(cameras, hits)))
 
     def _reflect(
-        self, mirrors: Mirrors, cameras: Sequence[Camera], hits: Sequence[Hits], images: Sequence[Images]
+        self, mirrors: Mirrors, cameras: Sequence[Camera], hits: Sequence[Hits], images: Sequence[CameraImages]
     ) -> None:
         """Add what the panes in the images reflect, in place. Panes that a reflection shows reflect nothing."""
         seen = [(pane, image) for camera, hit, image in zip(cameras, hits, images, strict=True)
@@ -103,26 +103,26 @@ class ShadedRenderer:
         towards_sun[:, 3:] = self._to_sun
         return pixels, towards_sun
 
-    def _black(self, camera: Camera, hits: Hits) -> Images:
+    def _black(self, camera: Camera, hits: Hits) -> CameraImages:
         """Return an image without brightness."""
         segment_id = self._id_of_triangle.take(hits.triangle)
         gray = np.zeros(hits.depth_m.shape, np.uint8)
-        return Images(gray=gray, depth_m=hits.depth_m, segment_id=segment_id, T_world_cam=camera.T_world_cam)
+        return CameraImages(gray=gray, depth_m=hits.depth_m, segment_id=segment_id, T_world_cam=camera.T_world_cam)
 
-    def _image(self, camera: Camera, hits: Hits, sunlit: FloatImage) -> Images:
+    def _image(self, camera: Camera, hits: Hits, sunlit: FloatImage) -> CameraImages:
         """Return the image of a camera; `sunlit` is 0 in a shadow and 1 elsewhere, shape (H, W)."""
         projection, materials = projection_of(camera), self._materials
         depth_m, lit, size = hits.depth_m.reshape(-1), sunlit.reshape(-1), hits.depth_m.size
         points, detail = self._buffers(size)
         gray = np.empty(size, np.uint8)
-        spans, place_of_body = spans_of(hits.triangle, materials.body_of_triangle)
+        spans, offset_of_body = spans_of(hits.triangle, materials.body_of_triangle)
         locate(spans, depth_m, projection, materials, self._seen_from(camera), points)
         draw_windows(spans, points, materials, detail)
-        add_textures(points, place_of_body, materials, detail)
+        add_textures(points, offset_of_body, materials, detail)
         shade(spans, depth_m, detail, lit, projection, materials, self._atmosphere, gray)
         segment_id = np.repeat(self._id_of_triangle[spans[:, 2]], spans[:, 1])
         shape, T_world_cam = hits.depth_m.shape, camera.T_world_cam
-        return Images(
+        return CameraImages(
             gray=gray.reshape(shape),
             depth_m=hits.depth_m,
             segment_id=segment_id.reshape(shape),

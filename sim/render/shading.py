@@ -73,13 +73,13 @@ def locate(
         projection: The camera.
         materials: Those of all triangles and bodies.
         T_body_cam: Pose of the camera in the frame of each body, shape (B, 4, 4).
-        points: Rows x, y, z and sharpness, a column per place in the buffers, shape (4, H * W); written.
+        points: Rows x, y, z and sharpness, a column per entry of the buffers, shape (4, H * W); written.
     """
     width, fx, fy, cx, cy, R = projection
     for i in range(len(spans)):
-        first, size, triangle, place = spans[i, 0], spans[i, 1], spans[i, 2], spans[i, 3]
+        first, size, triangle, offset = spans[i, 0], spans[i, 1], spans[i, 2], spans[i, 3]
         col, y = first % width, (np.float32(first // width) - cy) / fy
-        pixel, at = np.uint64(first), np.uint64(place)
+        pixel, at = np.uint64(first), np.uint64(offset)
         if triangle == len(materials.normals):
             for k in range(size):
                 x = (np.float32(col + k) - cx) / fx
@@ -138,7 +138,7 @@ def shade(
     Args:
         spans: The spans of the image, shape (n, 4).
         depth_m: Depth of each pixel, shape (H * W,).
-        detail: Deviation of the brightness by texture, windows or clouds, by the places in the buffers, shape (H * W,).
+        detail: Deviation of the brightness by texture, windows or clouds, as the buffers have it, shape (H * W,).
         sunlit: 1 where the sun reaches a pixel's surface and 0 in a shadow, shape (H * W,).
         projection: The camera.
         materials: Those of all triangles and bodies, with light.
@@ -171,13 +171,13 @@ def shade(
 def spans_of(triangle: IdImage, body_of_triangle: IdImage) -> tuple[Spans, IdImage]:
     """Divide an image of triangle indices, shape (H, W), into spans.
 
-    The second result has the first place of each body in the buffers, and the number of all pixels: body b has the
-    places from the entry b to the entry b + 1.
+    The second result has the offset of each body in the buffers, and the number of all pixels: body b has the
+    columns from the entry b to the entry b + 1.
     """
     spans = np.empty((count_spans(triangle), 4), np.int32)
-    place_of_body = np.zeros(int(body_of_triangle[-1]) + 2, np.int32)
-    find_spans(triangle, body_of_triangle, spans, place_of_body)
-    return spans, place_of_body
+    offset_of_body = np.zeros(int(body_of_triangle[-1]) + 2, np.int32)
+    find_spans(triangle, body_of_triangle, spans, offset_of_body)
+    return spans, offset_of_body
 
 
 @compiled(int64(int32[:, ::1]))
@@ -197,15 +197,15 @@ def find_spans(
     body_of_triangle: IdImage,
     # output
     spans: Spans,
-    place_of_body: IdImage,
+    offset_of_body: IdImage,
 ) -> None:
-    """Find the spans in the order of the image, and their places in the buffers, where each body's are successive.
+    """Find the spans in the order of the image, and their offsets in the buffers, where each body's are successive.
 
     Args:
         triangle: Index of the triangle of each pixel, shape (H, W); T is the sky.
         body_of_triangle: Index of its body, shape (T + 1,); B is the sky.
         spans: As `Spans`, shape (n, 4), with a row per span as `count_spans` counts them; written.
-        place_of_body: See `spans_of`, shape (B + 2,); zeros that are written.
+        offset_of_body: See `spans_of`, shape (B + 2,); zeros that are written.
     """
     height, width = triangle.shape
     n = 0
@@ -214,16 +214,16 @@ def find_spans(
         for col in range(width):
             if col + 1 == width or triangle[row, col] != triangle[row, col + 1]:
                 spans[n, 0], spans[n, 1], spans[n, 2] = row * width + first, col + 1 - first, triangle[row, col]
-                place_of_body[body_of_triangle[triangle[row, col]] + 1] += col + 1 - first
+                offset_of_body[body_of_triangle[triangle[row, col]] + 1] += col + 1 - first
                 first = col + 1
                 n += 1
-    for body in range(1, len(place_of_body)):
-        place_of_body[body] += place_of_body[body - 1]
-    next_place = place_of_body.copy()
+    for body in range(1, len(offset_of_body)):
+        offset_of_body[body] += offset_of_body[body - 1]
+    next_offset = offset_of_body.copy()
     for i in range(n):
         body = body_of_triangle[spans[i, 2]]
-        spans[i, 3] = next_place[body]
-        next_place[body] += spans[i, 1]
+        spans[i, 3] = next_offset[body]
+        next_offset[body] += spans[i, 1]
 
 
 def projection_of(camera: Camera) -> Projection:

@@ -4,7 +4,7 @@ A texture moves with the body, needs no images and is the same in both cameras. 
 become finer than the footprint of a pixel, which avoids aliasing. The points of a body lie behind each other in the
 buffers, so the loops over octaves of noise run over many pixels at a time.
 
-The buffers have a place for each of the P pixels of an image. `points`, shape (4, P), has the coordinates x, y and z of
+The buffers have a column for each of the P pixels of an image. `points`, shape (4, P), has the coordinates (x, y, z) of
 its surface in the frame of the body [m], and the sharpness, which is the inverse of the pixel's footprint there [1/m].
 `detail`, shape (P,), has the deviation of its brightness from the mean of the body, as a share of the mean.
 """
@@ -21,7 +21,7 @@ from voxdepth.types import FloatImage
 from ..types import IdImage
 
 Spans = npt.NDArray[np.int32]
-"""The parts of the rows of an image that show one triangle: first pixel, number of pixels, triangle, and place of the
+"""The parts of the rows of an image that show one triangle: first pixel, number of pixels, triangle, and offset of the
 first pixel in the buffers, shape (n, 4)."""
 
 
@@ -214,8 +214,8 @@ def add_pattern(
 
     Args:
         points: See the module, shape (4, P).
-        first: Place of the first point.
-        end: Place after the last one.
+        first: Column of the first point.
+        end: Column after the last one.
         pattern: Index into `PATTERNS`.
         seed: That of the body.
         detail: See the module, shape (P,); changed in place from `first` to `end`.
@@ -240,7 +240,7 @@ def add_pattern(
 @compiled(void(TABLE, INDICES, MATERIALS, FLOATS))
 def add_textures(
     points: FloatImage,
-    place_of_body: IdImage,
+    offset_of_body: IdImage,
     materials: Materials,
     # output
     detail: FloatImage,
@@ -249,15 +249,15 @@ def add_textures(
 
     Args:
         points: See the module, shape (4, P).
-        place_of_body: First place of each body and of the sky, and the number of all, shape (B + 2,).
+        offset_of_body: Offset of each body and of the sky, and the number of all, shape (B + 2,).
         materials: Those of all bodies and of the sky.
         detail: See the module, shape (P,); changed in place.
     """
     for body in range(len(materials.pattern)):
         pattern, seed = materials.pattern[body], materials.seed[body]
         low, high = LIMITS[pattern, 0], LIMITS[pattern, 1]
-        end_of_body = place_of_body[body + 1] if materials.surface[body, 1] > 0 else place_of_body[body]
-        for first in range(place_of_body[body], end_of_body, CHUNK_PX):
+        end_of_body = offset_of_body[body + 1] if materials.surface[body, 1] > 0 else offset_of_body[body]
+        for first in range(offset_of_body[body], end_of_body, CHUNK_PX):
             end = min(first + CHUNK_PX, end_of_body)
             add_pattern(points, first, end, pattern, seed, detail)
             own = detail[first:end]

@@ -17,7 +17,7 @@ BUSH_RADIUS_M, BUSH_APART_M = (0.4, 1.0), 0.3
 
 
 class ForestSpec(SceneSpec):
-    """Trees at random places with a minimum distance, and bushes. Flights lead along x."""
+    """Trees at random positions with a minimum distance, and bushes. Flights lead along x."""
 
     kind: Literal["forest"] = "forest"
     length_m: float = Field(default=100.0, ge=70)

@@ -11,7 +11,7 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Scene, SceneSpec, Surface, standing_body
 from ..seeds import Purpose, stream
-from .layout import Layout, flat_ground, places_beside, winding_path
+from .layout import Layout, flat_ground, positions_beside, winding_path
 from .vegetation import GRASS, Candidates, Garden, TreeRanges
 
 PATH, HEDGE, WALL, TREES, BENCHES, BUSHES = range(6)
@@ -46,7 +46,7 @@ class LawnSpec(SceneSpec):
         layout = Layout(path_m)
 
         def candidates(rng: np.random.Generator) -> FloatArray:
-            return places_beside(rng, path_m, (0, self.length_m), self.width_m / 2)
+            return positions_beside(rng, path_m, (0, self.length_m), self.width_m / 2)
 
         garden = Garden(seed=seed, layout=layout, candidates=candidates)
         bodies = (

@@ -20,7 +20,7 @@ PATH_HEADROOM_M = 4.5
 WAY_POINT_STEP_M = 2.0
 """Distance between way points, along x."""
 TRIES = 64
-"""Number of places that are tried for each obstacle."""
+"""Number of positions that are tried for each obstacle."""
 GROUND_SIDE_M = 400.0
 PAVED = Surface(albedo=0.38, pattern="ground")
 
@@ -38,16 +38,16 @@ class Layout:
         """Centre (x, y) and radius of each reserved circle."""
 
     def place(self, name: str, candidates_m: FloatArray, *, reach_m: float, apart_m: float) -> tuple[float, float]:
-        """Reserve the first free of several candidate places, and return its x and y in the world frame [m].
+        """Reserve the first free of several candidate positions, and return its x and y in the world frame [m].
 
         Args:
             name: What is placed, for the error.
-            candidates_m: Places (x, y), world frame, shape (n, 2).
+            candidates_m: Positions (x, y), world frame, shape (n, 2).
             reach_m: Extent of the obstacle towards the path, whose clearance stays free of it.
             apart_m: Radius of the circle around the obstacle that overlaps with no circle of another one.
 
         Raises:
-            SceneError: No place is free.
+            SceneError: No position is free.
         """
         beside_path = distance_to_path_m(candidates_m, self._path_m) >= reach_m + PATH_CLEARANCE_M
         gap = np.linalg.norm(candidates_m[:, None] - self._circles_m[:, :2], axis=2) - self._circles_m[:, 2]
@@ -81,8 +81,10 @@ def winding_path(rng: np.random.Generator, length_m: float, swing_m: float) -> F
     return np.stack([x, y, np.zeros_like(x)], axis=1)
 
 
-def places_beside(rng: np.random.Generator, path_m: FloatArray, x_m: tuple[float, float], side_m: float) -> FloatArray:
-    """Draw `TRIES` places (x, y), shape (n, 2), in a range of x beside a path, with a higher density near it.
+def positions_beside(
+    rng: np.random.Generator, path_m: FloatArray, x_m: tuple[float, float], side_m: float
+) -> FloatArray:
+    """Draw `TRIES` positions (x, y), shape (n, 2), in a range of x beside a path, with a higher density near it.
 
     Args:
         rng: Source of randomness.

@@ -11,7 +11,7 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Heightfield, Scene, SceneSpec, Surface
 from ..seeds import Purpose, stream
-from .layout import Layout, places_beside, winding_path
+from .layout import Layout, positions_beside, winding_path
 from .vegetation import Garden, TreeRanges
 
 PATH, GROUND, TREES, BUSHES = range(4)
@@ -65,7 +65,7 @@ class PlainsSpec(SceneSpec):
         garden = Garden(
             seed=seed,
             layout=Layout(path_m),
-            candidates=lambda rng: places_beside(rng, path_m, x_m, side_m),
+            candidates=lambda rng: positions_beside(rng, path_m, x_m, side_m),
             height_m=lambda x, y: float(ground_height_m(ground, x, y)),
         )
         n_plants = round(self.vegetation * self.length_m * self.width_m / 100)

@@ -28,7 +28,7 @@ SLAT_M, SLAT_DEPTH_M, SLAT_GAP_M = 0.02, 0.015, 0.013
 """Width and depth of a slat, and the gap to the next one; the background in narrow gaps is hard to measure."""
 
 Part = tuple[tuple[float, float, float], tuple[float, float, float]]
-"""Sides of a box, and its centre relative to the place on the floor where the furniture stands [m]."""
+"""Sides of a box, and its centre relative to the point on the floor where the furniture stands [m]."""
 
 
 class RoomSpec(SceneSpec):
@@ -81,7 +81,7 @@ def assembled(name: str, parts: list[Part], at_m: tuple[float, float], yaw_rad: 
     Args:
         name: Name of the furniture; those of the bodies count on from `name-0`.
         parts: Sizes and centres of the boxes, in the frame of the furniture.
-        at_m: Place (x, y) in the world frame.
+        at_m: Position (x, y) in the world frame.
         yaw_rad: Rotation about the vertical, from the world's x axis towards y.
         surface: Appearance of all boxes.
     """
@@ -106,13 +106,13 @@ def slats(width_m: float, low_m: float, high_m: float, *, upright: bool) -> list
     pitch_m = SLAT_M + SLAT_GAP_M
     across_m, height_m = width_m - 2 * LEG_M, high_m - low_m - 2 * LEG_M
     n = int(((across_m if upright else height_m) - SLAT_GAP_M) / pitch_m)
-    places_m = pitch_m * (np.arange(n) - (n - 1) / 2)
+    centers_m = pitch_m * (np.arange(n) - (n - 1) / 2)
     middle_m = (low_m + high_m) / 2
     parts: list[Part] = [((LEG_M, LEG_M, high_m - low_m), (0.0, y, middle_m)) for y in _ends(width_m)]
     parts += [((LEG_M, across_m, LEG_M), (0.0, 0.0, z)) for z in (low_m + LEG_M / 2, high_m - LEG_M / 2)]
     if upright:
-        return parts + [((SLAT_DEPTH_M, SLAT_M, height_m), (0.0, y, middle_m)) for y in places_m.tolist()]
-    return parts + [((SLAT_DEPTH_M, across_m, SLAT_M), (0.0, 0.0, middle_m + z)) for z in places_m.tolist()]
+        return parts + [((SLAT_DEPTH_M, SLAT_M, height_m), (0.0, y, middle_m)) for y in centers_m.tolist()]
+    return parts + [((SLAT_DEPTH_M, across_m, SLAT_M), (0.0, 0.0, middle_m + z)) for z in centers_m.tolist()]
 
 
 def _ends(length_m: float) -> tuple[float, float]:
@@ -178,8 +178,8 @@ def _box(spec: RoomSpec, seed: int, index: int) -> Body:
     on_shelf = np.array([SHELF_AT_M + rng.uniform(-0.6, 0.6), WIDTH_M / 2 - 0.2])
     on_floor = np.array([rng.uniform(2.2, LENGTH_M - 0.4), -rng.uniform(0.9, WIDTH_M / 2 - 0.3)])
     board_m = float(rng.choice(SHELF_BOARDS_M))
-    place: tuple[FloatArray, float] = ((on_table, TABLE_HEIGHT_M), (on_shelf, board_m), (on_floor, 0.0))[index % 3]
-    (x, y), low_m = place[0].tolist(), place[1]
+    support: tuple[FloatArray, float] = ((on_table, TABLE_HEIGHT_M), (on_shelf, board_m), (on_floor, 0.0))[index % 3]
+    (x, y), low_m = support[0].tolist(), support[1]
     kind = rng.uniform()
     dark, glossy = kind < spec.dark_share, kind > 1 - spec.glossy_share
     albedo = 0.03 if dark else rng.uniform(0.25, 0.8)

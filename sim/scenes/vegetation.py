@@ -58,21 +58,21 @@ class TreeRanges(NamedTuple):
 
 
 Candidates = Callable[[np.random.Generator], FloatArray]
-"""Draws places (x, y) for one plant, shape (n, 2)."""
+"""Draws positions (x, y) for one plant, shape (n, 2)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Garden:
     """Plants trees and bushes. Every plant has its own random stream, keyed by its kind and its index.
 
-    A plant that finds no free place raises a `SceneError`.
+    A plant that finds no free position raises a `SceneError`.
     """
 
     seed: int
     layout: Layout
     candidates: Candidates
     height_m: Callable[[float, float], float] = lambda x, y: 0.0
-    """Height of the ground at a place (x, y)."""
+    """Height of the ground at a position (x, y)."""
 
     def trees(self, count: int, key: int, ranges: TreeRanges, *, apart_m: float) -> list[Body]:
         """Plant trees, and return their trunks and crowns in turn.

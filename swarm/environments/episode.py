@@ -58,7 +58,7 @@ class Episode:
         config = task.mission.model_copy(update={"aftermath_s": 0.0, "after_contact": "end"})
         self._task, self._seed, self._learners = task, seed, tuple(learners)
         self.roles: dict[int, Role] = {}
-        """Place of each learner in its swarm."""
+        """Role of each learner in its swarm."""
         self._agents: dict[int, Learner] = {}
         self._renderer: Renderer | None = None
         everyone = range(config.drones * len(config.routes))

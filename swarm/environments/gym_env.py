@@ -102,7 +102,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
 
     @property
     def role(self) -> Role:
-        """The place of the learner in its swarm."""
+        """The role of the learner in its swarm."""
         return self.episode.roles[self._drone]
 
     def situation(self) -> Situation:

@@ -1,6 +1,6 @@
 """The interface of a drone that learns: its observation and its action.
 
-An observation holds what the drone's own camera and radio told it. An action is four numbers in -1..1: the speeds
+An observation holds what the drone's own camera and radio gave it. An action is four numbers in -1..1: the speeds
 forward, left and up, and the turn to the left. The turn is needed because the camera looks forward: a drone that could
 not turn would never see its direction of flight.
 """

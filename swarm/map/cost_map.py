@@ -10,7 +10,7 @@ from voxdepth.arithmetic import cos, length, matmul, sin, without_ipp
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 from ..approach import DECEL_M_S2, ApproachLimits, stopping_speed_m_s
-from .course import Intent, Route
+from .course import Intent, LocalRoute
 from .planner import PlannedPath, Planner
 from .voxel_map import FREE, OCCUPIED, UNKNOWN, VOXEL_M
 
@@ -23,9 +23,9 @@ COMPASS = np.column_stack([cos(np.arange(8) * np.pi / 4), sin(np.arange(8) * np.
 ESCAPE_M = 0.5
 """Distance at which a drone that stands too narrow compares directions."""
 ESCAPE_SLOPE = 0.5
-"""Growth of the clearance per distance that a drone keeps on its way out of a place that is too narrow."""
+"""Growth of the clearance per distance that a drone keeps on its way out of a passage that is too narrow."""
 STEP_CELLS = 0.5
-"""Distance between the places at which a direction is tested."""
+"""Distance between the points at which a direction is tested."""
 STAYS_M_S = 1e-3
 """A drone that wants to be slower wants to stay."""
 
@@ -33,7 +33,7 @@ STAYS_M_S = 1e-3
 class CostMap:
     """What is known of the air through which a drone flies at its height: which way it may go, and how fast.
 
-    Places are in the frame of the drone's odometry.
+    Points are in the frame of the drone's odometry.
 
     Args:
         state: Worst state of each cell, shape (rows along y, columns along x): one of `voxel_map.STATES`.
@@ -70,12 +70,12 @@ class CostMap:
         self.path: PlannedPath | None = None
         """The path of this map; None until a route needs one."""
 
-    def place(self, world_m: FloatArray) -> FloatArray:
-        """Return places of the world, shape (..., 3), in the frame of the odometry."""
+    def from_world(self, world_m: FloatArray) -> FloatArray:
+        """Return points of the world, shape (..., 3), in the frame of the odometry."""
         return np.asarray(self.to_odom(world_m) + self.T_odom_world[:3, 3])
 
     def in_world(self, odom_m: FloatArray) -> FloatArray:
-        """Return places in the frame of the odometry, shape (..., 3), in that of the world."""
+        """Return points in the frame of the odometry, shape (..., 3), in that of the world."""
         return self.to_world(odom_m - self.T_odom_world[:3, 3])
 
     def to_odom(self, world: FloatArray) -> FloatArray:
@@ -93,31 +93,31 @@ class CostMap:
         inside = 0 <= row < self.state.shape[0] and 0 <= col < self.state.shape[1]
         return int(self.state[row, col]) if inside else UNKNOWN
 
-    def clearance_m(self, places_m: FloatArray) -> FloatArray:
+    def clearance_m(self, points_m: FloatArray) -> FloatArray:
         """Return the distance from each position (x, y), shape (..., 2), to the nearest space that is not free."""
-        return VOXEL_M * np.maximum(_look_up(self._clearance, self._cells(places_m)), 0)
+        return VOXEL_M * np.maximum(_look_up(self._clearance, self._cells(points_m)), 0)
 
-    def fits(self, places_m: FloatArray) -> MaskImage:
+    def fits(self, points_m: FloatArray) -> MaskImage:
         """Return whether a drone has its whole width at each position (x, y), shape (..., 2), where no other one is."""
-        return np.asarray(_look_up(self._passage, self._cells(places_m)) >= self._half_width)
+        return np.asarray(_look_up(self._passage, self._cells(points_m)) >= self._half_width)
 
     @property
     def last_path(self) -> PlannedPath | None:
         """The path that was planned last, by this map or before it."""
         return self._before if self.path is None else self.path
 
-    def route(self, intent: Intent, straight_m: float) -> Route:
+    def route(self, intent: Intent, straight_m: float) -> LocalRoute:
         """Return which way a drone may go: straight ahead if that is free for a length, or else on the path."""
         at_m, speed_m_s, way_out_m = intent.at_m, intent.speed_m_s, self._way_out(intent.at_m)
         if speed_m_s < STAYS_M_S:
-            return Route(np.zeros(3), np.zeros(3), way_out_m)
+            return LocalRoute(np.zeros(3), np.zeros(3), way_out_m)
         ahead = np.array([*intent.wanted_m_s[:2] / speed_m_s, 0.0])
         left_m = length(intent.target_m[:2] - at_m[:2])
         if self.free_length_m(at_m, ahead, straight_m) >= min(straight_m, left_m):
-            return Route(ahead, ahead, way_out_m)
+            return LocalRoute(ahead, ahead, way_out_m)
         if self.path is None:
             self.path = self.planner.plan(at_m, intent.target_m, self._before)
-        return Route(self.path.direction(at_m, ahead), self.path.look(at_m, ahead), way_out_m)
+        return LocalRoute(self.path.direction(at_m, ahead), self.path.look(at_m, ahead), way_out_m)
 
     def free_length_m(self, at_m: FloatArray, along: FloatArray, longest_m: float) -> float:
         """Return how far a drone may plan to fly from a position in a direction of length 1 (x, y)."""
@@ -160,9 +160,9 @@ class CostMap:
         best = ahead_m.argmax()
         return missing_m * COMPASS[best] if ahead_m[best] > here_m else np.zeros(2)
 
-    def _cells(self, places_m: FloatArray) -> FloatArray:
+    def _cells(self, points_m: FloatArray) -> FloatArray:
         """Return positions (x, y), shape (..., 2), in cells, whose middles have whole numbers."""
-        return (places_m[..., :2] - self.origin_m) / VOXEL_M - 0.5
+        return (points_m[..., :2] - self.origin_m) / VOXEL_M - 0.5
 
     def _free_lengths_m(
         self, clearance: FloatImage, at_m: FloatArray, directions: FloatArray, longest_m: float

@@ -48,7 +48,7 @@ class Intent(NamedTuple):
         return float(np.clip(self.wanted_m_s[2], low_m_s, high_m_s))
 
 
-class Route(NamedTuple):
+class LocalRoute(NamedTuple):
     """Which way a drone may go from where it stands, in the frame of its odometry."""
 
     direction: FloatArray
@@ -59,7 +59,7 @@ class Route(NamedTuple):
     """What the drone misses to its width, as a vector (x, y) to a more open side; 0 where it has room."""
 
     def velocity_m_s(self, intent: Intent) -> FloatArray:
-        """Return the velocity that is wanted on this route, shape (3,): out of narrow places, and no farther in."""
+        """Return the velocity that is wanted on this route, shape (3,): out of narrow passages, and no farther in."""
         level = intent.speed_m_s * self.direction[:2]
         missing_m = length(self.way_out_m)
         if missing_m > 0:
@@ -88,7 +88,7 @@ class Course(NamedTuple):
     """Points (x, y) of the path that is planned, in the frame of `view`, shape (n, 2); None where none is needed."""
 
 
-def state_of(intent: Intent, route: Route, velocity_m_s: FloatArray) -> str:
+def state_of(intent: Intent, route: LocalRoute, velocity_m_s: FloatArray) -> str:
     """Return `free`, `avoiding`, `exploring` or `blocked`, by what is left of a wanted velocity, shape (3,)."""
     speed_m_s, flown_m_s = intent.speed_m_s, length(velocity_m_s[:2])
     if speed_m_s > WANTS_TO_FLY_M_S and flown_m_s < STANDS_M_S:

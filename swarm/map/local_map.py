@@ -1,6 +1,6 @@
 """The map around one drone: it takes in percepts, and answers how the drone may fly through what they proved.
 
-The speed is that of a braking curve over the free space in the direction that is really flown, whoever asked for it:
+The speed is that of a braking curve over the free space in the direction that is really flown, whoever requests it:
 the rules, other drones, or the path around an obstacle.
 """
 
@@ -118,8 +118,8 @@ class LocalMap:
         """
         costs = self._costs
         assert costs is not None, "update comes first"
-        at_m, wanted = costs.place(own.position_m), costs.to_odom(wanted_m_s)
-        target = at_m + TARGET_AHEAD_S * wanted if target_m is None else costs.place(target_m)
+        at_m, wanted = costs.from_world(own.position_m), costs.to_odom(wanted_m_s)
+        target = at_m + TARGET_AHEAD_S * wanted if target_m is None else costs.from_world(target_m)
         intent = Intent(at_m, wanted, target)
         route = costs.route(intent, self._straight_m(intent.speed_m_s))
         limits = ApproachLimits(costs.to_odom(drones.towards), drones.speed_m_s)
@@ -141,12 +141,12 @@ class LocalMap:
             path_m=None if costs.path is None else costs.path.points_m,
         )
 
-    def first_free(self, places_m: FloatArray) -> int:
-        """Return the index of the first place, of shape (n, 3), where the drone fits; the last one if there is none."""
+    def first_free(self, points_m: FloatArray) -> int:
+        """Return the index of the first point, of shape (n, 3), where the drone fits; the last one if there is none."""
         if self._costs is None:
             return 0
-        fits = self._costs.fits(self._costs.place(places_m))
-        return int(fits.argmax()) if fits.any() else len(places_m) - 1
+        fits = self._costs.fits(self._costs.from_world(points_m))
+        return int(fits.argmax()) if fits.any() else len(points_m) - 1
 
     def blacklist(self, at_m: FloatArray, time_s: float) -> bool:
         """Blacklist what is unknown at the next points of the path, if they are near; return whether they are.
@@ -159,8 +159,8 @@ class LocalMap:
         points_m = self._costs.path.beyond_m[:POINTS_BLACKLISTED]
         if not len(points_m) or length(points_m[0] - at_m[:2]) > BEFORE_IT_M:
             return False
-        places_m = np.column_stack([points_m, np.full(len(points_m), at_m[2])])
-        self._voxels.blacklist(places_m, self._half_width_m, self._half_height_m, time_s)
+        points_m = np.column_stack([points_m, np.full(len(points_m), at_m[2])])
+        self._voxels.blacklist(points_m, self._half_width_m, self._half_height_m, time_s)
         return True
 
     def _slow_drones(self, at_m: FloatArray, drones_m: FloatArray, velocities_m_s: FloatArray) -> FloatArray:

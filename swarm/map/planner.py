@@ -90,9 +90,9 @@ class Planner:
         clear = [n for n, cell in enumerate(nearby, start=1) if _is_free_between(self._blocked, path[0], cell)]
         return PlannedPath(self._origin_m + PATH_CELL_M * (path[:, ::-1] + 0.5), max(clear, default=0))
 
-    def _path_cells(self, places_m: FloatArray) -> Indices:
+    def _path_cells(self, points_m: FloatArray) -> Indices:
         """Return row and column of the cell of a path at each position (x, y), shape (..., 2)."""
-        cells: Indices = np.floor((places_m[..., :2] - self._origin_m) / PATH_CELL_M).astype(np.intp)
+        cells: Indices = np.floor((points_m[..., :2] - self._origin_m) / PATH_CELL_M).astype(np.intp)
         return cells[..., ::-1]
 
     @cached_property

@@ -126,33 +126,33 @@ class VoxelMap:
         """
         self._make_free(self._in_cylinders(at_m[None], radius_m, half_height_m), time_s)
 
-    def mark_free(self, places_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
+    def mark_free(self, centers_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
         """Make the upright cylinders free that other drones are believed to take.
 
         A confirmed surface stays: the belief may be wrong by more than the width of a drone.
 
         Args:
-            places_m: Middle of each cylinder, in the frame of the odometry, shape (n, 3).
+            centers_m: Middle of each cylinder, in the frame of the odometry, shape (n, 3).
             radius_m: Radius of the cylinders.
             half_height_m: Height of the cylinders above and below their middles.
             time_s: Time from which on the free space is remembered.
         """
-        inside = self._in_cylinders(places_m, radius_m, half_height_m)
+        inside = self._in_cylinders(centers_m, radius_m, half_height_m)
         is_open = self._occupancy_ms[inside] < OCCUPIED_MS
         self._make_free(tuple(along[is_open] for along in inside), time_s)
 
-    def blacklist(self, places_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
+    def blacklist(self, centers_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
         """Make what is unknown in upright cylinders unobservable, because looking did not help.
 
         What was unobservable already is blacklisted, until an image shows it; cylinders that overlap count once.
 
         Args:
-            places_m: Middle of each cylinder, in the frame of the odometry, shape (n, 3).
+            centers_m: Middle of each cylinder, in the frame of the odometry, shape (n, 3).
             radius_m: Radius of the cylinders.
             half_height_m: Height of the cylinders above and below their middles.
             time_s: Time at which free space must still be remembered, or else it is unknown.
         """
-        inside = self._in_cylinders(places_m, radius_m, half_height_m)
+        inside = self._in_cylinders(centers_m, radius_m, half_height_m)
         before_ms = self._unobserved_ms[inside]
         worse_ms = np.where(before_ms >= self._vain_from_ms, BLACKLISTED_MS, self._vain_from_ms)
         self._unobserved_ms[inside] = np.where(self._is_free(inside, time_s), before_ms, worse_ms)

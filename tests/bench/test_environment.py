@@ -1,4 +1,4 @@
-"""Speed of the learning environments, printed and never judged: machines are noisy. Run by `make bench`."""
+"""Speed of the learning environments, printed and never evaluated: machines are noisy. Run by `make bench`."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Speeds of simulator and missions, printed and never judged: machines are noisy. Run by `make bench`."""
+"""Speeds of simulator and missions, printed and never evaluated: machines are noisy. Run by `make bench`."""
 
 import os
 import platform

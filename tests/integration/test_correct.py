@@ -265,10 +265,10 @@ def test_bad_options_and_configurations_say_what_is_wrong_in_one_line_and_write_
 def test_nothing_is_ever_written_among_the_input(
     option: str, ending: str, name: str, sequence: Path, tmp_path: Path
 ) -> None:
-    before, place = sorted(sequence.rglob("*")), sequence / name / ending
-    done = invoke("correct", sequence, "--out", tmp_path / "out", option, place)
+    before, inside = sorted(sequence.rglob("*")), sequence / name / ending
+    done = invoke("correct", sequence, "--out", tmp_path / "out", option, inside)
     assert isinstance(done.exception, ToolError)
-    assert f"{option} {place} lies in the input" in str(done.exception)
+    assert f"{option} {inside} lies in the input" in str(done.exception)
     assert sorted(sequence.rglob("*")) == before
     assert not list(tmp_path.iterdir())
 

@@ -123,8 +123,8 @@ def test_another_format_becomes_a_bag_with_its_times(bag: Path, tmp_path: Path) 
     (tmp_path / "export" / "calibration.toml").write_text(toml_of(dataset.intrinsics))
     done = invoke("correct", tmp_path / "export", "--out", tmp_path / "out.mcap")
     assert done.exit_code == 0
-    told = r"export has depth in millimetres, as most cameras have it, [\d.]+ m in the median of its first image"
-    assert re.search(told, done.output)
+    reported = r"export has depth in millimetres, as most cameras have it, [\d.]+ m in the median of its first image"
+    assert re.search(reported, done.output)
     headers = {header_of(message) for _, _, message in messages(tmp_path / "out.mcap")}
     assert {header.frame_id for header in headers} == {"camera"}
     for stamp_ns, header in zip(STAMPS_NS, sorted(headers), strict=False):

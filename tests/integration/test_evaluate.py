@@ -54,7 +54,7 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     assert values(tmp_path / "out") == before
 
 
-def test_a_baseline_that_is_assumed_is_told_once_although_every_kind_opens_the_recording(
+def test_a_baseline_that_is_assumed_is_reported_once_although_every_kind_opens_the_recording(
     folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
     shutil.copytree(folders[1], tmp_path / "walk")
@@ -106,7 +106,7 @@ def test_a_group_stands_for_its_sequences(given: list[str], names: tuple[str, ..
     assert [one.name for one in requested] == [f"{tmp_path.name}-{mask}" for mask in HELD_OUT]
 
 
-def test_a_package_that_writes_the_results_is_asked_for_before_the_work(
+def test_a_package_that_writes_the_results_is_requested_before_the_work(
     folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)  # type: ignore[arg-type]  # Python's mark of a missing package.

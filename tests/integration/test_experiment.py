@@ -44,29 +44,29 @@ def small(name: str, out: Path) -> Experiment:
     """An experiment on a few tiny frames, which reports to nobody."""
     given = {"sequences": (SEQUENCE,), "frames": FRAMES, "width_px": WIDTH_PX}
     experiment = find_experiment(name)
-    return experiment.asked(out=out, report=unseen, **given if experiment.sequences else {})
+    return experiment.with_options(out=out, report=unseen, **given if experiment.sequences else {})
 
 
 @pytest.mark.parametrize("name", [name for name in CATALOGUE if name not in ("collide", "steps", "quality")])
 def test_an_experiment_answers_on_a_few_frames_with_a_table_a_picture_and_claims(
     name: str, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = small(name, out)
+    experiment = small(name, out)
     for constant, value in FEWER.get(name, {}).items():
         monkeypatch.setattr(import_module(f"scenarios.experiments.{name}"), constant, value)
-    findings = asked.answer(asked)
+    findings = experiment.answer(experiment)
     assert len(findings.table) and not findings.table.columns.duplicated().any()
     assert findings.figure is not None and cv2.imdecode(np.frombuffer(findings.figure, np.uint8), cv2.IMREAD_COLOR).size
-    for claim in asked.claims(findings.table):
+    for claim in experiment.claims(findings.table):
         assert claim.paper and claim.found and claim.agrees_if
     assert len(list((out / "recordings").iterdir() if (out / "recordings").exists() else ())) <= 1
 
 
 def test_the_steps_are_shown_from_the_sparse_projection_to_every_rival(out: Path) -> None:
-    asked = small("steps", out)
-    findings = asked.answer(asked)
+    experiment = small("steps", out)
+    findings = experiment.answer(experiment)
     table = findings.table.set_index("step")
-    assert findings.figure and [claim.verdict for claim in asked.claims(findings.table)] != ["open"]
+    assert findings.figure and [claim.verdict for claim in experiment.claims(findings.table)] != ["open"]
     shown = ["its depth", "sparse projection", "template", "aligned template", "result", "truth", "raw"]
     rivals = ["RS: realsense-left", "GS: lmeds", "VD-code: voxdepth-authors", "VD: voxdepth", "temporal"]
     assert {*shown, *rivals} <= {*table.index}
@@ -79,17 +79,17 @@ def test_collisions_are_read_from_a_store_or_flown_and_then_resumed(
 ) -> None:
     flown: list[str] = []
     monkeypatch.setattr(collide, "Processes", lambda *_: Serial(lambda spec: flown.append(spec.key) or fake(spec)))
-    asked = find_experiment("collide").asked(out=tmp_path, frames=2, report=unseen)
-    first = asked.answer(asked).table
+    experiment = find_experiment("collide").with_options(out=tmp_path, frames=2, report=unseen)
+    first = experiment.answer(experiment).table
     assert len(flown) == 10 and list(first["n runs"]) == [2] * 5
-    pd.testing.assert_frame_equal(asked.answer(asked).table, first)
+    pd.testing.assert_frame_equal(experiment.answer(experiment).table, first)
     assert len(flown) == 10, "what is stored is not flown again"
     store = tmp_path / "store"
     run_study(collide.small_study(3), store, Serial(fake), unseen)
-    stored = asked.asked(data=(store,))
+    stored = experiment.with_options(data=(store,))
     assert list(stored.answer(stored).table["n runs"]) == [3] * 5
     with pytest.raises(ScenarioError, match="expected one store of the study noise, got 2"):
-        replace(asked, data=(store, store)).answer(replace(asked, data=(store, store)))
+        replace(experiment, data=(store, store)).answer(replace(experiment, data=(store, store)))
 
 
 def write_trajectory(folder: Path, frames: int) -> None:
@@ -105,10 +105,12 @@ def write_trajectory(folder: Path, frames: int) -> None:
         )
 
 
-def test_a_trajectory_of_mid_air_is_judged_in_place_of_the_sequences(tmp_path: Path) -> None:
+def test_a_trajectory_of_mid_air_is_evaluated_in_place_of_the_sequences(tmp_path: Path) -> None:
     write_trajectory(tmp_path / "KTS", FRAMES)
-    asked = find_experiment("quality").asked(out=tmp_path, frames=100, report=unseen, data=(tmp_path / "KTS",))
-    table = asked.answer(asked).table
+    experiment = find_experiment("quality").with_options(
+        out=tmp_path, frames=100, report=unseen, data=(tmp_path / "KTS",)
+    )
+    table = experiment.answer(experiment).table
     assert set(table["sequence"]) == {"KTS"}, "all of its frames, and no rendered sequence"
     psnr, masked, _ = (row for _, row in table.iterrows())
     assert psnr["VD (paper)"] == 17.69 and psnr["n"] == 2 * 16 * 16 and masked["n"] == 2 * 16
@@ -117,12 +119,12 @@ def test_a_trajectory_of_mid_air_is_judged_in_place_of_the_sequences(tmp_path: P
 
 def test_a_trajectory_that_ends_before_the_first_template_is_refused(tmp_path: Path) -> None:
     write_trajectory(tmp_path / "short", 3)
-    asked = find_experiment("quality").asked(out=tmp_path, report=unseen, data=(tmp_path / "short",))
+    experiment = find_experiment("quality").with_options(out=tmp_path, report=unseen, data=(tmp_path / "short",))
     with pytest.raises(ScenarioError, match="expected at least 17 frames in short, got 3"):
-        asked.answer(asked)
+        experiment.answer(experiment)
 
 
-def test_quality_is_told_beside_the_paper_s_and_recordings_are_kept(out: Path) -> None:
+def test_quality_is_reported_beside_the_paper_s_and_recordings_are_kept(out: Path) -> None:
     options = ("--sequences", f"{SEQUENCE}, {SEQUENCE}", "--width", WIDTH_PX, "--frames", FRAMES, "--out", out)
     done = invoke("experiment", "quality", *options)
     assert done.exit_code == 0, done.output

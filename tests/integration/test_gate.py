@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests import gate
-from tests.gate import Figure, depth_figures, flight_figures, judged, lines, read, recording_figure
+from tests.gate import Figure, depth_figures, flight_figures, judge, lines, read, recording_figure
 from voxdepth.errors import ConfigError
 
 PARTS: dict[str, Callable[[], Iterable[Figure]]] = {
@@ -25,7 +25,7 @@ def test_no_figure_is_worse_than_the_file_says(part: str) -> None:
     before = {name: figure for name, figure in read().items() if name.startswith(f"{part}:")}
     measured = list(PARTS[part]())
     assert {one.name for one in measured} == set(before), "write the file with: python -m tests.gate --update"
-    found = judged(measured, before)
+    found = judge(measured, before)
     assert not found["worse"], "\n".join(lines(found, before))
 
 
@@ -44,7 +44,7 @@ def test_the_file_is_small_and_says_what_each_figure_means() -> None:
 )
 def test_a_change_has_a_direction_beyond_the_tolerance(value: float, better: str, change: str) -> None:
     before = replace(LENGTH, better=better)
-    found = judged([replace(before, value=value)], {"length": before})
+    found = judge([replace(before, value=value)], {"length": before})
     assert [one for one in found if found[one]] == [change]
     said = list(lines(found, {"length": before}))
     assert said == ([] if change == "same" else [f"{change}: length: 2 became {value:g} m (tolerance 0.1)"])
@@ -73,7 +73,7 @@ def test_a_worse_figure_is_written_with_a_reason_only(
     assert read(gate.GATE)["length"] == replace(LENGTH, value=1.0)
 
 
-def test_a_figure_that_is_gone_or_new_is_told(tmp_path: Path) -> None:
+def test_a_figure_that_is_gone_or_new_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="not measured: width; write it with --update"):
-        judged([LENGTH], {"length": LENGTH, "width": replace(LENGTH, name="width")})
-    assert list(lines(judged([LENGTH], {}), {})) == ["new: length: 2 m"]
+        judge([LENGTH], {"length": LENGTH, "width": replace(LENGTH, name="width")})
+    assert list(lines(judge([LENGTH], {}), {})) == ["new: length: 2 m"]

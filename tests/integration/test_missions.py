@@ -60,7 +60,7 @@ def test_the_same_seed_gives_the_same_flight_with_any_number_of_threads(depth: s
         np.testing.assert_array_equal(a.position_m, b.position_m)
 
 
-class Told(Recorder):
+class Spy(Recorder):
     """Keeps the names of the calls, and says when drones have decided."""
 
     def __init__(self) -> None:
@@ -81,9 +81,9 @@ class Told(Recorder):
 
 
 @pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
     """A recorder of a flight in which no image is processed before the drones have decided."""
-    recorder, see = Told(), Perception.see
+    recorder, see = Spy(), Perception.see
 
     def see_late(self: Perception, capture: Capture) -> Percept:
         assert recorder.decided.wait(20), "the drones wait for images that they do not know yet"
@@ -96,23 +96,23 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
 OF_THE_FIRST_IMAGES = [f"capture {drone} at 0" for drone in range(3)]
 
 
-def test_drones_decide_and_fly_while_their_images_are_processed(told: Told) -> None:
-    with flying(short(), told, recorded=False, threads=2) as mission:
+def test_drones_decide_and_fly_while_their_images_are_processed(spy: Spy) -> None:
+    with flying(short(), spy, recorded=False, threads=2) as mission:
         mission.tick(wait=False)
-        assert told.calls == []
+        assert spy.calls == []
         mission.tick(wait=False)
-        assert told.calls == OF_THE_FIRST_IMAGES
+        assert spy.calls == OF_THE_FIRST_IMAGES
         mission.tick(wait=False)
         mission.interrupt()
-    assert told.calls == [*OF_THE_FIRST_IMAGES, *(f"capture {drone} at 24" for drone in range(3)), "outcome"]
+    assert spy.calls == [*OF_THE_FIRST_IMAGES, *(f"capture {drone} at 24" for drone in range(3)), "outcome"]
 
 
-def test_a_recorder_receives_images_before_a_contact(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recorder_receives_images_before_a_contact(spy: Spy, monkeypatch: pytest.MonkeyPatch) -> None:
     hit = Contact(time_s=0.0, drone=1, other="tower", kind="building", speed_m_s=1.0)
-    with flying(short(), told, recorded=False, threads=2) as mission:
+    with flying(short(), spy, recorded=False, threads=2) as mission:
         monkeypatch.setattr(mission.world, "step", lambda: [hit])
         mission.tick(wait=False)
-    assert told.calls[:4] == [*OF_THE_FIRST_IMAGES, "contact"]
+    assert spy.calls[:4] == [*OF_THE_FIRST_IMAGES, "contact"]
 
 
 def test_a_drone_that_sees_late_knows_how_far_it_has_come_since() -> None:

@@ -57,7 +57,7 @@ def route(x0: float, y0: float, x1: float, y1: float) -> Route:
 
 
 def config(*routes: Route, **changes: Any) -> MissionConfig:
-    """Leaders alone, unless more drones are asked for."""
+    """Leaders alone, unless more drones are requested."""
     values: dict[str, Any] = {"routes": routes, "drones": 1, "duration_s": 30.0, "deadlock_s": 3.0}
     return MissionConfig.model_validate(values | changes)
 

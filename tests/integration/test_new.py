@@ -58,7 +58,7 @@ def test_on_a_full_disk_nothing_is_left_that_the_next_call_takes_for_the_user_s(
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "told"),
+    ("kind", "name", "message"),
     [
         ("scenario", "a/b", "must consist of letters"),
         ("controller", "my-own", "must consist of letters"),
@@ -68,11 +68,11 @@ def test_on_a_full_disk_nothing_is_left_that_the_next_call_takes_for_the_user_s(
     ],
 )
 def test_a_name_that_cannot_be_is_refused(
-    kind: str, name: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, name: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there.toml").write_text("mine")
     done = invoke("new", kind, name)
     assert isinstance(done.exception, ToolError)
-    assert told in str(done.exception)
+    assert message in str(done.exception)
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]

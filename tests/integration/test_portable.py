@@ -31,7 +31,7 @@ def test_a_setting_leaves_no_other_one(monkeypatch: pytest.MonkeyPatch) -> None:
     assert portable.environment("as it is")["PATH"] == os.environ["PATH"]
 
 
-def test_what_differs_is_told_with_its_size() -> None:
+def test_what_differs_is_reported_with_its_size() -> None:
     a = {"x": np.array([1.0, 2.0]), "text": np.array("one\ntwo"), "n": np.array(3)}
     assert difference("w", a, dict(a)) is None
     found = difference("w", a, a | {"x": np.array([1.0, 2.0 + 1e-6])})
@@ -68,7 +68,7 @@ def test_a_setting_that_the_processor_lacks_is_named(
     assert capsys.readouterr().err.startswith(f"portable: {said}")
 
 
-def test_a_workload_that_fails_is_told_with_its_last_line() -> None:
+def test_a_workload_that_fails_is_reported_with_its_last_line() -> None:
     with pytest.raises(VoxDepthError, match="failed with exit status 1: KeyError: 'flight moon'"):
         portable.differences(["as it is"], ["flight moon"], 1)
 

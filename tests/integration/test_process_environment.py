@@ -120,19 +120,19 @@ def test_the_settings_that_are_documented_stay() -> None:
 
 def test_a_warning_is_no_error_of_a_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "warnoptions", ["error"])
-    with mock.patch.dict(os.environ), warnings.catch_warnings(record=True) as told:
+    with mock.patch.dict(os.environ), warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("error")
         settle()
-        warnings.warn("told", UserWarning, stacklevel=1)
+        warnings.warn("reported", UserWarning, stacklevel=1)
         warnings.warn("not told", DeprecationWarning, stacklevel=1)
-    assert [str(each.message) for each in told] == ["told"]
+    assert [str(each.message) for each in reported] == ["reported"]
     assert sys.warnoptions == []
 
 
 @pytest.mark.parametrize("value", ["yes", "", "-1", "1.0"])
 def test_a_variable_that_is_kept_and_is_no_number_is_refused(value: str) -> None:
-    told = rf"^the variable NUMBA_BOUNDSCHECK must be 0 or 1, got '{value}': correct or unset it$"
-    with mock.patch.dict(os.environ, NUMBA_BOUNDSCHECK=value), pytest.raises(ToolError, match=told):
+    reported = rf"^the variable NUMBA_BOUNDSCHECK must be 0 or 1, got '{value}': correct or unset it$"
+    with mock.patch.dict(os.environ, NUMBA_BOUNDSCHECK=value), pytest.raises(ToolError, match=reported):
         settle()
 
 
@@ -149,8 +149,8 @@ def test_a_new_process_of_a_command_takes_no_script_of_the_current_folder_for_a_
 
 @pytest.mark.parametrize("error", [UnicodeDecodeError("utf-8", b"\xe9", 0, 1, "why"), TypeError("5\nis no table")])
 def test_a_configuration_on_which_a_library_fails_is_refused_in_one_line(error: Exception) -> None:
-    told = r"^Plots does not load with its configuration \(.*\): mend or move ~/.plots$"
-    with pytest.raises(ToolError, match=told), configured("Plots", "~/.plots"):
+    reported = r"^Plots does not load with its configuration \(.*\): mend or move ~/.plots$"
+    with pytest.raises(ToolError, match=reported), configured("Plots", "~/.plots"):
         raise error
 
 

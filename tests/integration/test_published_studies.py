@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.study.report import Findings
+from scenarios.study.report import StudyAnalysis
 from scenarios.study.store import StudyData, read_study
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -22,7 +22,7 @@ def data(request: pytest.FixtureRequest) -> StudyData:
 def test_every_table_of_a_study_in_the_documents_is_that_of_its_store(data: StudyData) -> None:
     """The documents show those of docs/results, see `tests.results`."""
     result = json.loads((DOCS / "results" / "studies.json").read_text())
-    name, found = data.study.name, Findings(data).tables
+    name, found = data.study.name, StudyAnalysis(data).tables
     shown = {key: table for key, table in result["tables"].items() if key.startswith(f"{name}-")}
     shown = {key: table for key, table in shown.items() if key.removeprefix(f"{name}-") in found}
     assert shown, "make results NAME=studies"

@@ -141,8 +141,8 @@ def test_a_camera_that_is_unplugged_ends_the_example_with_a_line(
     for index, (depth_mm, gray) in enumerate(frames):
         module.show(index, depth_mm, gray)
     example.main()
-    *_, asked, last = capsys.readouterr().out.splitlines()
-    assert asked == "no image came for 1 s: is the camera unplugged?"
+    *_, question, last = capsys.readouterr().out.splitlines()
+    assert question == "no image came for 1 s: is the camera unplugged?"
     assert last.startswith(tuple(f"{n} frames in" for n in (1, 2, 3, 4)))
 
 

@@ -34,7 +34,7 @@ from scenarios.regression.figures import (
     regions_of,
     scores,
 )
-from scenarios.regression.judgement import LIMITS, TIME, Judgement, judged
+from scenarios.regression.judgement import LIMITS, TIME, Judgement, judge
 from scenarios.regression.measurement import COLUMNS, Baseline, measured
 from scenarios.regression.picture import GAINED, MISSING, change_colors, depth_colors
 from scenarios.rerun.frames import record_case
@@ -117,11 +117,11 @@ SABOTAGES = {
 @pytest.mark.usefixtures("short")
 def test_what_is_made_worse_is_found_where_it_is_and_the_way_back_is_better() -> None:
     good, _ = measured("mine", Here(TemporalCorrector))
-    assert not judged("mine", good.figures, good.figures).is_bad
+    assert not judge("mine", good.figures, good.figures).is_bad
     for spoil, expected in SABOTAGES.items():
         bad, _ = measured("mine", Here(lambda intrinsics, spoil=spoil: Spoiled(intrinsics, spoil)))
-        forth = judged("mine", bad.figures, good.figures)
-        back = judged("mine", good.figures, bad.figures)
+        forth = judge("mine", bad.figures, good.figures)
+        back = judge("mine", good.figures, bad.figures)
         assert expected <= {tuple(change.figure) for change in forth.worse}, (spoil, forth.verdict)
         assert expected <= {tuple(change.figure) for change in back.better}, (spoil, back.verdict)
         if spoil is sure:
@@ -132,14 +132,14 @@ def test_what_is_made_worse_is_found_where_it_is_and_the_way_back_is_better() ->
 @pytest.mark.slow
 def test_the_default_corrector_keeps_every_limit() -> None:
     now, _ = measured("temporal", Here(CorrectorSpec.of("temporal").create))
-    assert judged("temporal", now.figures).verdict == ["no limit is broken"]
+    assert judge("temporal", now.figures).verdict == ["no limit is broken"]
 
 
 @pytest.mark.slow
 def test_the_method_of_the_paper_breaks_the_limits_that_say_so_and_no_other() -> None:
     now, _ = measured("voxdepth", Here(CorrectorSpec.of("voxdepth").create), cases=["occlusion/low", "blank/low"])
-    assert judged("voxdepth[window_frames=4]", now.figures).verdict == ["no limit is broken"]
-    broken = {each.limit for each in judged("mine", now.figures).broken}
+    assert judge("voxdepth[window_frames=4]", now.figures).verdict == ["no limit is broken"]
+    broken = {each.limit for each in judge("mine", now.figures).broken}
     assert broken == {limit for limit in LIMITS if "voxdepth" in limit.except_for}
 
 
@@ -151,7 +151,7 @@ def figures_of(error_m: Sequence[float], *, case: str = "blank/low", **others: f
 
 
 def outcome(before: Sequence[float], now: Sequence[float]) -> tuple[int, int]:
-    judgement = judged("mine", figures_of(now), figures_of(before))
+    judgement = judge("mine", figures_of(now), figures_of(before))
     return len(judgement.worse), len(judgement.better)
 
 
@@ -165,29 +165,29 @@ def test_a_change_counts_beyond_the_floor_and_beyond_the_spread_of_the_seeds() -
 
 
 def test_the_verdict_names_the_figure_the_case_and_both_values() -> None:
-    judgement = judged("mine", figures_of([0.21] * 3), figures_of([0.15] * 3))
+    judgement = judge("mine", figures_of([0.21] * 3), figures_of([0.15] * 3))
     (line,) = judgement.verdict
     assert line == f"worse in 1 of {len(COLUMNS) - 1} figures: holes of blank/low: error 0.21 m instead of 0.15 m"
     assert judgement.is_bad
-    better = judged("mine", figures_of([0.15] * 3), figures_of([0.21] * 3))
+    better = judge("mine", figures_of([0.15] * 3), figures_of([0.21] * 3))
     assert not better.is_bad
     assert better.verdict[0].startswith("worse in none of")
     assert better.verdict[1].startswith("better in 1 of")
     with pytest.raises(ScenarioError, match="the same cases and seeds"):
-        judged("mine", figures_of([0.1] * 3, case="scale/low"), figures_of([0.1] * 3))
+        judge("mine", figures_of([0.1] * 3, case="scale/low"), figures_of([0.1] * 3))
 
 
 @pytest.mark.parametrize(
     ("now_ms", "by_turns", "is_slower"),
     [(6.2, True, False), (9.0, True, True), (9.0, False, False), (4.0, True, False)],
 )
-def test_times_are_judged_where_they_were_measured_by_turns(now_ms: float, by_turns: bool, is_slower: bool) -> None:
-    judgement = judged("mine", figures_of([0.1] * 3, time_ms=now_ms), figures_of([0.1] * 3), by_turns=by_turns)
+def test_times_are_evaluated_where_they_were_measured_by_turns(now_ms: float, by_turns: bool, is_slower: bool) -> None:
+    judgement = judge("mine", figures_of([0.1] * 3, time_ms=now_ms), figures_of([0.1] * 3), by_turns=by_turns)
     assert (judgement.is_slower, judgement.is_bad) == (is_slower, is_slower)
     assert (
         any(line.startswith("slower: 9.0 ms for a frame instead of 5.0 ms") for line in judgement.verdict) == is_slower
     )
-    tiny = judged("mine", figures_of([0.1], time_ms=0.2), figures_of([0.1], time_ms=0.1), by_turns=True)
+    tiny = judge("mine", figures_of([0.1], time_ms=0.2), figures_of([0.1], time_ms=0.1), by_turns=True)
     assert not tiny.is_slower
 
 
@@ -195,7 +195,7 @@ def test_times_are_judged_where_they_were_measured_by_turns(now_ms: float, by_tu
 def test_each_limit_is_applied_to_its_cases(limit) -> None:
     case = limit.cases.replace("*", "low") if "/" in limit.cases else "scale/low"
     for value, is_broken in ((0.9 * limit.at_most, False), (1.1 * limit.at_most, True)):
-        judgement = judged("mine", figures_of([0.0] * 3, case=case).assign(**{limit.figure.heading: value}))
+        judgement = judge("mine", figures_of([0.0] * 3, case=case).assign(**{limit.figure.heading: value}))
         assert judgement.is_bad == is_broken
         assert (limit.because in judgement.verdict[0]) == is_broken
     assert "in 2 cases, most:" in Judgement([*judgement.broken, *judgement.broken]).verdict[0].replace(
@@ -389,7 +389,7 @@ class Overwriting(Raw):
         return super().process(frame)
 
 
-def test_correctors_that_go_wrong_are_told_where() -> None:
+def test_correctors_that_go_wrong_are_reported_where() -> None:
     (clip,) = made_clips(["scale/low"], [2])
     message = "the corrector failed on scale/low, seed 2, frame 0: ValueError: assignment destination is read-only"
     with pytest.raises(ScenarioError, match=message):

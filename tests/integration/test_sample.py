@@ -54,7 +54,7 @@ def test_a_folder_of_the_user_that_is_called_sample_comes_first(
     assert sample.recording("./samples") == Path("samples")
 
 
-def test_a_damaged_sample_is_told_by_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damaged_sample_is_reported_by_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sample, "FOLDER", copytree(sample.FOLDER, tmp_path / "installed"))
     image = sample.FOLDER / "depth" / "000002.png"
     image.write_bytes(image.read_bytes()[:5000])

@@ -42,10 +42,10 @@ def assert_same(a: Capture, b: Capture) -> None:
     [pytest.param(name, marks=pytest.mark.slow) if name != "sim-cut" else name for name in shipped_names("sequences")],
 )
 def test_every_sequence_is_recorded_and_read_back_bit_for_bit(name: str, tmp_path: Path) -> None:
-    planned, told = small(name), list[int]()
-    record(planned, tmp_path / "r", 3, told.append)
+    planned, message = small(name), list[int]()
+    record(planned, tmp_path / "r", 3, message.append)
     recording = Recording.open(tmp_path / "r")
-    assert told == [0, 1, 2, len(recording)]
+    assert message == [0, 1, 2, len(recording)]
     expected = captures(planned, 3)
     for one, other in zip(recording, expected, strict=True):
         assert_same(one, other)
@@ -120,17 +120,17 @@ def test_a_shutter_is_open_from_the_time_of_its_frame_on() -> None:
 
 
 @pytest.mark.parametrize(
-    ("from_m", "speed_m_s", "told"),
+    ("from_m", "speed_m_s", "message"),
     [
         ((1.0, 0.0, 0.0), 5.0, "in frame [45] the left camera"),
         ((0.0, -0.4, 0.0), 1.0, "in frame [2-5] the right camera"),
     ],
 )
 def test_a_mover_that_reaches_a_camera_is_refused_and_its_recording_is_absent(
-    from_m: tuple[float, ...], speed_m_s: float, told: str, tmp_path: Path
+    from_m: tuple[float, ...], speed_m_s: float, message: str, tmp_path: Path
 ) -> None:
     into_the_lens = [{"from_m": from_m, "to_m": [-x for x in from_m], "speed_m_s": speed_m_s}]
-    with pytest.raises(SensorError, match=f"{told} is inside a body"):
+    with pytest.raises(SensorError, match=f"{message} is inside a body"):
         record(small("sim-approach", movers=into_the_lens), tmp_path / "r", 9, lambda frames: None)
     assert not list(tmp_path.iterdir())
 

@@ -91,7 +91,7 @@ def test_a_study_killed_again_and_again_loses_nothing_and_repeats_nothing(tmp_pa
 
 
 def results_so_far(out: Path) -> int:
-    """Of a study that may not have begun."""
+    """Of a study that may not have started."""
     try:
         return len(results_of(out))
     except ScenarioError:
@@ -144,7 +144,7 @@ def test_an_archive_is_reported_without_unpacking_it(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.slow
-def test_runs_that_failed_are_told_and_flown_again_when_asked(tiny: Path, tmp_path: Path) -> None:
+def test_runs_that_failed_are_reported_and_flown_again_when_asked(tiny: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     tiny.write_text(TINY.replace("time_limit_s = 60", "time_limit_s = 0.05").replace("count = 2", "count = 1"))
     flown = invoke("study", tiny, "--out", out, "--workers", "1")

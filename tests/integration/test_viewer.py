@@ -89,13 +89,13 @@ def _wait_for(condition: Callable[[], bool]) -> None:
 
 
 def _serves(output: Path) -> bool:
-    """Whether the page answers at the address that was told."""
-    told = re.search(r"http://127\.0\.0\.1:(\d+)", output.read_text())
+    """Whether the page answers at the address that was reported."""
+    message = re.search(r"http://127\.0\.0\.1:(\d+)", output.read_text())
     with socket.socket() as browser:
-        return told is not None and browser.connect_ex(("127.0.0.1", int(told[1]))) == 0
+        return message is not None and browser.connect_ex(("127.0.0.1", int(message[1]))) == 0
 
 
-def test_a_folder_of_recordings_of_other_names_is_told_with_them(tmp_path: Path) -> None:
+def test_a_folder_of_recordings_of_other_names_is_reported_with_them(tmp_path: Path) -> None:
     for number in range(7):
         (tmp_path / f"episode-{number}.rrd").touch()
     with pytest.raises(ToolError, match=r"name one of 7 files, such as \S*episode-0\.rrd$"):

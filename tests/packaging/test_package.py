@@ -95,15 +95,15 @@ def test_commands_of_the_library_work_where_nothing_of_the_simulator_is_installe
     absent: tuple[str, ...], tmp_path: Path
 ) -> None:
     shutil.rmtree(write_recording(tmp_path / "walk") / "depth_true")
-    told = {
+    message = {
         ("evaluate", "--data", "walk", "--methods", "raw,median", "--frames", "3"): "8 results",
         ("correct", "walk", "--out", "corrected"): "report.json are in corrected",
         ("bench", "--size", "160x120"): "machine:",
         ("doctor",): "without",
     }
     refused = {("view", "x.rrd"): "no recording at", ("evaluate", "sim-LN"): "testbed|pybullet"}
-    *done, view, evaluate = in_new_process([*told, *refused], cwd=tmp_path, before=WITHOUT.format(absent=absent))
-    for found, words in zip(done, told.values(), strict=True):
+    *done, view, evaluate = in_new_process([*message, *refused], cwd=tmp_path, before=WITHOUT.format(absent=absent))
+    for found, words in zip(done, message.values(), strict=True):
         assert found.returncode == 0, found
         assert words in found.stdout
     assert "walk-holes" in (tmp_path / "evaluation" / "report.html").read_text()

@@ -49,10 +49,10 @@ class TestSpeckles:
         true_px, hole = self.scene(name)
         before_px = np.where(hole, 0, true_px)
         expected_px, changes, rng = filled_px(before_px, decimation), [], np.random.default_rng(0)
-        places = np.argwhere(cv2.dilate(hole.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0)
-        for place in rng.choice(places, 12, replace=False):
+        pixels = np.argwhere(cv2.dilate(hole.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0)
+        for pixel in rng.choice(pixels, 12, replace=False):
             for shape in self.SHAPES:
-                speckle = tuple((place + np.array(shape)).T)
+                speckle = tuple((pixel + np.array(shape)).T)
                 with_speckle_px, at_speckle = before_px.copy(), np.zeros(CAMERA.shape, np.uint8)
                 with_speckle_px[speckle], at_speckle[speckle] = factor * true_px[speckle], 1
                 elsewhere = hole & (cv2.dilate(at_speckle, np.ones((3, 3), np.uint8)) == 0)
@@ -97,7 +97,7 @@ def test_a_guess_without_a_basis_is_invalid_by_default(decimation: int) -> None:
 
 
 class TestHoverBeforeSpecks:
-    """The camera stands still before a wall at 8 px, with near speckles of three pixels at the same places always."""
+    """The camera stands still before a wall at 8 px, with near speckles of three pixels at the same pixels always."""
 
     TRUE_PX = np.full(CAMERA.shape, 8, np.float32)
     PHANTOM_PX = 30
@@ -106,14 +106,14 @@ class TestHoverBeforeSpecks:
     def frames(self, count: int, *, hole_px: int, near_px: float) -> list[Frame]:
         rng, gray = np.random.default_rng(0), frames_of(ROOM, walk(1))[0].gray
         grid = [(row, col) for row in range(16, 112, 24) for col in range(16, 150, 24)]
-        places = grid if hole_px < 20 else [(60, 80)]
+        pixels = grid if hole_px < 20 else [(60, 80)]
         frames = []
         for index in range(count):
             disparity_px = self.TRUE_PX + rng.normal(0, 0.1, CAMERA.shape).astype(np.float32)
-            for place, (row, col) in enumerate(places):
+            for number, (row, col) in enumerate(pixels):
                 reach = hole_px // 2
                 disparity_px[row - reach : row + reach + 1, col - reach : col + reach + 1] = 0
-                for down, right in TestSpeckles.SHAPES[place % 3]:
+                for down, right in TestSpeckles.SHAPES[number % 3]:
                     disparity_px[row + down, col + right] = near_px
             frames.append(Frame(stamp_s=index / 30, gray=gray, depth_m=depth_of(RESOLUTION, disparity_px)))
         return frames
@@ -134,7 +134,7 @@ HELD_OUT = ("sim-hover", "sim-MB", "sim-cut", "sim-cross", "sim-aligned", "sim-s
 """Rendered sequences, of a seed that nothing is fitted to."""
 
 
-def judged_holes(name: str) -> FloatArray:
+def evaluated_holes(name: str) -> FloatArray:
     """Number of holes within 40 m and of those that are right, by source and confidence below and above 0.4.
 
     The shape is (2, sources, 2).
@@ -158,7 +158,7 @@ def judged_holes(name: str) -> FloatArray:
 @pytest.mark.slow
 def test_more_of_the_confident_holes_are_right() -> None:
     """Holes above and below a confidence of 0.4 are compared within each sequence, and each counts alike."""
-    n, n_right = np.stack([judged_holes(name) for name in HELD_OUT], axis=1)
+    n, n_right = np.stack([evaluated_holes(name) for name in HELD_OUT], axis=1)
     for sources in ([Source.MEMORY, Source.INPAINTED], [Source.MEMORY], [Source.INPAINTED]):
         share = n_right[:, sources].sum(axis=1) / n[:, sources].sum(axis=1)
         assert np.mean(share[:, 1] - share[:, 0]) >= 0.1, (sources, np.round(100 * share))

@@ -37,9 +37,9 @@ class Camera:
             self._publisher(request, topic, is_awaited=request.get("wait", True))
         # A subscriber that the publisher knows need not know the publisher yet.
         time.sleep(KNOWN_AFTER_S if len(self._made) > n_before else 0)
-        begun_s = time.monotonic()
+        start_s = time.monotonic()
         for each, message in made:
-            time.sleep(max(0.0, begun_s + each.get("at_s", 0.0) - time.monotonic()))
+            time.sleep(max(0.0, start_s + each.get("at_s", 0.0) - time.monotonic()))
             self._publisher(request, each["topic"]).publish(message)
 
     def _publisher(self, request: dict[str, Any], topic: str, is_awaited: bool = False) -> Any:

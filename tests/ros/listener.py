@@ -73,9 +73,11 @@ class Listener:
 
     def _listen(self, namespace: str, reliable: bool) -> None:
         quality = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
-        for name, (kind, told) in KINDS.items():
+        for name, (kind, callback) in KINDS.items():
             topic = f"{namespace}/voxdepth/{name}"
-            self.node.create_subscription(kind, topic, partial(told, topic), QoSProfile(depth=20, reliability=quality))
+            self.node.create_subscription(
+                kind, topic, partial(callback, topic), QoSProfile(depth=20, reliability=quality)
+            )
             while not self.node.count_publishers(topic):
                 time.sleep(0.01)
         tell(listens=namespace)
@@ -83,8 +85,8 @@ class Listener:
     def _set(self, name: str, values: dict[str, Any]) -> None:
         client = AsyncParameterClient(self.node, name)
         client.wait_for_services(10)
-        asked = client.set_parameters([Parameter(key, value=value) for key, value in values.items()])
-        asked.add_done_callback(
+        future = client.set_parameters([Parameter(key, value=value) for key, value in values.items()])
+        future.add_done_callback(
             lambda done: tell(set=[{"ok": each.successful, "reason": each.reason} for each in done.result().results])
         )
 

@@ -28,17 +28,17 @@ def main() -> None:
     for name in ("width_px", "height_px", "n"):
         parser.add_argument(name, type=int)
     parser.add_argument("rate_hz", type=float)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     rclpy.init()
-    node, camera = Node("player"), camera_of(asked.width_px, asked.height_px)
+    node, camera = Node("player"), camera_of(arguments.width_px, arguments.height_px)
     kinds = {"camera_info": CameraInfo, "image": Image, "depth": Image}
-    topics = {name: node.create_publisher(kind, f"{asked.namespace}/{name}", 5) for name, kind in kinds.items()}
+    topics = {name: node.create_publisher(kind, f"{arguments.namespace}/{name}", 5) for name, kind in kinds.items()}
     info, images = CameraInfo(**camera_info_fields(camera)), list(walk(N_IMAGES, camera))
     time.sleep(KNOWN_AFTER_S)
-    begun_s = time.monotonic()
-    for k, frame in enumerate(played(images, asked.n)):
+    start_s = time.monotonic()
+    for k, frame in enumerate(played(images, arguments.n)):
         gray, depth = a_message(gray_fields(frame.gray)), a_message(millimetre_fields(frame.depth_m))
-        time.sleep(max(0.0, begun_s + k / asked.rate_hz - time.monotonic()))
+        time.sleep(max(0.0, start_s + k / arguments.rate_hz - time.monotonic()))
         stamp = node.get_clock().now().to_msg()
         for name, message in {"camera_info": info, "image": gray, "depth": depth}.items():
             message.header.stamp, message.header.frame_id = stamp, "left"

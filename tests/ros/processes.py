@@ -20,7 +20,7 @@ ENVIRONMENT = {
     **os.environ,
     "PYTHONPATH": str(ROOT),
     "PYTHONUNBUFFERED": "1",
-    # Without sockets: those of Fast DDS listen on all interfaces, whatever ROS is told. Twice so many bytes are shared.
+    # Without sockets: those of Fast DDS listen on all interfaces in any case. Twice so many bytes are shared.
     "FASTDDS_BUILTIN_TRANSPORTS": "SHM?sockets_size=16MB",
     "ROS_DOMAIN_ID": str(1 + os.getpid() % 200),
     "ROS_LOG_DIR": tempfile.gettempdir(),
@@ -97,7 +97,7 @@ class Process:
 
 
 class Peer(Process):
-    """A module of these tests that is told what to do in lines of JSON, and answers so."""
+    """A module of these tests that takes requests in lines of JSON, and answers so."""
 
     def __init__(self, module: str) -> None:
         super().__init__("-m", f"tests.ros.{module}", is_driven=True)
@@ -112,19 +112,19 @@ class Peer(Process):
         self.process.stdin.write(json.dumps(request) + "\n")
         self.process.stdin.flush()
 
-    def asked(self, answer: str, **request: Any) -> Any:
+    def request(self, answer: str, **values: Any) -> Any:
         """Ask, and return the next answer with a key."""
-        n = len(self.told(answer))
-        self.ask(**request)
-        return self.wait_for(lambda _: self.told(answer)[n:])[0][answer]
+        n = len(self.messages(answer))
+        self.ask(**values)
+        return self.wait_for(lambda _: self.messages(answer)[n:])[0][answer]
 
-    def told(self, key: str) -> list[dict[str, Any]]:
-        """What was told with a key."""
-        return [told for line in list(self.lines) if line.startswith("{") and key in (told := json.loads(line))]
+    def messages(self, key: str) -> list[dict[str, Any]]:
+        """What was reported with a key."""
+        return [message for line in list(self.lines) if line.startswith("{") and key in (message := json.loads(line))]
 
     def received(self, topic: str) -> list[dict[str, Any]]:
         """The messages of a topic."""
-        return [told for told in self.told("topic") if told["topic"] == topic]
+        return [message for message in self.messages("topic") if message["topic"] == topic]
 
     def wait_for_messages(self, topic: str, n: int, timeout_s: float = PATIENCE_S) -> list[dict[str, Any]]:
         """The messages of a topic, as soon as there are so many."""

@@ -25,27 +25,27 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--corrector", default="temporal")
     parser.add_argument("--encoding", default="32FC1", help="of the depth that is published")
-    asked = parser.parse_args()
-    n = round(asked.rate * asked.seconds)
+    arguments = parser.parse_args()
+    n = round(arguments.rate * arguments.seconds)
     listener = Peer("listener")
-    node = node_process(NAMESPACE, corrector=asked.corrector, depth_encoding=asked.encoding, baseline_m=0.05)
+    node = node_process(NAMESPACE, corrector=arguments.corrector, depth_encoding=arguments.encoding, baseline_m=0.05)
     try:
         node.wait_for_text("waiting for", GRACE_S)
-        listener.asked("listens", namespace=NAMESPACE, reliable=True)
-        size = asked.size.split("x")
-        player = Process("-m", "tests.ros.player", NAMESPACE, *size, str(n), str(asked.rate))
-        assert player.ended(asked.seconds + GRACE_S) == 0, player.text
+        listener.request("listens", namespace=NAMESPACE, reliable=True)
+        size = arguments.size.split("x")
+        player = Process("-m", "tests.ros.player", NAMESPACE, *size, str(n), str(arguments.rate))
+        assert player.ended(arguments.seconds + GRACE_S) == 0, player.text
         node.end()
     finally:
         node.close()
         listener.close()
-    sent_s = {told["stamp_ns"]: told["sent_s"] for told in map(json.loads, player.lines)}
-    came_s = {told["stamp_ns"]: told["at_s"] for told in listener.received(f"{NAMESPACE}/voxdepth/depth")}
+    sent_s = {message["stamp_ns"]: message["sent_s"] for message in map(json.loads, player.lines)}
+    came_s = {message["stamp_ns"]: message["at_s"] for message in listener.received(f"{NAMESPACE}/voxdepth/depth")}
     took_ms = [1000 * (at_s - sent_s[stamp_ns]) for stamp_ns, at_s in came_s.items()]
     median, most = np.percentile(took_ms, [50, 95])
     sys.stdout.write(
-        f"{asked.size} at {asked.rate:g} Hz, {asked.corrector}, {asked.encoding}: {median:.1f} ms in the median, "
-        f"95 % within {most:.1f} ms; {n - len(came_s)} of {n} frames left out\n"
+        f"{arguments.size} at {arguments.rate:g} Hz, {arguments.corrector}, {arguments.encoding}: {median:.1f} ms "
+        f"in the median, 95 % within {most:.1f} ms; {n - len(came_s)} of {n} frames left out\n"
     )
 
 

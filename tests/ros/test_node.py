@@ -58,7 +58,7 @@ class Wired(NamedTuple):
 
     def send(self, *messages: dict[str, Any], **options: Any) -> None:
         """Send messages, and return when they have been sent."""
-        self.camera.asked("sent", namespace=self.namespace, messages=messages, **options)
+        self.camera.request("sent", namespace=self.namespace, messages=messages, **options)
 
     def received(self, name: str = "depth") -> list[dict[str, Any]]:
         return self.listener.received(f"{self.namespace}/voxdepth/{name}")
@@ -75,13 +75,13 @@ class Wired(NamedTuple):
                 return self.listener.wait_for_messages(topic, n_before + 1, PATIENCE_S / TRIES)[n_before:]
         raise AssertionError(f"nothing was corrected: {self.node.text}")
 
-    def wait_until_told(self, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        """Wait until what the node told last of itself is so."""
+    def wait_until_reported(self, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """Wait until what the node reported last of itself is so."""
         name = f"{self.namespace[1:]}/voxdepth: depth correction"
 
         def found() -> list[dict[str, Any]]:
-            own = [told for told in self.listener.received("diagnostics") if told["name"] == name]
-            return [told for told in own[-1:] if is_so(told)]
+            own = [reported for reported in self.listener.received("diagnostics") if reported["name"] == name]
+            return [reported for reported in own[-1:] if is_so(reported)]
 
         return wait_until(found)[0]
 
@@ -93,7 +93,7 @@ def wired(camera: Peer, listener: Peer, *arguments: str, reliable: bool = True, 
     node = node_process(namespace, *arguments, **parameters)
     try:
         node.wait_for_text("waiting for", COMPILING_S)
-        listener.asked("listens", namespace=namespace, reliable=reliable)
+        listener.request("listens", namespace=namespace, reliable=reliable)
         yield Wired(node, camera, listener, namespace)
     finally:
         node.close()
@@ -107,8 +107,10 @@ def echo(camera: Peer, listener: Peer) -> Iterator[Wired]:
 
 
 def test_the_node_prepares_the_corrector_before_it_subscribes_and_opens_no_socket(echo: Wired) -> None:
-    told = echo.node.text
-    assert told.index("preparing tests.ros.correctors:echo") < told.index(f"waiting for {echo.namespace}/image, ")
+    reported = echo.node.text
+    assert reported.index("preparing tests.ros.correctors:echo") < reported.index(
+        f"waiting for {echo.namespace}/image, "
+    )
     for each in (echo.node, echo.camera, echo.listener):
         assert not listening(each.process.pid)
 
@@ -133,7 +135,7 @@ def test_every_encoding_is_read_with_its_unit_and_published_in_metres_with_the_h
     assert (described[0]["focal_px"], described[0]["frame_id"]) == (16.0, "left_optical")
 
 
-def test_a_camera_that_trembles_is_the_same_and_one_that_changes_is_told(echo: Wired) -> None:
+def test_a_camera_that_trembles_is_the_same_and_one_that_changes_is_reported(echo: Wired) -> None:
     n_before = echo.node.text.count("corrects a camera")
     for index in range(6):
         echo.corrected(*a_frame((20 + index) * S, focal_px=16 + 1e-6 * (index % 3)))
@@ -145,7 +147,7 @@ def test_a_camera_that_trembles_is_the_same_and_one_that_changes_is_told(echo: W
 
 
 @pytest.mark.parametrize(
-    ("second", "messages", "told"),
+    ("second", "messages", "reported"),
     [
         (40, [gray(40 * S, encoding="yuv422"), depth(40 * S)], "expected a gray image as mono8"),
         (41, [gray(41 * S), depth(41 * S, encoding="mono8", value=9)], "expected depth as 16UC1"),
@@ -154,13 +156,13 @@ def test_a_camera_that_trembles_is_the_same_and_one_that_changes_is_told(echo: W
         (44, [gray(44 * S), depth(44 * S, value=2e6, encoding="32FC1")], "expected a median depth"),
     ],
 )
-def test_what_cannot_be_used_is_told_and_the_next_frame_is_corrected(
-    echo: Wired, second: int, messages: list[Any], told: str
+def test_what_cannot_be_used_is_reported_and_the_next_frame_is_corrected(
+    echo: Wired, second: int, messages: list[Any], reported: str
 ) -> None:
     n_before = len(echo.received())
     echo.send(info(second * S), *messages)
     # Warnings are 5 s apart at least, the diagnostics one.
-    assert echo.wait_until_told(lambda status: told in status["message"])["level"] == 1
+    assert echo.wait_until_reported(lambda status: reported in status["message"])["level"] == 1
     assert echo.corrected(*a_frame(second * S + S // 2))[0]["stamp_ns"] == second * S + S // 2
     assert len(echo.received()) == n_before + 1
 
@@ -182,19 +184,19 @@ def test_a_frame_that_is_late_is_left_out_and_stamps_that_go_back_are_a_new_stre
 
 @pytest.mark.parametrize("rate_hz", [60, 90])
 def test_at_high_rates_each_depth_has_its_own_image_also_after_one_is_lost(echo: Wired, rate_hz: int) -> None:
-    n, begun_ns = 60, (100 + rate_hz) * S
-    messages = [info(begun_ns)]
+    n, start_ns = 60, (100 + rate_hz) * S
+    messages = [info(start_ns)]
     for k in range(n):
-        stamp_ns = begun_ns + round(k * S / rate_hz)
+        stamp_ns = start_ns + round(k * S / rate_hz)
         pair = [gray(stamp_ns, 10 + k % 20), depth(stamp_ns, 1000 * (1 + k % 20))]
         messages += [{**each, "at_s": 0.3 + k / rate_hz} for each in (pair if k not in (5, 6, 30) else pair[1:])]
     n_before = len(echo.received())
     echo.send(*messages)
-    wait_until(lambda: echo.received()[-1]["stamp_ns"] == begun_ns + round((n - 1) * S / rate_hz))
+    wait_until(lambda: echo.received()[-1]["stamp_ns"] == start_ns + round((n - 1) * S / rate_hz))
     outs = echo.received()[n_before:]
     assert n / 4 < len(outs) <= n - 3, "three have no image; on a busy machine, more are left out"
     for out in outs:
-        k = round((out["stamp_ns"] - begun_ns) / S * rate_hz)
+        k = round((out["stamp_ns"] - start_ns) / S * rate_hz)
         assert out["value"] == pytest.approx(1 + k % 20 + (10 + k % 20) / 1000, abs=1e-5)
 
 
@@ -207,15 +209,15 @@ def test_publishers_of_either_quality_are_received_and_one_that_dies_may_return(
     assert echo.corrected(*a_frame(302 * S))[0]["stamp_ns"] == 302 * S
 
 
-def test_a_parameter_cannot_be_set_while_the_node_runs_and_that_is_told(echo: Wired) -> None:
+def test_a_parameter_cannot_be_set_while_the_node_runs_and_that_is_reported(echo: Wired) -> None:
     name = f"{echo.namespace}/voxdepth"
     for values in ({"slop_s": 0.01}, {"corrector": "nonsense"}):
-        (answer,) = echo.listener.asked("set", node=name, set=values)
+        (answer,) = echo.listener.request("set", node=name, set=values)
         assert not answer["ok"]
         assert "read-only" in answer["reason"]
 
 
-def test_a_parameter_that_the_node_does_not_have_is_told(echo: Wired) -> None:
+def test_a_parameter_that_the_node_does_not_have_is_reported(echo: Wired) -> None:
     (line,) = [line for line in echo.node.lines if "there is no parameter" in line]
     assert "there is no parameter 'baselin_m' (did you mean baseline_m?)" in line
 
@@ -223,7 +225,7 @@ def test_a_parameter_that_the_node_does_not_have_is_told(echo: Wired) -> None:
 def test_the_diagnostics_count_what_is_corrected_and_left_out(echo: Wired) -> None:
     echo.corrected(*a_frame(400 * S))
     n = len(echo.received())
-    status = echo.wait_until_told(
+    status = echo.wait_until_reported(
         lambda status: int(status["values"]["corrected"]) >= n and status["message"] == "corrects"
     )
     assert status["level"] == 0
@@ -232,7 +234,7 @@ def test_the_diagnostics_count_what_is_corrected_and_left_out(echo: Wired) -> No
     assert 0 < float(values["latency, median [ms]"]) <= float(values["latency, 95 % [ms]"]) < 1000
     reasons = ("a newer pair came", "no partner", "no camera_info yet", "unusable")
     assert {f"left out: {reason}" for reason in reasons} < {*values}
-    last = echo.wait_until_told(lambda status: "latency, median [ms]" not in status["values"])
+    last = echo.wait_until_reported(lambda status: "latency, median [ms]" not in status["values"])
     assert (last["level"], last["message"]) == (1, "no frame to correct")
 
 
@@ -250,7 +252,7 @@ def test_of_frames_that_come_too_fast_the_newest_is_corrected_and_none_is_late(c
         gaps = [b - a for a, b in itertools.pairwise(numbers)]
         assert max(gaps) <= 3 * SLOW_S * rate_hz, "what is corrected is new"
         assert len(numbers) < n / 2
-        status = wires.wait_until_told(lambda status: status["values"]["left out: a newer pair came"] != "0")
+        status = wires.wait_until_reported(lambda status: status["values"]["left out: a newer pair came"] != "0")
         assert int(status["values"]["left out: a newer pair came"]) <= n - len(numbers)
 
 
@@ -274,26 +276,28 @@ def test_a_camera_info_may_come_late_and_has_the_baseline_of_a_right_camera(came
         assert not wires.received()
         wires.corrected(info(2 * S, baseline_m=0.12), gray(2 * S), depth(2 * S))
         wires.node.wait_for_text("baseline 0.12 m")
-        wires.wait_until_told(lambda status: status["values"].get("tracking") == "first_frame")
+        wires.wait_until_reported(lambda status: status["values"].get("tracking") == "first_frame")
 
 
-def test_topics_that_nobody_publishes_are_told_with_those_that_there_are(camera: Peer, listener: Peer) -> None:
+def test_topics_that_nobody_publishes_are_reported_with_those_that_there_are(camera: Peer, listener: Peer) -> None:
     node = partial(wired, camera, listener, corrector=ECHO)
     with node() as all_misnamed, node() as one_misnamed, node() as no_camera:
         no_camera.send(gray(S), depth(S))
         one_misnamed.send(info(S))
         # Someone publishes the depth, but the image has another name.
         one_misnamed.send(depth(S), gray(S, topic="infra1"), wait=False)
-        told = one_misnamed.node.wait_for_text(f"{one_misnamed.namespace}/infra1")
-        assert f"for image ({one_misnamed.namespace}/image), which nobody publishes: of its type there are " in told
-        assert "; " not in told.partition("; no message has come any more")[0], "depth and camera_info have come"
+        reported = one_misnamed.node.wait_for_text(f"{one_misnamed.namespace}/infra1")
+        assert f"for image ({one_misnamed.namespace}/image), which nobody publishes: of its type there are " in reported
+        assert "; " not in reported.partition("; no message has come any more")[0], "depth and camera_info have come"
         assert "no partner" not in one_misnamed.node.text
-        told = all_misnamed.node.wait_for_text("no message has come yet for")
-        assert all(f"{name} ({all_misnamed.namespace}/{name})" in told for name in ("image", "depth", "camera_info"))
-        all_misnamed.wait_until_told(lambda status: "no message has come yet" in status["message"])
-        told = no_camera.node.wait_for_text("no message has come yet for camera_info (")
-        assert f"({no_camera.namespace}/camera_info), which nobody publishes" in told
-        no_camera.wait_until_told(lambda status: status["values"]["left out: no camera_info yet"] == "1")
+        reported = all_misnamed.node.wait_for_text("no message has come yet for")
+        assert all(
+            f"{name} ({all_misnamed.namespace}/{name})" in reported for name in ("image", "depth", "camera_info")
+        )
+        all_misnamed.wait_until_reported(lambda status: "no message has come yet" in status["message"])
+        reported = no_camera.node.wait_for_text("no message has come yet for camera_info (")
+        assert f"({no_camera.namespace}/camera_info), which nobody publishes" in reported
+        no_camera.wait_until_reported(lambda status: status["values"]["left out: no camera_info yet"] == "1")
 
 
 def test_a_defect_of_the_corrector_ends_the_node_with_its_traceback(camera: Peer, listener: Peer) -> None:
@@ -314,7 +318,7 @@ def test_the_program_of_the_readme_corrects_two_cameras(camera: Peer, listener: 
     try:
         node.wait_for(lambda lines: sum("waiting for" in line for line in lines) == 2, COMPILING_S)
         for number, name in enumerate(names):
-            listener.asked("listens", namespace=f"/{name}", reliable=True)
+            listener.request("listens", namespace=f"/{name}", reliable=True)
             image = gray(S + number, topic="left/image_rect")
             Wired(node, camera, listener, f"/{name}").corrected(info(S), image, depth(S + number))
         assert node.text.count("baseline 0.095 m") == 2

@@ -1,4 +1,4 @@
-"""Laws of the errors of real depth cameras: alignment, rims, specks, projectors and motion blur."""
+"""Laws of the errors of real depth cameras: alignment, rims, speckles, projectors and motion blur."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from sim.artefacts import Artefacts, NoReturn, Rims, Specks, grown, inner
+from sim.artefacts import Artefacts, NoReturn, Rims, Speckles, grown, inner
 from sim.bodies import Body, Surface
 from sim.depth_noise import DepthNoise, NoiseTerm, NoisyDepth, Occlusion
 from sim.render import create_renderer
@@ -151,7 +151,7 @@ def test_eroded_rims_widen_the_shadow_into_the_background_alone() -> None:
 def test_islands_lie_in_shadows_and_follow_their_configuration() -> None:
     shadow = np.zeros(SHAPE, np.bool_)
     shadow[:, 200:] = True
-    term = Specks(share=0.03, where="shadows", size_px=(4, 12), ratio=(0.4, 0.8), true_share=0.5, cell_m=0.05)
+    term = Speckles(share=0.03, where="shadows", size_px=(4, 12), ratio=(0.4, 0.8), true_share=0.5, cell_m=0.05)
     sizes, at_truth, n_cells = [], [], 0
     for k in range(12):
         noisy = image(near=shadow, shadow_px=150, shift_m=10.0 * k)
@@ -175,10 +175,10 @@ def test_the_frame_of_the_shadow_that_ends_at_the_border_has_no_islands() -> Non
 
 
 def test_specks_come_again_at_the_same_places_in_most_frames() -> None:
-    term = Specks(share=0.06, size_px=(5, 40), ratio=(0.2, 0.5), cell_m=0.1)
+    term = Speckles(share=0.06, size_px=(5, 40), ratio=(0.2, 0.5), cell_m=0.1)
 
     def specks_m(*, frame: int = 0, shift_m: float = 0.0) -> FloatImage:
-        """The depth of the specks of a wall without any other depth; 2 m elsewhere."""
+        """The depth of the speckles of a wall without any other depth; 2 m elsewhere."""
         noisy = image(frame=frame, shift_m=shift_m)
         noisy.depth_m[:] = 0
         term.apply(noisy)
@@ -203,7 +203,7 @@ def test_specks_come_again_at_the_same_places_in_most_frames() -> None:
 def test_specks_of_holes_need_a_hole() -> None:
     noisy = image()
     noisy.depth_m[:, :200] = 0
-    Specks(share=0.3, where="holes", size_px=(1, 1), ratio=(0.5, 0.5)).apply(noisy)
+    Speckles(share=0.3, where="holes", size_px=(1, 1), ratio=(0.5, 0.5)).apply(noisy)
     assert (noisy.depth_m[:, :200] == 1).sum() > 20
     assert (noisy.depth_m[:, 200:] == 2).all()
 
@@ -238,8 +238,8 @@ def test_artefacts_are_inactive_by_default_and_apply_to_every_sensor_model() -> 
 def test_shadows_are_there_for_the_artefacts_that_need_them_with_any_sensor_model() -> None:
     eroded = capture(artefacts=Artefacts(rims=Rims(erode_px=(3, 3))).model_dump(), depth="truth")
     assert (eroded.invalid_reason == InvalidReason.OCCLUDED).sum() > 100
-    specks = Specks(share=1.0, where="shadows", size_px=(20, 20), ratio=(0.5, 0.5), cell_m=0.02)
-    drawn = capture(artefacts=Artefacts(islands=specks).model_dump(), depth="truth")
+    speckles = Speckles(share=1.0, where="shadows", size_px=(20, 20), ratio=(0.5, 0.5), cell_m=0.02)
+    drawn = capture(artefacts=Artefacts(islands=speckles).model_dump(), depth="truth")
     assert (np.abs(drawn.depth_raw_m - drawn.depth_true_m) > 0.1).sum() > 20
 
 
@@ -263,5 +263,5 @@ def test_motion_blurs_the_images_by_the_motion_and_leaves_the_truth_of_the_middl
 def test_the_sky_has_no_specks() -> None:
     sky = image()
     sky.depth_m[:100], sky.depth_true_m[:100] = 0, np.inf
-    Specks(share=1.0, size_px=(1, 1), ratio=(0.5, 0.5)).apply(sky)
+    Speckles(share=1.0, size_px=(1, 1), ratio=(0.5, 0.5)).apply(sky)
     assert (sky.depth_m[:100] == 0).all()

@@ -115,9 +115,9 @@ class Package:
 
     def run(self, code: str = CALL, **variables: str | Path) -> tuple[float, str]:
         """What a process with these variables of its environment has computed with the package, and what it said."""
-        places = {"HOME": self._folder / "home", "PYTHONPATH": os.pathsep.join([str(self._folder), str(REPOSITORY)])}
+        paths = {"HOME": self._folder / "home", "PYTHONPATH": os.pathsep.join([str(self._folder), str(REPOSITORY)])}
         kept = {name: value for name, value in os.environ.items() if name not in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR")}
-        environment = kept | {name: str(value) for name, value in (places | variables).items()}
+        environment = kept | {name: str(value) for name, value in (paths | variables).items()}
         command = [sys.executable, "-c", code]
         done = subprocess.run(command, env=environment, text=True, capture_output=True, timeout=120, check=False)
         assert done.returncode == 0, done.stderr

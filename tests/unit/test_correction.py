@@ -254,10 +254,10 @@ def test_a_bug_in_a_corrector_shows_its_place(tmp_path: Path) -> None:
 def test_an_empty_folder_is_taken_and_progress_counts_every_frame(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[int] = []
-    planned().run(tmp_path, None, told.append)
+    reported: list[int] = []
+    planned().run(tmp_path, None, reported.append)
     assert contents(tmp_path) == contents(whole)
-    assert told == list(range(1, N_FRAMES + 1))
+    assert reported == list(range(1, N_FRAMES + 1))
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     with pytest.raises(ToolError, match="cannot be replaced as a whole"):
@@ -302,7 +302,7 @@ def test_depth_is_stored_in_millimetres_and_stays_valid_or_invalid_and_confidenc
 
 
 @pytest.mark.parametrize(
-    ("spoil", "told"),
+    ("spoil", "reported"),
     [
         (lambda result: result.depth_m, "a CorrectedDepth, got ndarray"),
         (lambda result: replace(result, depth_m=result.depth_m[::2]), "depth_m as float32 of shape (16, 24)"),
@@ -316,9 +316,9 @@ def test_depth_is_stored_in_millimetres_and_stays_valid_or_invalid_and_confidenc
         (lambda result: replace(result, source=result.source + np.uint8(7)), "sources in 0..3, got"),
     ],
 )
-def test_what_no_corrector_may_return_is_told(spoil: Callable[[CorrectedDepth], Any], told: str) -> None:
+def test_what_no_corrector_may_return_is_reported(spoil: Callable[[CorrectedDepth], Any], reported: str) -> None:
     result = Remembering().process(Frames()[0])
     assert fault_of(result, CAMERA.shape) is None
     fault = fault_of(spoil(result), CAMERA.shape)
-    assert told in fault
+    assert reported in fault
     assert fault.startswith("expected ")

@@ -121,11 +121,11 @@ def test_arguments_of_other_types_are_refused_in_one_line() -> None:
 @each
 @pytest.mark.parametrize("end", ["reset", "close"])
 def test_a_reset_and_an_end_wait_for_the_frame_that_another_thread_has_in_work(create: Create, end: str) -> None:
-    corrector, frames, begun, ended = create(), walk(2, CAMERA), Event(), []
+    corrector, frames, started, ended = create(), walk(2, CAMERA), Event(), []
     align = corrector._align
 
     def slow(frame: Frame) -> object:
-        begun.set()
+        started.set()
         time.sleep(0.2)
         aligned = align(frame)
         ended.append("frame")
@@ -134,7 +134,7 @@ def test_a_reset_and_an_end_wait_for_the_frame_that_another_thread_has_in_work(c
     corrector._align = slow
     worker = Thread(target=corrector.process, args=(frames[0],))
     worker.start()
-    assert begun.wait(10)
+    assert started.wait(10)
     getattr(corrector, end)()
     ended.append(end)
     worker.join()

@@ -70,18 +70,18 @@ def folder(tmp_path: Path) -> Path:
 def test_a_file_of_a_recording(folder: Path, name: str, damage: str) -> None:
     assert len([*Recording.open(folder)]) == 3
     damaged(folder / name, damage)
-    with pytest.raises(RecordingError) as told:
+    with pytest.raises(RecordingError) as message:
         list(Recording.open(folder))
-    require_line(told.value, folder / name, "restore it from a copy or make it again")
+    require_line(message.value, folder / name, "restore it from a copy or make it again")
 
 
 @damages
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_of_a_recording_that_is_corrected(folder: Path, name: str, damage: str) -> None:
     damaged(folder / name, damage)
-    with pytest.raises(DatasetError) as told:
+    with pytest.raises(DatasetError) as message:
         open_dataset(folder)[1]
-    require_line(told.value, folder / name, "or delete that list if the file was changed on purpose")
+    require_line(message.value, folder / name, "or delete that list if the file was changed on purpose")
     (folder / LIST).unlink()
     (folder / name).unlink()
     with pytest.raises(DatasetError, match=r"got none|holds no dataset"):
@@ -110,9 +110,9 @@ def test_toml_is_edited_by_hand_without_a_word(folder: Path, name: str, edit) ->
 def test_a_calibration_that_was_cut_lacks_what_it_must_hold(folder: Path, damage: str) -> None:
     damaged(folder / "calibration.toml", damage)
     for reader in (open_dataset, Recording.open):
-        with pytest.raises((DatasetError, RecordingError)) as told:
+        with pytest.raises((DatasetError, RecordingError)) as message:
             reader(folder)
-        require_line(told.value, folder / "calibration.toml")
+        require_line(message.value, folder / "calibration.toml")
 
 
 @pytest.mark.parametrize("cut", range(1, 40, 3))
@@ -132,9 +132,9 @@ def test_a_configuration_of_a_recording_that_was_cut_is_not_one_without_movers(f
         CONFIG.replace("[versions]\n", "") if damage == "without its end" else DAMAGES[damage](CONFIG.encode()).decode()
     )
     (folder / "config.toml").write_text(text)
-    with pytest.raises(ScenarioError) as told:
+    with pytest.raises(ScenarioError) as message:
         moving_ids(Recording.open(folder))
-    require_line(told.value, folder / "config.toml", "restore it from a copy or record again")
+    require_line(message.value, folder / "config.toml", "restore it from a copy or record again")
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.9])
@@ -149,9 +149,9 @@ def test_a_configuration_of_a_result_that_was_cut_is_not_filled_with_defaults(tm
         assert read(str(path), None, {}).seed == 6
         starts = [at for at, line in enumerate(lines) if line.startswith("[")]  # Where a cut leaves valid TOML.
         path.write_text("".join(lines[: starts[int(share * len(starts))]]))
-        with pytest.raises(ToolError) as told:
+        with pytest.raises(ToolError) as message:
             read(str(path), None, {})
-        require_line(told.value, path)
+        require_line(message.value, path)
 
 
 def test_a_configuration_of_a_correction_that_was_cut_is_not_filled_with_defaults(folder: Path, tmp_path: Path) -> None:
@@ -256,9 +256,9 @@ def test_the_fitted_confidences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(calibration, "FILE", path)
     assert calibration.fitted.__wrapped__() == calibration.fitted()
     damaged(path, damage)
-    with pytest.raises(ConfigError) as told:
+    with pytest.raises(ConfigError) as message:
         calibration.fitted.__wrapped__()
-    require_line(told.value, path, "pip install --force-reinstall voxdepth")
+    require_line(message.value, path, "pip install --force-reinstall voxdepth")
     path.write_text(sealed("[median]\ninpainted = 0.5\n"))
     assert calibration.fitted.__wrapped__() == {"median": {"inpainted": 0.5}}
 
@@ -269,9 +269,9 @@ def test_a_network(tmp_path: Path, damage: str) -> None:
     digest = hashlib.sha256(b"content").hexdigest()
     (tmp_path / "small.toml").write_text(f'made_by = "us"\nsha256 = "{digest}"\n')
     damaged(tmp_path / "small.onnx", damage)
-    with pytest.raises(ConfigError) as told:
+    with pytest.raises(ConfigError) as message:
         load.__wrapped__("small", tmp_path)
-    require_line(told.value, tmp_path / "small.onnx", "restore it with pip install")
+    require_line(message.value, tmp_path / "small.onnx", "restore it with pip install")
 
 
 def test_a_bag_gives_no_other_depth_than_was_written(folder: Path, tmp_path: Path) -> None:
@@ -305,12 +305,14 @@ def test_a_bag_gives_no_other_depth_than_was_written(folder: Path, tmp_path: Pat
 )
 def test_what_is_no_recording_is_not_shown(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "run.rrd").write_bytes(content)
-    with pytest.raises(ToolError) as told:
+    with pytest.raises(ToolError) as message:
         require_recording(tmp_path / "run.rrd")
-    require_line(told.value, tmp_path / "run.rrd", "record it again")
+    require_line(message.value, tmp_path / "run.rrd", "record it again")
 
 
-def test_a_recording_that_breaks_off_is_told(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_that_breaks_off_is_reported(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "one.rrd"
     assert invoke("correct", folder, "--out", tmp_path / "out", "--corrector", "raw", "--record", path).exit_code == 0
     require_recording(path)

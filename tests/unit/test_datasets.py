@@ -90,7 +90,7 @@ def test_what_is_given_spares_a_damaged_calibration(folder: Path) -> None:
     assert len(open_dataset(folder, intrinsics=CAMERA, units_per_m=1)) == 1
 
 
-def test_an_empty_folder_is_told_what_every_format_needs(tmp_path: Path) -> None:
+def test_an_empty_folder_is_reported_what_every_format_needs(tmp_path: Path) -> None:
     with pytest.raises(DatasetError) as caught:
         open_dataset(tmp_path)
     message = str(caught.value)

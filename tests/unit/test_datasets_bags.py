@@ -119,7 +119,7 @@ def received_at(times_ns: list[int], *topics: list[Entry]) -> list[Entry]:
     return [entry._replace(received_ns=time_ns) for time_ns, *entries in rows for entry in entries]
 
 
-def test_messages_of_one_time_are_told_apart(tmp_path: Path) -> None:
+def test_messages_of_one_time_are_distinguished(tmp_path: Path) -> None:
     at_once = received_at([START_NS + S] * N_FRAMES, depth_topic(), gray_topic())
     require_frames(opened(tmp_path, at_once + info_topic("/camera_info")), [2, 0, 4, 1])
 
@@ -154,7 +154,7 @@ BACK_NS = [*STAMPS_NS[:3], *(stamp - 5 * S // 60 for stamp in STAMPS_NS[3:])]
 
 @pytest.mark.parametrize("layout", ["walk.bag", "walk-mcap"])
 @pytest.mark.parametrize(
-    ("stamps_ns", "place"),
+    ("stamps_ns", "where"),
     [
         (BACK_NS, r"got 1700000000.140123 s of message 3 after 1700000000.190124 s of message 2"),
         (STAMPS_NS[:1] * N_FRAMES, "of message 1 after 1700000000.123457 s of message 0"),
@@ -162,12 +162,12 @@ BACK_NS = [*STAMPS_NS[:3], *(stamp - 5 * S // 60 for stamp in STAMPS_NS[3:])]
     ids=["set back", "all alike"],
 )
 def test_stamps_that_do_not_increase_give_way_to_the_times_of_reception(
-    layout: str, stamps_ns: list[int], place: str, tmp_path: Path
+    layout: str, stamps_ns: list[int], where: str, tmp_path: Path
 ) -> None:
     for number, (depth, gray) in enumerate(((stamps_ns, stamps_ns), (stamps_ns, STAMPS_NS), (STAMPS_NS, stamps_ns))):
         entries = restamped(depth_topic(), depth) + restamped(gray_topic(), gray) + info_topic("/camera_info")
         (tmp_path / f"{number}").mkdir()
-        with pytest.warns(UserWarning, match=f"{place}.*the times at which the images were received count"):
+        with pytest.warns(UserWarning, match=f"{where}.*the times at which the images were received count"):
             dataset = open_dataset(write(tmp_path / f"{number}", layout, entries))
         require_recorded_order(dataset)
         assert dataset.header(2).stamp_ns == pytest.approx(STAMPS_NS[2] + S // 200, abs=1000), "ROS 1 has microseconds"
@@ -198,7 +198,7 @@ def test_stamps_of_two_clocks_give_way_to_the_times_of_reception(epoch_s: float,
         require_recorded_order(open_dataset(path))
 
 
-def test_a_clock_that_is_set_forwards_is_told_and_keeps_the_order(tmp_path: Path) -> None:
+def test_a_clock_that_is_set_forwards_is_reported_and_keeps_the_order(tmp_path: Path) -> None:
     stamps_ns = [0, 33_000_000, *STAMPS_NS[2:]]
     entries = restamped(depth_topic(), stamps_ns) + restamped(gray_topic(), stamps_ns) + info_topic("/camera_info")
     with pytest.warns(UserWarning, match=r"1.7e\+09 s between two images of /cam/depth"):
@@ -223,7 +223,7 @@ ROLLED_NS = {
     ("32 bits of us", "walk.mcap", "gray"),
     ("32 bits of us, signed", "walk.db3", "both"),
 ])  # fmt: skip
-def test_a_clock_that_rolls_over_loses_no_frame_and_is_told(
+def test_a_clock_that_rolls_over_loses_no_frame_and_is_reported(
     clock: str, layout: str, rolled: str, tmp_path: Path
 ) -> None:
     stamps_ns = ROLLED_NS[clock]
@@ -312,7 +312,7 @@ def in_frames(depth: str, gray: str, *, gray_has_info: bool = False) -> list[Ent
 
 
 def beside_colour() -> list[Entry]:
-    """Depth that is not aligned with the colour image of another place."""
+    """Depth that is not aligned with the colour image of another position."""
     pixels = [np.repeat(gray_of(index)[..., None], 3, axis=2) for index in range(N_FRAMES)]
     frames = [image(each, "rgb8", (t, "colour")) for each, t in zip(pixels, STAMPS_NS, strict=True)]
     depth = depth_topic("/camera/depth/image_rect_raw", frame_id="depth")
@@ -320,7 +320,7 @@ def beside_colour() -> list[Entry]:
 
 
 @pytest.mark.parametrize(
-    ("entries", "gray", "doubt"),
+    ("entries", "gray", "mismatch"),
     [
         (depth_topic() + gray_topic(RIGHT) + info_topic("/camera/info"), RIGHT, "is that of the right camera"),
         (
@@ -343,12 +343,12 @@ def beside_colour() -> list[Entry]:
     ids=["right", "lens", "raw", "raw PNG", "frame", "frame with info", "infra2", "colour", "colour and depth"],
 )
 def test_a_gray_image_of_another_view_is_refused_with_the_reason_and_taken_only_if_it_is_named(
-    entries: list[Entry], gray: str, doubt: str, tmp_path: Path
+    entries: list[Entry], gray: str, mismatch: str, tmp_path: Path
 ) -> None:
     path = write(tmp_path, "walk.mcap", entries)
-    with pytest.raises(DatasetError, match=rf"expected images of the camera of .*{gray} \(.*, which {doubt}"):
+    with pytest.raises(DatasetError, match=rf"expected images of the camera of .*{gray} \(.*, which {mismatch}"):
         open_dataset(path)
-    with pytest.warns(UserWarning, match=rf"{gray} of .* is taken although it {doubt}"):
+    with pytest.warns(UserWarning, match=rf"{gray} of .* is taken although it {mismatch}"):
         dataset = open_dataset(path, gray_topic=gray)
     require_images(dataset, [1])
 
@@ -537,9 +537,9 @@ def test_an_image_that_is_sent_twice_at_once_counts_once(tmp_path: Path) -> None
     again = depth_topic(stamps_ns=STAMPS_NS[:1])
     require_frames(open_dataset(write(tmp_path, "once.bag", again + whole())))
     later = [entry._replace(received_ns=entry.received_ns + S // 100) for entry in again]
-    with pytest.warns(UserWarning) as told:
+    with pytest.warns(UserWarning) as reported:
         open_dataset(write(tmp_path, "later.bag", later + whole()))
-    assert "expected stamps of /cam/depth/image_rect" in str(told[0].message) + str(told[1].message)
+    assert "expected stamps of /cam/depth/image_rect" in str(reported[0].message) + str(reported[1].message)
 
 
 @pytest.mark.parametrize("profile", ["ros1", "    "])

@@ -121,13 +121,13 @@ def test_names_that_say_the_same_are_refused(stems: list[str]) -> None:
 
 
 def write(folder: Path, depth: list[tuple[str, int]], gray: list[tuple[str, int]]) -> None:
-    """Images of the values, so that it can be told which ones make a frame."""
+    """Images of the values, which identify the images of a frame."""
     for name, images, kind in (("depth", depth, np.uint16), ("color", gray, np.uint8)):
         write_images(folder, {f"{name}/{stem}.png": np.full(SHAPE, value, kind) for stem, value in images})
 
 
 @pytest.mark.parametrize("form", list(TIMES)[::4])
-def test_an_image_that_is_missing_shifts_no_pair_and_is_told(tmp_path: Path, form: str) -> None:
+def test_an_image_that_is_missing_shifts_no_pair_and_is_reported(tmp_path: Path, form: str) -> None:
     stems = [(TIMES[form](k * STEP_US), k) for k in range(9)]
     depth = [(stem, 1000 + k) for stem, k in stems if k != 2]
     write(tmp_path, depth, [(stem, 10 * k) for stem, k in stems if k != 6])

@@ -95,7 +95,7 @@ def test_depth_in_other_files_than_png_has_the_usual_unit_of_its_type(
         ("123", "01", r"3 of 5 images are left out, .*: the first is .*color/0\.png", [1 / 30]),
     ],
 )
-def test_images_without_a_partner_are_left_out_and_told(
+def test_images_without_a_partner_are_left_out_and_reported(
     tmp_path: Path, depth: str, gray: str, left_out: str, kept: list[float]
 ) -> None:
     write(tmp_path, list(depth), list(gray))
@@ -124,7 +124,7 @@ def test_similar_names_of_the_folders_are_known(tmp_path: Path, depth: str, gray
         ("0.png", "0.png", r"color/0\.png has 16 bits, .*exchange the names of the folders color and depth"),
     ],
 )
-def test_folders_that_are_swapped_are_told(tmp_path: Path, in_depth: str, in_color: str, message: str) -> None:
+def test_folders_that_are_swapped_are_reported(tmp_path: Path, in_depth: str, in_color: str, message: str) -> None:
     write_images(tmp_path, {f"depth/{in_depth}": gray_of(0), f"color/{in_color}": depth_of(0)})
     with pytest.raises(DatasetError, match=message):
         open_dataset(tmp_path, intrinsics=CAMERA)
@@ -199,13 +199,13 @@ def test_metadata_that_are_no_json_object_are_refused(tmp_path: Path, data: byte
         open_dataset(tmp_path)
 
 
-def test_without_metadata_a_calibration_is_asked_for(tmp_path: Path) -> None:
+def test_without_metadata_a_calibration_is_requested(tmp_path: Path) -> None:
     write(tmp_path, ["0"], ["0"])
     (tmp_path / "camera_intrinsic.json").unlink()
     keys = "fx_px, fy_px, cx_px, cy_px, width_px, height_px"
-    with pytest.raises(DatasetError, match=rf"the camera in calibration\.toml or .*; write .* with {keys}") as told:
+    with pytest.raises(DatasetError, match=rf"the camera in calibration\.toml or .*; write .* with {keys}") as reported:
         open_dataset(tmp_path)
-    assert "width_px = 8  # width of the images [px]" in told.value.__notes__
+    assert "width_px = 8  # width of the images [px]" in reported.value.__notes__
     assert len(open_dataset(tmp_path, intrinsics=CAMERA)) == 1
 
 

@@ -67,12 +67,12 @@ def test_frames_have_the_nearest_colour_the_depth_in_metres_and_no_pose(folder: 
 
 @pytest.mark.parametrize("start_s", [0, 1.7e9])
 @pytest.mark.parametrize("per_s", [1e3, 1e6, 1e9])
-def test_times_that_are_not_in_seconds_are_told(per_s: float, start_s: float, folder: Path) -> None:
+def test_times_that_are_not_in_seconds_are_reported(per_s: float, start_s: float, folder: Path) -> None:
     for name, stamps_s in (("rgb", COLOUR_S), ("depth", DEPTH_S)):
         lines = (f"{(start_s + s) * per_s:.0f} {name}/{n:.6f}.png\n" for s, n in zip(DEPTH_S, stamps_s, strict=True))
         (folder / f"{name}.txt").write_text("".join(lines))
-    told = pytest.warns(UserWarning, match=r"\d s between two images of .*depth.txt: are the times in seconds")
-    with pytest.raises(DatasetError, match="are they in milliseconds") if start_s else told:
+    reported = pytest.warns(UserWarning, match=r"\d s between two images of .*depth.txt: are the times in seconds")
+    with pytest.raises(DatasetError, match="are they in milliseconds") if start_s else reported:
         open_dataset(folder, intrinsics=CAMERA)
 
 
@@ -186,7 +186,7 @@ def write_millimetres(folder: Path, depth_mm: float) -> Path:
     return folder
 
 
-def test_the_steps_of_the_benchmark_are_told_where_they_are_assumed(tmp_path: Path) -> None:
+def test_the_steps_of_the_benchmark_are_reported_where_they_are_assumed(tmp_path: Path) -> None:
     folder = write_millimetres(tmp_path / "mine", 3000)
     with pytest.warns(UserWarning, match=r"mine is taken to have depth in steps of 1/5000 m"):
         open_dataset(folder, intrinsics=CAMERA)
@@ -219,7 +219,7 @@ def test_the_name_of_the_benchmark_alone_makes_no_unit_certain(tmp_path: Path, n
     assert "1/5000 m" in next(open_dataset(write_millimetres(tmp_path / name, 5000), intrinsics=published).assumed())
 
 
-def test_frames_without_a_partner_are_told_and_the_tolerance_can_be_stated(folder: Path) -> None:
+def test_frames_without_a_partner_are_reported_and_the_tolerance_can_be_stated(folder: Path) -> None:
     with pytest.warns(UserWarning, match="1 of 4 depth images have no gray image within 15 ms"):
         open_dataset(folder, intrinsics=CAMERA, within_s=0.015)
     with warnings.catch_warnings():

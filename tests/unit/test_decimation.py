@@ -15,7 +15,7 @@ FACTORS = pytest.mark.parametrize("factor", [2, 3, 4, 6])
 
 
 def seen(config: RigConfig, *, near_m: float | None = None) -> Capture:
-    """A wall at 3 m, with a block in front of it if asked for."""
+    """A wall at 3 m, with a block in front of it if requested."""
     bodies = [wall(3.0), *([] if near_m is None else [block(near_m, 0.5)])]
     config = config.model_copy(update={"mount_forward_m": 0.0})
     return captured(config, *bodies, seed=2, renderer="raster", right=True)

@@ -13,13 +13,13 @@ from sim.depth_camera import CAMERAS, DepthCamera
 from sim.errors import SensorError
 from sim.render import create_renderer
 from sim.sensor import RigConfig
-from sim.types import Images
+from sim.types import CameraImages
 from tests.helpers import camera_at, wall, world_of
 
 SMALL = RigConfig(width_px=320, height_px=180, rate_hz=30)
 
 
-def rendered(*bodies: Body) -> tuple[Images, Images]:
+def rendered(*bodies: Body) -> tuple[CameraImages, CameraImages]:
     """The images of a pair of the small camera."""
     with world_of(*bodies) as world:
         cameras = [camera_at(0, side * SMALL.baseline_m / 2, 0, intrinsics=SMALL.full_intrinsics) for side in (1, -1)]

@@ -181,7 +181,7 @@ def test_a_picture_shows_the_learner_from_behind() -> None:
         ({"render_mode": "human"}, r"one of \['rgb_array'\] or None, got 'human'"),
     ],
 )
-def test_options_that_cannot_be_are_told(options: dict[str, Any], text: str) -> None:
+def test_options_that_cannot_be_are_reported(options: dict[str, Any], text: str) -> None:
     with pytest.raises(MissionError, match=text):
         LeaderFollowerEnv(**options)
 

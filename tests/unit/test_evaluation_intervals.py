@@ -7,9 +7,9 @@ from voxdepth.tools.evaluation.intervals import Counts, Interval, drawn_shares
 from voxdepth.tools.evaluation.tiles import MIN_TILES, TILES
 
 
-def counts(shares: np.ndarray, judged: int = 100) -> Counts:
+def counts(shares: np.ndarray, evaluated: int = 100) -> Counts:
     """Shares by frame and tile, as counts of the same number of pixels each."""
-    return Counts(np.rint(judged * shares), np.full(shares.shape, float(judged)))
+    return Counts(np.rint(evaluated * shares), np.full(shares.shape, float(evaluated)))
 
 
 def interval_of(shares: np.ndarray) -> Interval:
@@ -43,7 +43,7 @@ def test_frames_that_differ_as_a_whole_widen_the_interval_as_tiles_do() -> None:
 
 
 def test_the_interval_covers_the_truth_where_places_differ_and_one_over_frames_would_not() -> None:
-    """Of 60 cameras at rest with random places, about 95 % have an interval around the mean of all places."""
+    """Of 60 cameras at rest with random positions, about 95 % have an interval around the mean of all places."""
     rng = np.random.default_rng(0)
     found = [interval_of(rng.uniform(0, 1, (1, TILES)) + rng.normal(0, 0.01, (20, TILES))) for _ in range(60)]
     covered = np.mean([one.low < 0.5 < one.high for one in found])
@@ -59,9 +59,9 @@ def test_methods_are_drawn_together_so_that_a_lead_is_one_of_pairs() -> None:
 
 def test_few_places_have_no_interval_and_places_without_pixels_do_not_count() -> None:
     for tiles, is_known in ((MIN_TILES - 1, False), (MIN_TILES, True)):
-        judged = np.zeros((3, TILES))
-        judged[1, :tiles] = 10
-        found = Interval.of(drawn_shares({"m": Counts(judged / 2, judged)})["m"])
+        evaluated = np.zeros((3, TILES))
+        evaluated[1, :tiles] = 10
+        found = Interval.of(drawn_shares({"m": Counts(evaluated / 2, evaluated)})["m"])
         assert (found.value, found.is_known, found.is_positive) == (0.5, is_known, is_known)
     nothing = Counts(np.zeros((3, TILES)), np.zeros((3, TILES)))
     assert drawn_shares({"m": nothing}).columns.empty

@@ -1,4 +1,4 @@
-"""Whether a confidence can be believed: what is told, of how many pixels, and how it is drawn."""
+"""Whether a confidence can be believed: what is reported, of how many pixels, and how it is drawn."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,7 +11,7 @@ from tests.pages import require_self_contained
 from voxdepth.tools.evaluation import tiles
 from voxdepth.tools.evaluation.curves import plots_of, untold
 from voxdepth.tools.evaluation.frames import TRUTH, EvaluationFrame, Reference
-from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.measurements import MetricValue
 from voxdepth.tools.evaluation.references import held_out
 from voxdepth.tools.evaluation.reliability import MIN_PIXELS, ConfidenceScore
 from voxdepth.tools.evaluation.report import rendered
@@ -25,8 +25,8 @@ def frame_of(hidden: MaskImage) -> EvaluationFrame:
     return replace(evaluation_frames(1)[0], reference_m=np.full(CAMERA.shape, 30, np.float32), hidden=hidden)
 
 
-def told(reference: Reference, hidden: MaskImage, times: int = 1, **given: Any) -> dict[tuple[str, str], Any]:
-    """What is told where half of the fills are right, of which 0.9 is said, and all measured pixels."""
+def message(reference: Reference, hidden: MaskImage, times: int = 1, **given: Any) -> dict[tuple[str, str], Any]:
+    """What is reported where half of the fills are right, of which 0.9 is said, and all measured pixels."""
     frame, score = frame_of(hidden), ConfidenceScore(reference, CAMERA)
     depth_m = np.where(hidden & (np.arange(CAMERA.width_px) % 2 == 0), np.float32(60), np.float32(30))
     confidence = np.where(hidden, np.float32(0.9), np.float32(1))
@@ -42,8 +42,8 @@ def half() -> MaskImage:
 
 
 @pytest.mark.parametrize("reference", [TRUTH, LATER])
-def test_fills_and_measured_pixels_are_told_apart_at_any_range(reference: Reference) -> None:
-    found, n = told(reference, half()), half().sum()
+def test_fills_and_measured_pixels_are_distinguished_at_any_range(reference: Reference) -> None:
+    found, n = message(reference, half()), half().sum()
     assert found["holes", "said"] == (pytest.approx(0.9), n)
     assert found["holes", "right"] == (0.5, n)
     assert found["holes", "calibration_error"] == (pytest.approx(0.4), n)
@@ -53,22 +53,22 @@ def test_fills_and_measured_pixels_are_told_apart_at_any_range(reference: Refere
     assert found["measured", "right"] == (1, n)
 
 
-def test_measured_pixels_are_not_judged_by_their_own_measurement_nor_where_a_method_replaces_it() -> None:
-    assert {mask for mask, _ in told(held_out("patches"), half())} == {"patches"}
+def test_measured_pixels_are_not_evaluated_by_their_own_measurement_nor_where_a_method_replaces_it() -> None:
+    assert {mask for mask, _ in message(held_out("patches"), half())} == {"patches"}
     replaced = np.full(CAMERA.shape, Source.MEMORY, np.uint8)
-    assert {mask for mask, _ in told(TRUTH, half(), source=replaced)} == {"holes"}
+    assert {mask for mask, _ in message(TRUTH, half(), source=replaced)} == {"holes"}
 
 
-def test_nothing_is_told_of_few_pixels_or_of_few_places_however_many_frames_repeat_them() -> None:
+def test_nothing_is_reported_of_few_pixels_or_of_few_places_however_many_frames_repeat_them() -> None:
     few = np.zeros(CAMERA.shape, bool)
     few[:40, :8] = True
     assert np.count_nonzero(tiles.count(few)) < tiles.MIN_TILES and few.sum() * 100 > MIN_PIXELS
-    assert {mask for mask, _ in told(LATER, few, times=100)} == {"measured"}
+    assert {mask for mask, _ in message(LATER, few, times=100)} == {"measured"}
     sparse = np.zeros(CAMERA.shape, bool)
     sparse[::6, ::6] = True
     assert np.count_nonzero(tiles.count(sparse)) == tiles.TILES
-    assert not told(held_out("patches"), sparse)
-    assert told(held_out("patches"), sparse, times=1 + MIN_PIXELS // int(sparse.sum()))
+    assert not message(held_out("patches"), sparse)
+    assert message(held_out("patches"), sparse, times=1 + MIN_PIXELS // int(sparse.sum()))
 
 
 def test_tiles_are_six_by_four_and_count_every_pixel_once() -> None:
@@ -80,16 +80,16 @@ def test_tiles_are_six_by_four_and_count_every_pixel_once() -> None:
     assert np.flatnonzero(tiles.count(corner)).tolist() == [18]
 
 
-def of_bins(mask: str, *bins: tuple[int, float, float, int]) -> list[Measurement]:
+def of_bins(mask: str, *bins: tuple[int, float, float, int]) -> list[MetricValue]:
     """The reliability of one method: number of a bin, what is said, what is right, and pixels."""
-    found = [Measurement(name, mask, "all", "filled", 0.5, "share", 2000) for name in ("said", "right")]
+    found = [MetricValue(name, mask, "all", "filled", 0.5, "share", 2000) for name in ("said", "right")]
     for k, said, right, n in bins:
-        found += [Measurement(f"said_{k}", mask, "all", "filled", said, "share", n)]
-        found += [Measurement(f"right_{k}", mask, "all", "filled", right, "share", n)]
+        found += [MetricValue(f"said_{k}", mask, "all", "filled", said, "share", n)]
+        found += [MetricValue(f"right_{k}", mask, "all", "filled", right, "share", n)]
     return found
 
 
-def test_the_page_draws_the_curve_of_each_method_and_says_where_none_can_be_told() -> None:
+def test_the_page_draws_the_curve_of_each_method_and_says_where_none_can_be_reported() -> None:
     ours = [
         *of_bins("holes", (1, 0.1, 0, 5), (2, 0.25, 0.3, 500), (6, 0.95, 0.9, 1495)),
         *of_bins("measured", (6, 1.0, 0.99, 9000)),

@@ -15,22 +15,22 @@ from rich.console import Console
 from tests.evaluation_clips import evaluation_of, held_out_info, info_of, result_of
 from tests.pages import require_self_contained
 from voxdepth.registry import title
-from voxdepth.tools.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, Selector, of_frames
+from voxdepth.tools.evaluation.measurements import MEASUREMENT_COLUMNS, MetricValue, Selector, of_frames
 from voxdepth.tools.evaluation.quantities import QUANTITIES, is_measured
 from voxdepth.tools.evaluation.report import method_table, print_results, rendered
-from voxdepth.tools.evaluation.results import Result
+from voxdepth.tools.evaluation.results import MethodResult
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.tools.table import Table, write_frame
 
 NASTY = "<script>alert('x')</script>"
 
 
-def result(sequence: str, method: str, mae: float, n: int = 1000, **given: Any) -> Result:
+def result(sequence: str, method: str, mae: float, n: int = 1000, **given: Any) -> MethodResult:
     figures = [
-        Measurement("mae", "all", "0-20 m", "completed", mae, "m", n),
-        Measurement("mae", "holes", "0-20 m", "completed", 2 * mae, "m", n),
-        Measurement("latency_p50", "frames", "frames", "frames", 3.0, "ms", 2),
-        Measurement("latency_p95", "frames", "frames", "frames", 4.0, "ms", 2),
+        MetricValue("mae", "all", "0-20 m", "completed", mae, "m", n),
+        MetricValue("mae", "holes", "0-20 m", "completed", 2 * mae, "m", n),
+        MetricValue("latency_p50", "frames", "frames", "frames", 3.0, "ms", 2),
+        MetricValue("latency_p95", "frames", "frames", "frames", 4.0, "ms", 2),
     ]
     return result_of(sequence, method, *figures, **given)
 
@@ -124,7 +124,7 @@ def test_failures_alone_are_shown(done: Evaluation) -> None:
 
 def test_without_the_truth_pixels_that_were_given_rank_nobody() -> None:
     raw = result("real", "raw", 0.0, info=held_out_info("real", "patches"))
-    coverage = Measurement("coverage", "all", "0-20 m", "filled", 0.9, "share", 1000)
+    coverage = MetricValue("coverage", "all", "0-20 m", "filled", 0.9, "share", 1000)
     done = evaluation_of(replace(raw, measurements=(*raw.measurements, coverage)))
     for quantity in QUANTITIES:
         if quantity.selectors[0].mask == "all":
@@ -138,7 +138,7 @@ def test_nobody_is_best_where_all_are_equal() -> None:
 
 
 def test_time_in_a_thread_of_its_own_is_shown_apart() -> None:
-    beside = Measurement("latency_background", "frames", "frames", "frames", 7.0, "ms", 2)
+    beside = MetricValue("latency_background", "frames", "frames", "frames", 7.0, "ms", 2)
     paper = result("s", "voxdepth", 0.5)
     done = evaluation_of(result("s", "raw", 0.5), replace(paper, measurements=(*paper.measurements, beside)))
     table = method_table(done, next(q for q in QUANTITIES if of_frames("latency_p50") in q.selectors))

@@ -17,7 +17,7 @@ from voxdepth.errors import ConfigError
 from voxdepth.registry import ENTRY_POINTS
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.evaluation.frames import TRUTH
-from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.measurements import MetricValue
 from voxdepth.tools.evaluation.methods import (
     METHOD_NAMES,
     WARM_UP_FRAMES,
@@ -40,7 +40,7 @@ def made(corrector: Callable[[], Any], **given: Any) -> Method:
     return Method(name="x", make=lambda intrinsics: corrector(), **given)
 
 
-def of_frames(done: Scores, metric: str) -> Measurement:
+def of_frames(done: Scores, metric: str) -> MetricValue:
     (found,) = (one for one in done.measurements if one.metric == metric)
     return found
 
@@ -77,7 +77,7 @@ def test_a_method_that_cannot_be_closed_is_an_error_of_the_method(error: BaseExc
 
 
 @pytest.mark.parametrize(("fails_at", "instances"), [(0, 1), (WARM_UP_FRAMES, 2)])
-def test_every_instance_is_closed_and_the_first_error_is_told(fails_at: int, instances: int) -> None:
+def test_every_instance_is_closed_and_the_first_error_is_reported(fails_at: int, instances: int) -> None:
     correctors = [mock.Mock(wraps=Raw()) for _ in range(instances)]
     frames = iter(range(N))
 
@@ -113,13 +113,13 @@ def test_work_of_other_threads_is_counted_apart_from_the_latency() -> None:
     assert 0 <= idle.value < 5
 
 
-@pytest.mark.parametrize(("asked", "warmed_up"), [(1, 1), (3, 3), (9, 4)])
+@pytest.mark.parametrize(("requested", "warmed_up"), [(1, 1), (3, 3), (9, 4)])
 def test_the_warm_up_is_as_long_as_asked_and_possible_is_not_timed_and_leaves_nothing_behind(
-    asked: int, warmed_up: int
+    requested: int, warmed_up: int
 ) -> None:
     calls: list[int] = []
     instances = [method("x", lambda d, k=k: calls.append(k) or d).make(CAMERA) for k in range(2)]
-    done = ran(made(iter(instances).__next__, warm_up_frames=asked))
+    done = ran(made(iter(instances).__next__, warm_up_frames=requested))
     assert calls == [0] * warmed_up + [1] * 4
     for name in ("latency_p50", "latency_p95"):
         latency = of_frames(done, name)

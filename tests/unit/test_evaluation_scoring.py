@@ -25,7 +25,7 @@ from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import Sums
 from voxdepth.tools.evaluation import tiles
 from voxdepth.tools.evaluation.frames import RANGES, TRUTH, EvaluationFrame, FrameFile, Reference
-from voxdepth.tools.evaluation.measurements import Measurement
+from voxdepth.tools.evaluation.measurements import MetricValue
 from voxdepth.tools.evaluation.quantities import QUANTITIES
 from voxdepth.tools.evaluation.references import held_out
 from voxdepth.tools.evaluation.report import method_table, range_table
@@ -38,7 +38,7 @@ MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n[versio
 NEAR_FILLED = ("all", "0-20 m", "filled")
 
 
-def scored(change: Change, reference: Reference = TRUTH) -> dict[tuple[str, ...], Measurement]:
+def scored(change: Change, reference: Reference = TRUTH) -> dict[tuple[str, ...], MetricValue]:
     return scores_of(reference, evaluation_frames(4), change)
 
 
@@ -96,12 +96,12 @@ def test_the_close_pixels_of_each_frame_and_tile_are_those_of_hidden_ones_that_a
     for frame, depth_m in zip(frames, (frames[0].reference_m, frames[1].frame.depth_m), strict=True):
         score.add(frame, CorrectedDepth.of(frame.frame, depth_m))
     holes = tuple(tuple(tiles.count(frame.hidden).tolist()) for frame in frames)
-    assert score.judged == holes
+    assert score.evaluated == holes
     assert score.close == (holes[0], (0,) * tiles.TILES)
 
 
 def test_mirrored_images_are_counted_in_the_tiles_of_the_recording() -> None:
-    """Kinds of pixels share their places, so that what one place shows is drawn once for all of them."""
+    """Kinds of pixels share their pixels, so that what one pixel shows is drawn once for all of them."""
     frame = evaluation_frames(1)[0]
     left = np.broadcast_to(np.arange(CAMERA.width_px) < 5, CAMERA.shape)
     for is_mirrored, column in ((False, 0), (True, tiles.COLUMNS - 1)):
@@ -131,7 +131,7 @@ def test_settled_errors_leave_the_warm_up_out() -> None:
     assert done["rmse_settled", "occluded", "0-20 m", "completed"].value == 0
 
 
-def test_without_the_truth_held_out_pixels_are_judged_and_the_change_of_depth_is_flicker() -> None:
+def test_without_the_truth_held_out_pixels_are_evaluated_and_the_change_of_depth_is_flicker() -> None:
     frame, hidden = evaluation_frames(1)[0], np.zeros(CAMERA.shape, bool)
     hidden[:, :10] = True
     labelled = replace(frame, hidden=hidden, occluded=None, static=np.ones(CAMERA.shape, bool))
@@ -240,7 +240,7 @@ def test_flying_fills_are_counted_among_the_fills_beside_an_edge_at_any_range() 
     assert done["said", "measured", "all", "filled"].value == 1, "the confidence is scored with the depth"
 
 
-def test_errors_of_fills_are_told_by_the_range_of_the_reference_by_hand() -> None:
+def test_errors_of_fills_are_reported_by_the_range_of_the_reference_by_hand() -> None:
     """Holes at 1, 2, 4, 19, 20 and 50 m get 10 % more, that at 4 m nothing; a measured pixel does not count."""
     shape = (1, 7)
     reference_m = np.array([[1, 2, 4, 19, 20, 50, 1]], np.float32)

@@ -32,7 +32,7 @@ from voxdepth.tools.evaluation import frames, suite
 from voxdepth.tools.evaluation.measurements import Selector, select
 from voxdepth.tools.evaluation.methods import Method, find_methods
 from voxdepth.tools.evaluation.recordings import HELD_OUT, RecordedSource
-from voxdepth.tools.evaluation.results import STORED, Result, load, path_of, store
+from voxdepth.tools.evaluation.results import STORED, MethodResult, load, path_of, store
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
 from voxdepth.tools.files import locked, to_toml, unsealed_json
 from voxdepth.tools.recorded import Opener
@@ -52,7 +52,7 @@ def run(out: Path, *folders: Path, methods: tuple[Method, ...] = (GOOD, BAD), fr
     return evaluate(plan, lambda what, done: None)
 
 
-def quality(result: Result) -> Any:
+def quality(result: MethodResult) -> Any:
     return [m for m in result.measurements if m.on != "frames"]
 
 
@@ -150,7 +150,7 @@ def test_other_sources_or_another_number_of_frames_are_another_result(
 
 
 def test_a_result_is_not_taken_for_that_of_another_method_whose_file_has_its_name(tmp_path: Path) -> None:
-    store(tmp_path, Result(sequence="walk", method="mine:a", key={"frames": 1}))
+    store(tmp_path, MethodResult(sequence="walk", method="mine:a", key={"frames": 1}))
     assert load(tmp_path, "walk", "mine:a", {"frames": 1}) is not None
     assert load(tmp_path, "walk", "mine/a", {"frames": 1}) is None
 
@@ -283,9 +283,9 @@ def test_the_sensors_own_holes_are_scored_by_a_true_depth_of_the_first_frame(tmp
     done = run(tmp_path / "out", folder, methods=(GOOD, method("wall", lambda d: np.full_like(d, 6))), frames=2)
     info = done.sequences["real-holes"]
     (shares,) = (shares for shares in done.shares if shares.recording == "real")
-    judged = shadow_of(truth_of(0))[8:].sum()
-    assert (shares.kinds["real-holes"].judged, shares.kinds["real-holes"].pixels) == (judged, info.hidden)
-    assert info.hidden > 2 * judged, "the second frame has no truth, and the first one some above"
+    evaluated = shadow_of(truth_of(0))[8:].sum()
+    assert (shares.kinds["real-holes"].evaluated, shares.kinds["real-holes"].pixels) == (evaluated, info.hidden)
+    assert info.hidden > 2 * evaluated, "the second frame has no truth, and the first one some above"
     assert info.pixels == truth_mm[8:].size, "the second frame has no truth"
     close = Selector("close", "holes", on="as given")
     assert select(done.measurements, close).loc["real-holes", "value"].to_dict() == {"good": 0, "wall": 1}
@@ -340,22 +340,22 @@ def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
 
     monkeypatch.setattr("scenarios.sequences.record", record)
     requested = Shipped(load_sequence("sim-LN", 3, {}))
-    told: list[str] = []
-    source = requested.open(tmp_path, 4, told.append)
+    message: list[str] = []
+    source = requested.open(tmp_path, 4, message.append)
     assert isinstance(source, SimulatedSource)
-    assert (source.seed, len(source), told[-1]) == (3, 4, "recording sim-LN, frame 4 of 4")
-    requested.open(tmp_path, 3, told.append)
+    assert (source.seed, len(source), message[-1]) == (3, 4, "recording sim-LN, frame 4 of 4")
+    requested.open(tmp_path, 3, message.append)
     assert made == [4]
     (folder,) = (tmp_path / "recordings").iterdir()
     for name in ("config.toml", "depth_raw/000002.tiff", "segment/000003.png"):
         (folder / name).write_bytes(DAMAGES["a wrong byte in the middle"]((folder / name).read_bytes()))
-        assert requested.open(tmp_path, 4, told.append).digest(4)
+        assert requested.open(tmp_path, 4, message.append).digest(4)
         assert made.pop() == 4, "it is made again"
     assert made == [4]
     other = Shipped(load_sequence("sim-LN", 4, {}))
     done = evaluate(Plan(sequences=[other], methods=[GOOD], frames=3, out=tmp_path), lambda what, n: None)
     assert (done.results[0].error, done.sequences["sim-LN"].seed) == (None, 4)
-    assert requested.open(tmp_path, 4, told.append).seed == 3
+    assert requested.open(tmp_path, 4, message.append).seed == 3
     assert made == [4, 3], "each seed has a recording of its own"
     names = [folder.name for folder in (tmp_path / "recordings").iterdir()]
     assert len(names) == 2

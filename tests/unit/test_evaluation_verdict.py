@@ -1,4 +1,4 @@
-"""The verdict of an evaluation follows from the numbers of its tables, and weighs all that was judged."""
+"""The verdict of an evaluation follows from the numbers of its tables, and weighs all that was evaluated."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from voxdepth.tools.evaluation.frames import TRUTH
 from voxdepth.tools.evaluation.measurements import Selector, select
 from voxdepth.tools.evaluation.references import held_out
 from voxdepth.tools.evaluation.report import share_table
-from voxdepth.tools.evaluation.results import Result
+from voxdepth.tools.evaluation.results import MethodResult
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.tools.evaluation.tiles import TILES
 from voxdepth.tools.evaluation.verdict import verdict
@@ -16,10 +16,10 @@ from voxdepth.tools.evaluation.verdict import verdict
 
 def results_of(
     hidden: str, shares: dict[str, float | None], recording: str = "walk", pixels: int = 1000, tiles: int = TILES
-) -> list[Result]:
+) -> list[MethodResult]:
     """One kind of pixels: methods with shares of close pixels, a tenth more and a tenth less by turns.
 
-    None failed. Half of the pixels are judged.
+    None failed. Half of the pixels are evaluated.
     """
     reference = TRUTH if hidden == "holes" else held_out(hidden)
     info = info_of(f"{recording}-{hidden}", recording=recording, reference=reference, hidden=2 * tiles * pixels)
@@ -34,12 +34,12 @@ def results_of(
     return results
 
 
-def evaluation_of(*results: list[Result]) -> Evaluation:
+def evaluation_of(*results: list[MethodResult]) -> Evaluation:
     return Evaluation(results=tuple(result for part in results for result in part))
 
 
-def test_the_verdict_weighs_kinds_by_judged_pixels_and_names_those_where_another_method_is_ahead() -> None:
-    """The case of a user: ours wins own holes by 4 points, of which few are judged, and loses the shadows by 10."""
+def test_the_verdict_weighs_kinds_by_evaluated_pixels_and_names_those_where_another_method_is_ahead() -> None:
+    """The case of a user: ours wins own holes by 4 points, of which few are evaluated, and loses the shadows by 10."""
     few = results_of("holes", {"raw": 0.0, "realsense-left": 0.80, "temporal": 0.84}, pixels=100)
     many = results_of("shadows", {"raw": 0.0, "realsense-left": 0.92, "temporal": 0.82})
     evaluation = evaluation_of(many, few)
@@ -60,7 +60,7 @@ def test_the_verdict_weighs_kinds_by_judged_pixels_and_names_those_where_another
     assert [text[:4] for text in texts["temporal (ours)"]] == ["82.0", "84.0", "82.2", "-8.7"]
 
 
-def test_the_sensors_own_holes_are_told_beside_those_that_were_made() -> None:
+def test_the_sensors_own_holes_are_reported_beside_those_that_were_made() -> None:
     made = results_of("shadows", {"raw": 0.0, "realsense-left": 0.5, "temporal": 0.9})
     for of_left, lead in ((0.3, "10.0 points [10.0, 10.0] more"), (0.4, "0.0 points [0.0, 0.0] less")):
         own = results_of("holes", {"raw": 0.0, "realsense-left": of_left, "temporal": 0.4}, pixels=100)
@@ -75,14 +75,14 @@ def test_any_method_is_compared_with_the_best_other_one_whoever_made_it(best: st
     assert "It leads the best other method, realsense, by 20.0 points [20.0, 20.0]." in said
 
 
-def test_settings_of_one_corrector_that_hardly_differ_are_told_as_such() -> None:
+def test_settings_of_one_corrector_that_hardly_differ_are_reported_as_such() -> None:
     shares = {"temporal": 0.8, "temporal[fill=all]": 0.8001, "realsense-left": 0.5}
     (said,) = verdict(evaluation_of(results_of("patches", shares)))
     assert "There is no difference beyond chance between it and temporal" in said
     assert "It leads the next method, realsense-left, by 30.0 points" in said
 
 
-def test_methods_that_do_not_differ_are_told_as_such_and_the_next_one_with_its_distance() -> None:
+def test_methods_that_do_not_differ_are_reported_as_such_and_the_next_one_with_its_distance() -> None:
     results = results_of("patches", {"telea": 0.80, "lmeds": 0.5, "temporal": 0.80})
     close = np.array(results[0].close) + 30 * np.random.default_rng(0).integers(-1, 2, TILES)
     results[0] = result_of("walk-patches", "telea", info=results[0].info, close=close, judged=results[0].judged)

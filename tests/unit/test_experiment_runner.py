@@ -13,8 +13,8 @@ from rich.console import Console
 
 from scenarios.errors import ScenarioError
 from scenarios.evaluation import with_truth
-from scenarios.experiments.catalogue import CATALOGUE, Entry, told
-from scenarios.experiments.experiment import Claim, Experiment, Findings, all_hold, counted, most_hold, summary
+from scenarios.experiments.catalogue import CATALOGUE, Entry, duration_text
+from scenarios.experiments.experiment import Claim, Experiment, ExperimentResult, all_hold, counted, most_hold, summary
 from scenarios.experiments.runner import find_experiment, run
 from tests.commands import invoke
 
@@ -22,12 +22,12 @@ TABLE = pd.DataFrame({"method": ["one", "two"], "time [ms]": [1.23456, None], "n
 CLAIM = Claim("one is faster", "it takes 1.2 ms", None, "both are known")
 
 
-def answer(asked: Experiment) -> Findings:
+def answer(experiment: Experiment) -> ExperimentResult:
     """The same table for every question."""
-    return Findings(table=TABLE, figure=b"drawn")
+    return ExperimentResult(table=TABLE, figure=b"drawn")
 
 
-def fail(asked: Experiment) -> Findings:
+def fail(experiment: Experiment) -> ExperimentResult:
     raise ScenarioError("it failed")
 
 
@@ -48,7 +48,7 @@ def stub(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def report(out: Path, experiment: Experiment = STUB, **given: Any) -> None:
-    run("stub", experiment.asked(out=out, **given), "voxdepth experiment stub", Console(width=300))
+    run("stub", experiment.with_options(out=out, **given), "voxdepth experiment stub", Console(width=300))
 
 
 @pytest.mark.usefixtures("stub")
@@ -79,12 +79,12 @@ def test_the_table_is_printed_and_written_with_what_is_needed_to_repeat_it(
 
 
 def test_what_the_user_does_not_say_the_experiment_does() -> None:
-    assert replace(STUB, seed=7).asked(seed=0).seed == 0
-    asked = STUB.asked(frames=None)
-    assert (asked.sequences, asked.frames, asked.width_px) == (("sim-LN",), 5, 160)
-    rig = asked.sequence("sim-LN").sequence.rig
+    assert replace(STUB, seed=7).with_options(seed=0).seed == 0
+    experiment = STUB.with_options(frames=None)
+    assert (experiment.sequences, experiment.frames, experiment.width_px) == (("sim-LN",), 5, 160)
+    rig = experiment.sequence("sim-LN").sequence.rig
     assert (rig.width_px, rig.height_px) == (160, 90), "the shape of the sequence stays"
-    assert asked.sequence("sim-KTC").sequence.rig.height_px == 160
+    assert experiment.sequence("sim-KTC").sequence.rig.height_px == 160
 
 
 @pytest.mark.parametrize(
@@ -98,13 +98,13 @@ def test_what_the_user_does_not_say_the_experiment_does() -> None:
 )
 def test_what_cannot_be_is_said(given: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
-        replace(STUB, least_frames=3).asked(**given)
+        replace(STUB, least_frames=3).with_options(**given)
 
 
 @pytest.mark.parametrize(("given", "option"), [({"frames": 3}, "--frames"), ({"width_px": 160}, "--width")])
 def test_an_experiment_that_needs_no_frames_refuses_some(given: dict[str, int], option: str) -> None:
     with pytest.raises(ScenarioError, match=f"'What is it[?]' is not asked of images: leave out {option}"):
-        replace(STUB, sequences=(), frames=0, width_px=None).asked(**given)
+        replace(STUB, sequences=(), frames=0, width_px=None).with_options(**given)
 
 
 @pytest.mark.usefixtures("stub")
@@ -118,9 +118,9 @@ def test_each_experiment_is_a_module_of_its_name_and_is_listed_with_label_claim_
     listing = " ".join(invoke("experiment", "--help").output.replace("│", " ").split())
     for name, entry in CATALOGUE.items():
         assert isinstance(find_experiment(name), Experiment)
-        assert f"{name} {entry.label}: {entry.claim}; {told(entry.minutes)}." in listing
+        assert f"{name} {entry.label}: {entry.claim}; {duration_text(entry.minutes)}." in listing
     minutes = sum(entry.minutes for entry in CATALOGUE.values())
-    assert minutes <= 45 and f"{told(minutes)}." in listing
+    assert minutes <= 45 and f"{duration_text(minutes)}." in listing
 
 
 def test_all_run_in_the_order_of_the_paper_and_their_claims_are_listed(
@@ -132,8 +132,8 @@ def test_all_run_in_the_order_of_the_paper_and_their_claims_are_listed(
     assert {path.name for path in tmp_path.iterdir()} == CATALOGUE.keys()
     assert f"claims of the paper: {len(CATALOGUE)} open" in printed
     _, _, listing = printed.partition("claims of the paper")
-    places = [listing.index(f" {name} ") for name in CATALOGUE]
-    assert places == sorted(places)
+    positions = [listing.index(f" {name} ") for name in CATALOGUE]
+    assert positions == sorted(positions)
 
 
 def test_an_experiment_without_data_refuses_some(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from sim import frames
 from sim.drone import AirframeConfig
 from sim.errors import SceneError
 from sim.flights import Cut, Drone, Flight, Hover, Stations, Walk
-from sim.flights.trajectory import Track
+from sim.flights.trajectory import SmoothPath
 from sim.types import BodyPose
 from sim.world import World
 from voxdepth.types import FloatArray
@@ -85,7 +85,7 @@ def test_bad_paths_are_refused_at_once(flight: Flight) -> None:
 def test_a_track_has_the_slope_that_its_laws_promise(points: list[tuple[float, float, float]], share: float) -> None:
     path_m = np.array([[0, 0, 0], *points])
     path_m[:, 0] += 10 * np.arange(len(path_m))
-    track = Track(path_m, rounding_m=1.5, turning_m=2.0)
+    track = SmoothPath(path_m, rounding_m=1.5, turning_m=2.0)
     along, h = share * track.length_m, 1e-4
     behind, here, ahead = (track.position_m(along + d) for d in (-h, 0, h))
     assert np.linalg.norm(ahead - behind) / (2 * h) < 1 + 1e-6
@@ -94,7 +94,7 @@ def test_a_track_has_the_slope_that_its_laws_promise(points: list[tuple[float, f
 
 
 def test_a_track_keeps_straight_legs_and_rounds_corners_as_documented() -> None:
-    track = Track(CORNER, rounding_m=1.0, turning_m=1.0)
+    track = SmoothPath(CORNER, rounding_m=1.0, turning_m=1.0)
     np.testing.assert_allclose(track.position_m(0.0), CORNER[0])
     np.testing.assert_allclose(track.position_m(5.0), [5, 0, 0])
     np.testing.assert_allclose(track.position_m(11.0), [8, 3, 0])
@@ -103,7 +103,7 @@ def test_a_track_keeps_straight_legs_and_rounds_corners_as_documented() -> None:
     np.testing.assert_allclose([track.heading_rad(s) for s in (0, 8, 16)], [0, np.pi / 4, np.pi / 2], atol=1e-12)
 
 
-def test_a_walk_follows_the_path_to_its_end_and_looks_where_it_is_told() -> None:
+def test_a_walk_follows_the_path_to_its_end_and_looks_where_it_is_commanded_to() -> None:
     poses = fly(STEADY_WALK, STRAIGHT, n=None)
     at = positions(poses)
     np.testing.assert_allclose(np.diff(at[:, 0]) * HZ, 1.3)
@@ -208,7 +208,7 @@ def test_a_hover_sways_by_its_sigma() -> None:
     assert yaw_deg.std() == pytest.approx(0.5, rel=0.3)
 
 
-def test_a_hover_without_sway_is_perfectly_still_and_on_the_path_and_looks_where_it_is_told() -> None:
+def test_a_hover_without_sway_is_perfectly_still_and_on_the_path_and_looks_where_it_is_commanded_to() -> None:
     poses = fly(Hover(sway_m=0, sway_deg=0), STRAIGHT, n=200)
     np.testing.assert_array_equal(numbers(poses)[:, 1:], np.tile([0, 0, 2.5, 0, 0, 0, 1], (200, 1)))
     to_the_left = headings(fly(Hover(look_deg=90.0, sway_deg=0), STRAIGHT, n=1))
@@ -226,7 +226,7 @@ def test_yaw_turns_at_its_rate(rate_deg_s: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("flight", "rate_hz", "told"),
+    ("flight", "rate_hz", "reported"),
     [
         (Drone(), 250.0, "at most 240 Hz, got 250 Hz"),
         (Hover(at_m=17.0), HZ, "on the path of 16 m, got 17 m"),
@@ -235,14 +235,14 @@ def test_yaw_turns_at_its_rate(rate_deg_s: float) -> None:
     ],
 )
 def test_flights_for_which_the_path_or_the_physics_is_too_short_are_refused(
-    flight: Flight, rate_hz: float, told: str
+    flight: Flight, rate_hz: float, reported: str
 ) -> None:
-    with pytest.raises(SceneError, match=told):
+    with pytest.raises(SceneError, match=reported):
         flight.poses(CORNER, 0, rate_hz)
 
 
 @pytest.mark.parametrize(
-    ("kind", "wrong", "told"),
+    ("kind", "wrong", "reported"),
     [
         (Hover, {"kind": "yaw"}, "expected a rate_deg_s for the kind yaw and none for hover"),
         (Hover, {"rate_deg_s": 20.0}, "expected a rate_deg_s for the kind yaw and none for hover"),
@@ -250,9 +250,9 @@ def test_flights_for_which_the_path_or_the_physics_is_too_short_are_refused(
     ],
 )
 def test_only_a_yaw_has_a_rate_and_no_drone_is_faster_than_its_airframe(
-    kind: type[Flight], wrong: dict[str, object], told: str
+    kind: type[Flight], wrong: dict[str, object], reported: str
 ) -> None:
-    with pytest.raises(ValidationError, match=told):
+    with pytest.raises(ValidationError, match=reported):
         kind.model_validate(wrong)
 
 
@@ -268,7 +268,7 @@ def test_cuts_jump_exactly_at_their_frames(every: int) -> None:
     assert positions(poses)[:, 0].max() < 30.1
 
 
-def test_stations_are_as_far_apart_as_asked_for_and_the_camera_stops_at_each() -> None:
+def test_stations_are_as_far_apart_as_requested_and_the_camera_stops_at_each() -> None:
     poses = fly(Stations(pitch_deg=-10), n=900)
     at, turned = positions(poses), axes(poses)
     jump_m = np.linalg.norm(np.diff(at, axis=0), axis=1)

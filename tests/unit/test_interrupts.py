@@ -1,4 +1,4 @@
-"""A run that is asked to end writes its files first, whenever it is asked."""
+"""A run that is requested to end writes its files first, whenever that is."""
 
 import json
 import os

@@ -65,7 +65,7 @@ def test_of_this_checkout_the_tests_of_the_library_are_found() -> None:
     assert not {"tests/unit/test_world.py", "tests/unit/test_study_file.py", "tests/unit/test_fitted.py"} & {*found}
 
 
-def test_the_lowest_versions_are_those_of_the_project_and_a_higher_one_is_told(checkout: Path) -> None:
+def test_the_lowest_versions_are_those_of_the_project_and_a_higher_one_is_reported(checkout: Path) -> None:
     lowest = required(checkout, ("evaluate", "ros"))
     assert lowest == {"numpy": "2.0", "pandas": "2.2", "backports-zstd": "1"}
     installed = {"numpy": "2.0.0", "pandas": "2.2.3", "backports-zstd": "1.0.0", "pip": "26"}
@@ -136,7 +136,7 @@ def test_without_uv_one_line_says_how_to_get_it(
     )
 
 
-def test_an_absent_python_is_told_and_every_failure_counts(
+def test_an_absent_python_is_reported_and_every_failure_counts(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     failing = matrix.subprocess.CalledProcessError(2, "uv")
@@ -150,8 +150,8 @@ def test_an_absent_python_is_told_and_every_failure_counts(
     monkeypatch.setattr(matrix, "find_spec", lambda name: name)
     monkeypatch.setattr(matrix, "run", run)
     assert main([]) == 1
-    told = capsys.readouterr()
-    assert "Python 3.14 is left out: there is none here" in told.out
-    assert [line.split()[-1] for line in told.out.splitlines()[-6:]] == ["ok"] * 4 + ["FAILED", "ok"]
-    assert told.err == "Python 3.13, lowest versions: their environment cannot be made; the lines above say why\n"
+    message = capsys.readouterr()
+    assert "Python 3.14 is left out: there is none here" in message.out
+    assert [line.split()[-1] for line in message.out.splitlines()[-6:]] == ["ok"] * 4 + ["FAILED", "ok"]
+    assert message.err == "Python 3.13, lowest versions: their environment cannot be made; the lines above say why\n"
     assert (main(["--versions", "newest"]), main(["--python", "3.13", "--versions", "lowest"])) == (0, 1)

@@ -131,7 +131,7 @@ def test_sums_are_taken_in_double_precision() -> None:
 
 
 @pytest.mark.parametrize(
-    ("depth_m", "truth_m", "mask", "told"),
+    ("depth_m", "truth_m", "mask", "message"),
     [
         *((np.where(DEPTH == 1, np.float32(wrong), DEPTH), TRUTH, MASK, "got 1 judged pixels") for wrong in NO_DEPTHS),
         (DEPTH, np.repeat(TRUTH, 3, axis=0), MASK, r"depth_m \(1, 8\), truth_m \(3, 8\)"),
@@ -139,9 +139,9 @@ def test_sums_are_taken_in_double_precision() -> None:
     ],
 )
 def test_what_is_no_depth_or_no_mask_or_of_another_shape_is_refused_rather_than_averaged(
-    depth_m: np.ndarray, truth_m: np.ndarray, mask: np.ndarray, told: str
+    depth_m: np.ndarray, truth_m: np.ndarray, mask: np.ndarray, message: str
 ) -> None:
-    with pytest.raises(FrameError, match=told):
+    with pytest.raises(FrameError, match=message):
         Sums.of(depth_m, truth_m, mask)
 
 
@@ -190,9 +190,9 @@ def test_valid_pixels_stay_and_no_pixel_stays_empty(seed: int) -> None:
 @given(seeds)
 def test_every_pixel_takes_the_depth_of_a_valid_one_that_is_nearest_within_4_percent(seed: int) -> None:
     depth_m = sparse(seed)
-    places, values, filled_m = np.argwhere(depth_m > 0), depth_m[depth_m > 0], fill_from_nearest(depth_m)
+    pixels, values, filled_m = np.argwhere(depth_m > 0), depth_m[depth_m > 0], fill_from_nearest(depth_m)
     for pixel in np.argwhere(depth_m == 0):
-        distance_px = np.linalg.norm(places - pixel, axis=1)
+        distance_px = np.linalg.norm(pixels - pixel, axis=1)
         candidates = values[distance_px <= 1.04 * distance_px.min()]
         assert filled_m[tuple(pixel)] in candidates
 
@@ -351,7 +351,7 @@ def test_a_pixel_flies_if_it_is_neither_on_the_near_nor_on_the_far_surface_nor_b
 
 
 def test_only_fills_beside_an_edge_can_fly() -> None:
-    """Columns 8 to 15 see both surfaces in a window of 9 columns. A hole and a pixel without a truth are not judged."""
+    """Columns 8 to 15 see both surfaces in a window of 9. A hole and a pixel without a truth are not evaluated."""
     depth_m, truth_m = edge(0, 4)
     truth_m[4, 11] = 0
     everywhere = np.ones(truth_m.shape, bool)

@@ -9,7 +9,7 @@ from sim.bodies import Body, Box, Scene, Surface
 from sim.render import create_renderer
 from sim.render.mirrors import FRAME_M
 from sim.sensor import RigConfig
-from sim.types import Camera, Images
+from sim.types import Camera, CameraImages
 from sim.world import World
 from tests.helpers import block, camera_at, captured, wall, world_of
 
@@ -23,7 +23,7 @@ def pane(reflectivity: float, *, yaw_rad: float = 0.0, side_m: float = 2.0) -> B
     return Body(name="pane", shape=shape, position_m=(PANE_M + 0.1, 0.0, 0.0), yaw_rad=yaw_rad, surface=surface)
 
 
-def seen(*bodies: Body, at: Camera | None = None) -> Images:
+def seen(*bodies: Body, at: Camera | None = None) -> CameraImages:
     with world_of(*bodies) as world:
         return create_renderer("raster", world).render([at or camera_at(0, 0, 0)])[0]
 

@@ -74,7 +74,7 @@ def test_there_is_no_picture_of_a_drone_that_is_not_there(tmp_path: Path) -> Non
         take_picture(run("city"), tmp_path / "picture.jpg", drone=2, at_s=1.0)
 
 
-def test_a_collision_is_a_red_cross_and_the_first_is_told() -> None:
+def test_a_collision_is_a_red_cross_and_the_first_is_reported() -> None:
     through_a_tower = {"mission.routes": [{"start_m": [-8.0, 2.6, 6.0], "goal_m": [12.0, 2.6, 6.0]}]}
     reckless = {"mission.rules.avoidance": False, "mission.duration_s": 30.0, "mission.drones": 1}
     blind = run("city", **through_a_tower, **reckless)

@@ -62,9 +62,9 @@ def test_a_network_that_is_not_whole_is_refused(
     shutil.copy(CARD, tmp_path)
     file = tmp_path / f"{NAME}.{suffix}"
     file.unlink() if content is None else file.write_bytes(content)
-    with pytest.raises(ConfigError, match=message) as told:
+    with pytest.raises(ConfigError, match=message) as reported:
         load(NAME, tmp_path)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(reported.value)
 
 
 def test_without_the_extra_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from sim.bodies import Surface
 from sim.camera_noise import exposure_gain, low_light_noise, normal_numbers, photon_noise
-from sim.depth_noise import DepthNoise, Disparity, Flicker, NoiseTerm, NoisyDepth, Occlusion, Scale, Textureless
+from sim.depth_noise import DepthNoise, Disparity, NoiseTerm, NoisyDepth, Occlusion, PatchFlicker, Scale, Textureless
 from sim.seeds import Purpose, counter_key
 from sim.types import InvalidReason
 from tests.helpers import CAMERA
@@ -139,7 +139,7 @@ def test_quantised_disparities_are_the_nearest_steps(depth_m: float, step_px: fl
 
 
 def test_flicker_drops_and_moves_its_shares_of_patches_for_one_frame() -> None:
-    term = Flicker(dropout=0.1, jump=0.2, jump_ratio=0.25, patch_px=3)
+    term = PatchFlicker(dropout=0.1, jump=0.2, jump_ratio=0.25, patch_px=3)
     frames = [after(term, shape=(300, 300), frame=frame) for frame in range(5)]
     dropped = np.array([f.depth_m == 0 for f in frames])
     jumped = np.array([(f.depth_m != 8) & (f.depth_m > 0) for f in frames])
@@ -168,7 +168,7 @@ def test_occlusion_invalidates_only_occluded_pixels() -> None:
 TERMS = (
     Scale(theta=0.4),
     Disparity(sigma_px=0.3, step_px=0.1),
-    Flicker(dropout=0.2, jump=0.2),
+    PatchFlicker(dropout=0.2, jump=0.2),
     Textureless(below_texture=0.5),
     Occlusion(),
 )
@@ -190,6 +190,6 @@ def test_terms_are_inactive_by_default_and_then_change_nothing(term: NoiseTerm) 
 
 
 def test_terms_that_are_switched_off_do_not_run() -> None:
-    noise = DepthNoise(flicker=Flicker(dropout=0.1), occlusion=Occlusion(enabled=False))
-    assert noise.terms == (Flicker(dropout=0.1),)
+    noise = DepthNoise(flicker=PatchFlicker(dropout=0.1), occlusion=Occlusion(enabled=False))
+    assert noise.terms == (PatchFlicker(dropout=0.1),)
     assert DepthNoise().terms == (Occlusion(),)

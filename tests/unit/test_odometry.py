@@ -8,7 +8,7 @@ import pytest
 from sim import frames
 from sim.camera_noise import photon_noise
 from sim.render import create_renderer
-from sim.types import Images
+from sim.types import CameraImages
 from tests.helpers import block, camera_at, wall, world_of
 from voxdepth.geometry import inverse_rigid
 from voxdepth.paper import odometry as parts
@@ -22,7 +22,7 @@ STEP_M = 0.118
 
 
 @cache
-def clean(camera: Intrinsics, x: float, y: float, yaw: float, room: int = 0) -> tuple[Images, FloatArray]:
+def clean(camera: Intrinsics, x: float, y: float, yaw: float, room: int = 0) -> tuple[CameraImages, FloatArray]:
     """A room without noise, and the camera's pose; another room has everything elsewhere."""
     bodies = [wall(6.0), block(3.0, 1.0)] if room == 0 else [wall(4.0, y_m=9.0, name="other"), block(2.0, 0.5)]
     view = camera_at(x, y, 0.0, frames.quaternion_from_yaw(yaw), camera)
@@ -144,15 +144,15 @@ def bare(number: int = 0, T_world_cam: FloatArray | None = None) -> Frame:
 
 
 class Growing:
-    """Frame i and i + 1 are i + 1 metres apart; fails at the pairs that it is told."""
+    """Frame i and i + 1 are i + 1 metres apart; fails at the given pairs."""
 
     def __init__(self, *fails_at: int) -> None:
         self.fails_at = fails_at
-        self.asked: list[int] = []
+        self.requested: list[int] = []
 
     def estimate(self, source: Frame, target: Frame) -> FloatArray | None:
         i = int(source.stamp_s)
-        self.asked.append(i)
+        self.requested.append(i)
         return None if i in self.fails_at else moved(i + 1.0)
 
 
@@ -160,7 +160,7 @@ class Growing:
 def test_without_poses_of_both_frames_odometry_is_asked(first: FloatArray | None, second: FloatArray | None) -> None:
     odometry = Growing()
     np.testing.assert_array_equal(motion_between(bare(0, first), bare(1, second), odometry), moved(1.0))
-    assert odometry.asked == [0]
+    assert odometry.requested == [0]
 
 
 @pytest.mark.parametrize("there", [moved(4.0), moved(1.0, 90.0)])
@@ -169,17 +169,17 @@ def test_poses_go_before_odometry_but_not_where_they_jump(there: FloatArray) -> 
     T = motion_between(bare(0, moved(1.0)), bare(1, moved(1.2)), odometry)
     np.testing.assert_allclose(T, moved(-0.2), atol=1e-12)
     assert motion_between(bare(0, moved(1.0)), bare(1, there), odometry) is None
-    assert not odometry.asked
+    assert not odometry.requested
 
 
 @pytest.mark.parametrize(
-    ("n", "fails_at", "x_m", "asked"),
+    ("n", "fails_at", "x_m", "requested"),
     [(4, (), [3, 2, 1, 0], [0]), (3, (0,), [None, None, 0], [0]), (1, (), [0], [])],
 )
 def test_the_frames_of_a_window_are_placed_before_the_last(
-    n: int, fails_at: tuple[int, ...], x_m: list[float | None], asked: list[int]
+    n: int, fails_at: tuple[int, ...], x_m: list[float | None], requested: list[int]
 ) -> None:
     odometry = Growing(*fails_at)
     poses = poses_in_last([bare(i) for i in range(n)], odometry)
     assert [None if T is None else float(T[0, 3]) for T in poses] == x_m
-    assert odometry.asked == asked
+    assert odometry.requested == requested

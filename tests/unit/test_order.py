@@ -11,7 +11,7 @@ from tests.fakes import frame as numbered
 from tests.frames import require_equal, walk
 from voxdepth import TemporalCorrector
 from voxdepth.errors import LateFrameError, PipelineError
-from voxdepth.order import Place, StampOrder
+from voxdepth.order import StampOrder, StampStatus
 from voxdepth.pipeline import CorrectionPipeline
 from voxdepth.types import Frame, Intrinsics
 
@@ -25,7 +25,7 @@ def _guarded() -> Iterator[None]:
 
 
 @pytest.mark.parametrize(
-    ("stamps_s", "places"),
+    ("stamps_s", "expected"),
     [
         ([0, 0.033, 0.066, 0.1], "nnnn"),
         ([0, 0.1, 0.07, 0.13, 0.16], "nnlnn"),
@@ -38,9 +38,9 @@ def _guarded() -> Iterator[None]:
         ([-3, -2.9, -2.95, -2.8], "nnln"),
     ],
 )
-def test_a_late_stamp_is_told_from_a_clock_that_went_back(stamps_s: list[float], places: str) -> None:
-    order, by_letter = StampOrder(), {place.value[0]: place for place in Place}
-    assert [order.place(stamp_s) for stamp_s in stamps_s] == [by_letter[letter] for letter in places]
+def test_a_late_stamp_is_distinguished_from_a_clock_that_went_back(stamps_s: list[float], expected: str) -> None:
+    order, by_letter = StampOrder(), {status.value[0]: status for status in StampStatus}
+    assert [order.classify(stamp_s) for stamp_s in stamps_s] == [by_letter[letter] for letter in expected]
 
 
 def test_a_corrector_without_a_pipeline_refuses_a_late_frame_and_keeps_its_memory() -> None:
@@ -56,9 +56,9 @@ def test_a_corrector_without_a_pipeline_refuses_a_late_frame_and_keeps_its_memor
 def test_a_pipeline_leaves_late_frames_out_with_a_warning_and_keeps_the_memory() -> None:
     frames, reference = walk(6, CAMERA), TemporalCorrector(CAMERA)
     late = [*frames[:4], replace(frames[4], stamp_s=0.25), frames[4], replace(frames[2], stamp_s=0.4), frames[5]]
-    with pytest.warns(UserWarning, match="is left out: it comes late") as told:
+    with pytest.warns(UserWarning, match="is left out: it comes late") as reported:
         found = list(CorrectionPipeline(TemporalCorrector(CAMERA), late))
-    assert [str(each.message).partition(" is")[0] for each in told] == ["frame 4", "frame 6"]
+    assert [str(each.message).partition(" is")[0] for each in reported] == ["frame 4", "frame 6"]
     for (frame, corrected), expected in zip(found, frames, strict=True):
         assert frame is expected
         require_equal(corrected, reference.process(expected))

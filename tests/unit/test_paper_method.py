@@ -225,14 +225,14 @@ def test_template_and_voxels_can_be_read() -> None:
     corrector = VoxDepth(CAMERA, CONFIG)
     first = feed(corrector, [flat(10.0)] * 3, texture(0))[-1].diagnostics
     assert (first.template, first.epoch) == (None, 0)
-    begun, later = (r.diagnostics for r in feed(corrector, [flat(10.0)] * 2, texture(0), start_s=1.0))
-    assert [(d.epoch, d.new_epoch) for d in (begun, later)] == [(1, True), (1, False)]
-    assert begun.template.stamp_s == 1.0
-    points_m = begun.template.voxels.centres_m
+    started, later = (r.diagnostics for r in feed(corrector, [flat(10.0)] * 2, texture(0), start_s=1.0))
+    assert [(d.epoch, d.new_epoch) for d in (started, later)] == [(1, True), (1, False)]
+    assert started.template.stamp_s == 1.0
+    points_m = started.template.voxels.centres_m
     assert np.abs(points_m[:, 2] - 10.0).max() <= CELL_Z_M
     right_m, bottom_m = np.array([CAMERA.width_px / CAMERA.fx_px, CAMERA.height_px / CAMERA.fy_px]) / 2 * 10.0
     np.testing.assert_allclose(np.abs(points_m[:, :2]).max(axis=0), [right_m, bottom_m], atol=0.2)
-    assert np.abs(begun.template.depth_m - 10.0).max() <= CELL_Z_M
+    assert np.abs(started.template.depth_m - 10.0).max() <= CELL_Z_M
 
 
 def test_a_template_is_shown_as_it_was_used() -> None:

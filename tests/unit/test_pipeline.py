@@ -29,12 +29,12 @@ from voxdepth import TemporalCorrector, VoxDepth
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import FrameError, PipelineError
 from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.pipeline import Channel, CorrectionPipeline
+from voxdepth.pipeline import CorrectionPipeline, SingleItemQueue
 from voxdepth.types import DepthCorrector, Frame, Intrinsics, Source
 
 
 def test_what_is_in_a_channel_outlives_its_end_and_not_its_closing() -> None:
-    ended, closed = Channel[int](), Channel[int]()
+    ended, closed = SingleItemQueue[int](), SingleItemQueue[int]()
     for channel in (ended, closed):
         assert channel.put(0)
     ended.end(BROKEN)
@@ -251,7 +251,7 @@ def test_a_failure_stops_all_threads_though_the_caller_has_not_come_to_it() -> N
         next(results)
 
 
-def test_of_two_failures_that_of_the_earlier_frame_is_told() -> None:
+def test_of_two_failures_that_of_the_earlier_frame_is_reported() -> None:
     corrector = Staged(on_align=fail_at(3, KeyError("later")), on_combine=fail_at(2, BROKEN))
     with pytest.raises(PipelineError, match="combining failed at frame 2"):
         list(CorrectionPipeline(corrector, frames(9)))

@@ -116,12 +116,12 @@ def test_a_stage_may_close_its_own_pipeline(stage: str) -> None:
 
 def test_a_source_that_blocks_is_left_to_itself_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("voxdepth.pipeline.READER_TIMEOUT_S", 0.02)
-    asked, next_frame = threading.Event(), threading.Event()
-    blocks = lambda index: index == 2 and (asked.set() or next_frame.wait()) and None  # noqa: E731
+    requested, next_frame = threading.Event(), threading.Event()
+    blocks = lambda index: index == 2 and (requested.set() or next_frame.wait()) and None  # noqa: E731
     pipeline = CorrectionPipeline(Staged(), endless(blocks))
     results = iter(pipeline)
     assert indices(islice(results, 2)) == [0, 1]
-    assert asked.wait(10)
+    assert requested.wait(10)
     (reader,) = (t for t in threading.enumerate() if t.name == "voxdepth reading")
     pipeline.close()
     assert pipeline_threads() == ["voxdepth reading"]
@@ -183,8 +183,8 @@ def test_a_pipeline_runs_only_once_and_not_after_it_is_closed() -> None:
     iterated, closed = (CorrectionPipeline(Staged(), frames(3)) for _ in range(2))
     list(iterated)
     closed.close()
-    for pipeline, told in ((iterated, r"was iterated before.*make a new one"), (closed, "is closed")):
-        with pytest.raises(PipelineError, match=told):
+    for pipeline, message in ((iterated, r"was iterated before.*make a new one"), (closed, "is closed")):
+        with pytest.raises(PipelineError, match=message):
             iter(pipeline)
 
 

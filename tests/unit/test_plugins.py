@@ -85,7 +85,7 @@ def test_a_corrector_beside_the_user_is_used_by_its_name(module: Write) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("x = 1\n1 / 0\n", "line 2: ZeroDivisionError: division by zero"),
         ("import no_such_module_of_mine\n", "line 1: ModuleNotFoundError: No module named 'no_such_module_of_mine'"),
@@ -96,15 +96,15 @@ def test_a_corrector_beside_the_user_is_used_by_its_name(module: Write) -> None:
     ],
 )
 @pytest.mark.parametrize("load", [lambda name: create_corrector(name, CAMERA), load_controller])
-def test_what_cannot_be_loaded_is_told_with_its_line(load: Any, text: str, told: str, module: Write) -> None:
+def test_what_cannot_be_loaded_is_reported_with_its_line(load: Any, text: str, message: str, module: Write) -> None:
     name = module(text)
     with pytest.raises(PluginError, match=r"factory\((intrinsics|role, config)\)") as error:
         load(f"{name}:Mine")
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("result", "told"),
+    ("result", "message"),
     [
         ("None", "expected a CorrectedDepth, got NoneType"),
         ("replace(good, confidence=good.confidence * 2)", "expected confidence in 0..1"),
@@ -112,16 +112,16 @@ def test_what_cannot_be_loaded_is_told_with_its_line(load: Any, text: str, told:
         ("exit()", "line 10: SystemExit"),
     ],
 )
-def test_a_faulty_corrector_is_told_with_its_file(result: str, told: str, module: Write, tmp_path: Path) -> None:
+def test_a_faulty_corrector_is_reported_with_its_file(result: str, message: str, module: Write, tmp_path: Path) -> None:
     name = module(CORRECTOR.format(result=result))
     with pytest.raises(PluginError, match=r"for a frame at 2\.5 s") as error:
         create_corrector(f"{name}:Mine", CAMERA).process(frame(2.5))
     assert str(error.value).startswith(f"the corrector '{name}:Mine' ({tmp_path / name}.py) ")
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("factory", "told"),
+    ("factory", "message"),
     [
         ("def Mine(intrinsics): return None", "returns a DepthCorrector, got NoneType without process"),
         ("def Mine(): return None", "0 positional arguments but 1 was given; expected a factory(intrinsics) that"),
@@ -129,15 +129,15 @@ def test_a_faulty_corrector_is_told_with_its_file(result: str, told: str, module
         ("def Mine(intrinsics): raise OSError('no licence')", "failed when it is made: line 1: OSError: no licence"),
     ],
 )
-def test_a_factory_that_makes_no_corrector_is_told_with_its_file(factory: str, told: str, module: Write) -> None:
+def test_a_factory_that_makes_no_corrector_is_reported_with_its_file(factory: str, message: str, module: Write) -> None:
     name = module(factory)
     with pytest.raises(PluginError, match=f"{name}.py") as error:
         create_corrector(f"{name}:Mine", CAMERA)
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("result", "told"),
+    ("result", "message"),
     [
         ("None", "expected a Decision with a VelocityCommand, got NoneType"),
         ("Decision(command=np.zeros(3), state='free')", "expected a Decision with a VelocityCommand, got ndarray"),
@@ -149,12 +149,14 @@ def test_a_factory_that_makes_no_corrector_is_told_with_its_file(factory: str, t
         ("1 / 0", "line 8: ZeroDivisionError"),
     ],
 )
-def test_a_faulty_controller_is_told_with_its_file(result: str, told: str, module: Write, tmp_path: Path) -> None:
+def test_a_faulty_controller_is_reported_with_its_file(
+    result: str, message: str, module: Write, tmp_path: Path
+) -> None:
     name = module(CONTROLLER.format(result=result))
     with pytest.raises(PluginError, match=r"for drone 0 at 1\.50 s") as error:
         agent_of(f"{name}:Mine").decide(SimpleNamespace(time_s=1.5))
     assert str(error.value).startswith(f"the controller '{name}:Mine' ({tmp_path / name}.py) ")
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 def flown_by(**changes: Any) -> Any:
@@ -162,22 +164,20 @@ def flown_by(**changes: Any) -> Any:
     return study(arm("ours"), arm("theirs", **changes))
 
 
-@pytest.mark.parametrize("place", ["controller", "corrector", "package"])
+@pytest.mark.parametrize("kind", ["controller", "corrector", "package"])
 def test_a_study_is_not_continued_after_an_edit_of_the_code_that_it_flies(
-    place: str, module: Write, tmp_path: Path
+    kind: str, module: Write, tmp_path: Path
 ) -> None:
-    text = {"controller": CONTROLLER.format(result=HOVER)}.get(place, CORRECTOR.format(result="good"))
+    text = {"controller": CONTROLLER.format(result=HOVER)}.get(kind, CORRECTOR.format(result="good"))
     name, edited = module(text), tmp_path / "edited.py"
-    if place == "package":
+    if kind == "package":
         for path in (tmp_path / f"{name}_all" / "__init__.py", tmp_path / f"{name}_all" / "core.py"):
             path.parent.mkdir(exist_ok=True)
             path.write_text(text)
         name, edited = f"{name}_all.core", tmp_path / f"{name}_all" / "__init__.py"
     else:
         edited = tmp_path / f"{name}.py"
-    own = (
-        {"changes": {"mission.controller": f"{name}:Mine"}} if place == "controller" else {"corrector": f"{name}:Mine"}
-    )
+    own = {"changes": {"mission.controller": f"{name}:Mine"}} if kind == "controller" else {"corrector": f"{name}:Mine"}
     planned = flown_by(**own)
     before = [spec.key for spec in expand(planned)]
     run_study(planned, tmp_path / "out", Serial(fake), unseen)
@@ -227,7 +227,7 @@ def test_the_digest_of_a_package_covers_a_module_whose_name_is_no_text(tmp_path:
 
 
 @pytest.mark.parametrize("name", ["rerun", "types", "cv2", "os", "scipy"])
-def test_a_script_named_like_a_package_is_not_imported_in_its_place_and_that_is_told(
+def test_a_script_named_like_a_package_is_not_imported_in_its_place_and_that_is_reported(
     name: str, module: Write, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry != str(tmp_path)])
@@ -237,9 +237,9 @@ def test_a_script_named_like_a_package_is_not_imported_in_its_place_and_that_is_
     found = find_spec(name)
     assert found is not None and found.origin != str(tmp_path / f"{name}.py")
     assert sys.path[-1] == str(tmp_path)
-    (told,) = [record.getMessage() for record in caplog.records]
-    assert told.startswith(f"{mine}.py imports ")
-    assert told.endswith(f"not {name}.py, which has the same name")
+    (message,) = [record.getMessage() for record in caplog.records]
+    assert message.startswith(f"{mine}.py imports ")
+    assert message.endswith(f"not {name}.py, which has the same name")
 
 
 @pytest.mark.parametrize("name", ["json", "numba", "time"])

@@ -55,7 +55,7 @@ def record_mine(path: str) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("load", "text", "told"),
+    ("load", "text", "reported"),
     [
         (
             load_mine,
@@ -84,27 +84,27 @@ def record_mine(path: str) -> Any:
     ],
     ids=["scenario", "sequence", "study"],
 )
-def test_all_problems_of_a_file_are_told_at_once(load: Any, text: str, told: list[str], tmp_path: Path) -> None:
+def test_all_problems_of_a_file_are_reported_at_once(load: Any, text: str, reported: list[str], tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text)
     with pytest.raises(ScenarioError) as error:
         load(str(path))
     message = str(error.value)
     assert message.startswith(f"{path}: {message.count('; ') + 1 - message.count('; choose')} problems: ")
-    assert [one for one in told if one not in message] == []
+    assert [one for one in reported if one not in message] == []
     assert not any(words in message.lower() for words in ("pydantic", "validation error", "input", "extra"))
 
 
-def test_all_problems_of_the_settings_of_a_corrector_are_told_at_once() -> None:
+def test_all_problems_of_the_settings_of_a_corrector_are_reported_at_once() -> None:
     with pytest.raises(ConfigError) as error:
         resolve_config("voxdepth", {"device": "cudda", "median_size_pix": 3, "voxels": {"size": 1}})
-    for told in (
+    for reported in (
         "unknown key 'median_size_pix' (did you mean median_size_px?)",
         "3 problems: unknown key 'voxels.size'",
         "device: expected 'cpu', 'cuda' or 'warp-cpu', got 'cudda' (did you mean cuda?)",
         "`voxdepth config voxdepth` prints all",
     ):
-        assert told in str(error.value)
+        assert reported in str(error.value)
 
 
 def test_a_key_of_another_kind_of_scene_is_not_proposed_again(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_a_file_needs_neither_a_description_nor_a_time_limit(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("values", "told", "missing"),
+    ("values", "reported", "missing"),
     [
         ({"fx_px": 525.0}, "it lacks fy_px, cx_px, cy_px, width_px, height_px: add these lines", 5),
         ({"baseline_m": 0.1}, "it lacks fx_px, fy_px, cx_px, cy_px, width_px, height_px", 6),
@@ -143,10 +143,10 @@ def test_a_file_needs_neither_a_description_nor_a_time_limit(tmp_path: Path) -> 
     ],
 )
 def test_a_calibration_says_what_it_lacks_with_the_lines_to_paste(
-    values: dict[str, Any], told: str, missing: int, tmp_path: Path
+    values: dict[str, Any], reported: str, missing: int, tmp_path: Path
 ) -> None:
     with pytest.raises(DatasetError) as error:
         intrinsics_from(values, tmp_path / "calibration.toml")
-    assert told in str(error.value)
+    assert reported in str(error.value)
     lines = getattr(error.value, "__notes__", [])
     assert [line.split(" = ")[0] for line in lines] == [name for name in WANTED if name not in values][:missing]

@@ -176,7 +176,7 @@ def test_a_damaged_or_missing_image_spoils_its_own_frame_alone(whole: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("name", "data", "told"),
+    ("name", "data", "reported"),
     [
         ("frames.csv", None, "is not a recording"),
         ("config.toml", None, r"config\.toml: No such file"),
@@ -190,17 +190,17 @@ def test_a_damaged_or_missing_image_spoils_its_own_frame_alone(whole: Path) -> N
     ],
 )
 def test_a_description_or_table_that_is_missing_or_damaged_is_named(
-    name: str, data: bytes | None, told: str, whole: Path
+    name: str, data: bytes | None, reported: str, whole: Path
 ) -> None:
     with copy_of(whole) as folder:
         (folder / name).unlink()
         if data is not None:
             (folder / name).write_bytes(data)
-        with pytest.raises(RecordingError, match=told):
+        with pytest.raises(RecordingError, match=reported):
             Recording.open(folder)
 
 
-def test_the_digest_covers_the_frames_that_are_asked_for(whole: Path) -> None:
+def test_the_digest_covers_the_frames_that_are_requested(whole: Path) -> None:
     with copy_of(whole) as folder:
         (folder / LIST).unlink()
         assert Recording.open(folder).digest(N) == Recording.open(whole).digest(N)

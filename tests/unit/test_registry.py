@@ -1,4 +1,4 @@
-"""Correctors by name: ours all work, those of other distributions are found and loaded when asked for."""
+"""Correctors by name: ours all work, those of other distributions are found and loaded on request."""
 
 import re
 import subprocess
@@ -170,16 +170,16 @@ def test_a_frame_that_raised_an_error_may_come_again(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("name", ["temporal", "voxdepth"])
 def test_a_corrector_that_another_thread_uses_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     corrector = create_bare(name, CAMERA)
-    begun, go_on = Event(), Event()
+    started, go_on = Event(), Event()
 
     def slow(self: Any, frame: Frame) -> None:
-        begun.set()
+        started.set()
         assert go_on.wait(30)
 
     monkeypatch.setattr(type(corrector), "_align", slow)
     with ThreadPoolExecutor(1) as pool:
         first = pool.submit(corrector.align, holed_frame(0.0))  # type: ignore[attr-defined]
-        assert begun.wait(30)
+        assert started.wait(30)
         with pytest.raises(FrameError, match="another thread is using this corrector: make one for each stream"):
             corrector.process(holed_frame(1.0))
         go_on.set()
@@ -187,21 +187,21 @@ def test_a_corrector_that_another_thread_uses_is_refused(name: str, monkeypatch:
 
 
 def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_terminal() -> None:
-    with pytest.raises(ConfigError) as told:
+    with pytest.raises(ConfigError) as reported:
         resolve_config("temporal", {"é\n\x1b[2J\u2028": 1})
-    assert r"é\n\x1b[2J\u2028" in str(told.value) and str(told.value).isprintable()
+    assert r"é\n\x1b[2J\u2028" in str(reported.value) and str(reported.value).isprintable()
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "reported"),
     [
         ({"fil": "none"}, "unknown key 'fil' (did you mean fill"),
         ({"shadow_facto": 1.0}, "unknown key 'shadow_facto' (did you mean shadow_factor?); `voxdepth config"),
         ({"zzz": 1}, "unknown key 'zzz'; `voxdepth config temporal` prints all"),
     ],
 )
-def test_a_mistyped_key_is_told_with_those_that_may_be_meant(given: dict[str, Any], told: str) -> None:
-    with pytest.raises(ConfigError, match=re.escape(told)):
+def test_a_mistyped_key_is_reported_with_those_that_may_be_meant(given: dict[str, Any], reported: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(reported)):
         resolve_config("temporal", given)
 
 

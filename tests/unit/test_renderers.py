@@ -18,7 +18,7 @@ from sim.errors import RenderError
 from sim.render import create_renderer
 from sim.render.meshes import box, sphere
 from sim.scenes import CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec
-from sim.types import Camera, Images
+from sim.types import Camera, CameraImages
 from sim.world import World
 from tests.helpers import camera_at, wall, world_of
 from voxdepth.types import Intrinsics
@@ -34,7 +34,7 @@ SCENES = (
 )
 
 
-def agreement(a: Images, b: Images, *, world: World | None = None) -> float:
+def agreement(a: CameraImages, b: CameraImages, *, world: World | None = None) -> float:
     """Share of pixels away from edges and within 60 m whose depths differ by at most 1 cm.
 
     TinyRenderer draws cylinders with some eight facets, so those of the world may differ by a tenth of their radius
@@ -53,14 +53,14 @@ def agreement(a: Images, b: Images, *, world: World | None = None) -> float:
     nothing = np.isinf(a.depth_m) & np.isinf(b.depth_m)
     gap = np.zeros(a.depth_m.shape, np.float32)
     gap[both] = np.abs(a.depth_m[both] - b.depth_m[both])
-    judged = away & (nothing | both) & (np.where(both, a.depth_m, 0) < 60)
-    assert judged.mean() > 0.2, "most of the picture is left out: choose another view"
+    compared = away & (nothing | both) & (np.where(both, a.depth_m, 0) < 60)
+    assert compared.mean() > 0.2, "most of the picture is left out: choose another view"
     assert (np.isfinite(a.depth_m) == np.isfinite(b.depth_m))[away].mean() > 0.995
     tolerance_m = np.full(gap.shape, 0.01)
     for body_id, body in (world.bodies if world else {}).items():
         if isinstance(body.shape, Cylinder):
             tolerance_m[a.segment_id == body_id] += 0.1 * body.shape.radius_m
-    return float((gap <= tolerance_m)[judged].mean())
+    return float((gap <= tolerance_m)[compared].mean())
 
 
 @contextmanager
@@ -69,11 +69,11 @@ def views_of(spec: SceneSpec, nearest_m: float) -> Iterator[tuple[World, list[Ca
     scene, rng = spec.build(3), np.random.default_rng(0)
     with World(scene, scene.path_m[len(scene.path_m) // 2][None] + [0.0, 0.0, 2.5]) as world:
         path_m = scene.path_m[rng.integers(len(scene.path_m), size=16)]
-        places_m = path_m + rng.uniform((0, -6, 0.1), (0, 6, 6), (16, 3))
+        positions_m = path_m + rng.uniform((0, -6, 0.1), (0, 6, 6), (16, 3))
         angles = rng.uniform((-0.5, -0.4, -3.1), (0.5, 0.4, 3.1), (16, 3))
         cameras = [
             camera_at(*at_m, frames.quaternion_from_angles(yaw, -pitch, roll), CAMERA)
-            for at_m, (roll, pitch, yaw) in zip(places_m, angles, strict=True)
+            for at_m, (roll, pitch, yaw) in zip(positions_m, angles, strict=True)
             if world.clearance_at_m(at_m.tolist()) > nearest_m and not world.is_inside(at_m)
         ]
         assert len(cameras) >= 5, "hardly any view is outside of bodies"
@@ -115,7 +115,7 @@ def test_nothing_shines_through_where_triangles_meet() -> None:
 
 
 def test_threads_change_nothing_whether_they_share_a_batch_or_draw_different_worlds() -> None:
-    def drawn(distance_m: float, threads: int = 1) -> list[Images]:
+    def drawn(distance_m: float, threads: int = 1) -> list[CameraImages]:
         with world_of(wall(distance_m), starts_m=[(2.5, 0.3, 0.0)]) as world:
             cameras = [camera_at(0, 0.02 * i, 0) for i in range(30)]
             return create_renderer("raster", world, threads=threads).render(cameras)

@@ -13,7 +13,7 @@ from sim.errors import RenderError
 from voxdepth.tools import doctor, requirements
 from voxdepth.tools.cli import explained
 from voxdepth.tools.requirements import Requirement, bringing
-from voxdepth.tools.system import lacking
+from voxdepth.tools.system import missing_library
 
 TEXTS = (
     "numpy<3,>=2",
@@ -115,7 +115,7 @@ NOT_FOUND = "cannot open shared object file: No such file or directory"
 def test_a_library_of_the_system_that_lacks_is_named_with_its_package(library: str, package: str) -> None:
     error = RenderError("Open3D does not load")
     error.__cause__ = ImportError(f"{library}: {NOT_FOUND}")
-    remedy = lacking(error)
+    remedy = missing_library(error)
     assert remedy is not None
     assert f"the system lacks the library {library}: " in remedy
     assert remedy.endswith(f"apt install {package}")
@@ -127,11 +127,11 @@ def test_a_library_of_the_system_that_lacks_is_named_with_its_package(library: s
     "text", ["No module named 'cv2'", f"libgfortran-040039e1.so.5.0.0: {NOT_FOUND}", "libGL.so.1: permission denied"]
 )
 def test_what_a_wheel_brings_is_no_library_of_the_system(text: str) -> None:
-    assert lacking(ImportError(text)) is None
+    assert missing_library(ImportError(text)) is None
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "message"),
     [
         (MemoryError(), "(MemoryError)"),
         (RuntimeError("can't start new thread"), "(RuntimeError: can't start new thread)"),
@@ -141,10 +141,10 @@ def test_what_a_wheel_brings_is_no_library_of_the_system(text: str) -> None:
         (OSError(errno.ENOSPC, "No space left on device"), "cannot write: No space left on device; make space"),
     ],
 )
-def test_what_the_system_has_no_more_of_is_told_in_one_line(error: Exception, told: str) -> None:
+def test_what_the_system_has_no_more_of_is_reported_in_one_line(error: Exception, message: str) -> None:
     line = explained(error)
     assert line is not None
-    assert told in line
+    assert message in line
     assert "\n" not in line
 
 
@@ -154,8 +154,8 @@ def test_a_defect_is_not_explained(error: Exception) -> None:
 
 
 def test_a_package_that_another_one_needs_is_named_and_a_module_that_ours_lacks_is_a_defect() -> None:
-    told = "this needs the package no_such_base, which is not installed: repeat the installation of voxdepth"
-    assert explained(ModuleNotFoundError("No module", name="no_such_base.part")) == told
+    message = "this needs the package no_such_base, which is not installed: repeat the installation of voxdepth"
+    assert explained(ModuleNotFoundError("No module", name="no_such_base.part")) == message
     assert explained(ModuleNotFoundError("No module", name="voxdepth.no_such_part")) is None
     assert explained(ModuleNotFoundError("No module", name="numpy.no_such_part")) is None
 
@@ -172,10 +172,10 @@ def test_doctor_names_a_library_that_a_package_or_a_renderer_lacks(
     monkeypatch.setattr(doctor, "import_module", lambda name: fail() if name == "rosbags" else voxdepth)
     (bags,) = (each for each in doctor.examine() if each.what == "extra ros")
     assert not bags.ok and f"does not load (OSError: {library}" in bags.state
-    assert bags.remedy == f"for bags: {lacking(error)}"
+    assert bags.remedy == f"for bags: {missing_library(error)}"
     monkeypatch.setattr(testbed, "_require_wall_at_3_m", fail)
     drawn = [each for each in testbed.examine() if each.what.startswith("renderer")]
-    assert [each.remedy for each in drawn] == [lacking(error)] * 4
+    assert [each.remedy for each in drawn] == [missing_library(error)] * 4
 
 
 def test_doctor_lets_a_damaged_wheel_be_installed_again(monkeypatch: pytest.MonkeyPatch) -> None:

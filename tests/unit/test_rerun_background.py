@@ -1,4 +1,4 @@
-"""Calls that run beside the one that asked for them."""
+"""Calls that run beside their caller."""
 
 import threading
 import time
@@ -10,7 +10,7 @@ from scenarios.rerun.background import MOST_WAITING, Background, in_background
 
 
 class Diary:
-    """Writes down what it is told, slowly, and fails at what it was told to."""
+    """Writes down its calls, slowly, and fails at the given ones."""
 
     def __init__(self) -> None:
         self.background = Background()

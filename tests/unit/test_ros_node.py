@@ -192,7 +192,7 @@ def test_an_image_waits_until_there_are_too_many_later_ones() -> None:
     assert paired(*waiting, (1, 100))[0] == []
 
 
-def test_images_from_before_the_other_topic_began_are_not_told() -> None:
+def test_images_from_before_the_other_topic_began_are_not_reported() -> None:
     waiting = [(0, 100 * k) for k in range(1, 9)]
     assert paired(*waiting, (1, 800)) == ([(800, 800)], 0)
     assert paired((1, 50), *waiting, (1, 800)) == ([(800, 800)], 8)
@@ -264,7 +264,7 @@ class FakeNode:
     """The methods of rclpy.node.Node that the node uses."""
 
     def __init__(self, name: str, **options: Any) -> None:
-        self.told: list[str] = []
+        self.reported: list[str] = []
         self.topics: dict[str, Publisher] = {}
         self.callbacks: dict[str, Callable[[Any], None]] = {}
         self.warnings: list[str] = []
@@ -303,7 +303,7 @@ class FakeNode:
 
     def get_logger(self) -> Any:
         return SimpleNamespace(
-            warning=lambda text, throttle_duration_sec=0: self.warnings.append(text), info=self.told.append
+            warning=lambda text, throttle_duration_sec=0: self.warnings.append(text), info=self.reported.append
         )
 
     def get_clock(self) -> Any:
@@ -492,7 +492,7 @@ def test_another_program_makes_the_node_with_options_of_its_own(ros: None) -> No
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "reported"),
     [
         ({"slop_s": -1}, "parameters of the node: slop_s: expected at least 0, got -1"),
         ({"slop_s": float("nan")}, "parameters of the node: slop_s: expected"),
@@ -507,7 +507,7 @@ def test_another_program_makes_the_node_with_options_of_its_own(ros: None) -> No
     ],
 )
 def test_parameters_that_make_no_sense_end_the_node_in_one_line(
-    ros: None, given: dict[str, Any], told: str, monkeypatch: pytest.MonkeyPatch
+    ros: None, given: dict[str, Any], reported: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, value in given.items():
         monkeypatch.setitem(PARAMETERS, name, value)
@@ -519,7 +519,7 @@ def test_parameters_that_make_no_sense_end_the_node_in_one_line(
     with pytest.raises(SystemExit) as exit:
         import_module("voxdepth_ros.node").run()
     assert str(exit.value.code).startswith("voxdepth: ")
-    assert told in str(exit.value.code)
+    assert reported in str(exit.value.code)
     assert "\n" not in str(exit.value.code)
     assert len(ended) == 1
 
@@ -531,50 +531,52 @@ def test_a_corrector_with_settings_counts_before_the_file(node: Any, tmp_path: P
 
 
 @pytest.mark.parametrize("corrector", ["realsense", "temporal", "global-smoother"])
-def test_without_a_baseline_the_assumed_one_serves_every_corrector_and_is_told(corrector: str) -> None:
-    told: list[str] = []
+def test_without_a_baseline_the_assumed_one_serves_every_corrector_and_is_reported(corrector: str) -> None:
+    reported: list[str] = []
     messages = stream().MessageCorrector(CorrectorSpec(name=corrector))
-    messages.tell = told.append
+    messages.tell = reported.append
     messages.correct(gray_message(S), depth_message(S), info_message())
-    assert told == [
+    assert reported == [
         f"{corrector} corrects a camera of 32x24 pixels, focal length {CAMERA.fx_px:.6g} px, baseline 0.05 m "
         "(assumed: camera_info has none; set baseline_m)"
     ]
 
 
-def test_topics_without_a_message_are_told_after_a_while_with_those_that_there_are(
+def test_topics_without_a_message_are_reported_after_a_while_with_those_that_there_are(
     node: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert node.told[0].startswith("preparing median")
-    assert node.told[1:] == ["waiting for /camera/image, /camera/depth, /camera/camera_info"]
+    assert node.reported[0].startswith("preparing median")
+    assert node.reported[1:] == ["waiting for /camera/image, /camera/depth, /camera/camera_info"]
     assert status_of(node).message == "no frame to correct"
     assert not node.warnings
     node.callbacks["depth"](depth_message(S))
     now_s = time.monotonic()
     monkeypatch.setattr(sys.modules["voxdepth_ros.node"], "monotonic", lambda: now_s + 6)
     node.callbacks["depth"](depth_message(2 * S))
-    told = (
+    reported = (
         "no message has come yet for image (/camera/image), which nobody publishes: of its type there are "
         "/camera/infra1; camera_info (/camera/camera_info), which nobody publishes, nor anything of its type"
     )
-    assert status_of(node).message == node.warnings[-1] == told
+    assert status_of(node).message == node.warnings[-1] == reported
     node.published = {"/camera/camera_info": ["sensor_msgs/msg/CameraInfo"]}
     node.callbacks["image"](gray_message(S))
     node.tick()
-    told = "no message has come yet for camera_info (/camera/camera_info), which is published"
-    assert node.warnings[-1] == told
+    reported = "no message has come yet for camera_info (/camera/camera_info), which is published"
+    assert node.warnings[-1] == reported
     node.callbacks["camera_info"](info_message())
     node.tick()
     assert len(node.warnings) == 2
     monkeypatch.setattr(sys.modules["voxdepth_ros.node"], "monotonic", lambda: now_s + 9)
     node.callbacks["image"](gray_message(3 * S))
     monkeypatch.setattr(sys.modules["voxdepth_ros.node"], "monotonic", lambda: now_s + 12)
-    told = "no message has come any more for depth (/camera/depth), which nobody publishes, nor anything of its type"
-    assert status_of(node).message == node.warnings[-1] == told, "a camera_info that came once is enough"
+    reported = (
+        "no message has come any more for depth (/camera/depth), which nobody publishes, nor anything of its type"
+    )
+    assert status_of(node).message == node.warnings[-1] == reported, "a camera_info that came once is enough"
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "reported"),
     [
         ("baselin_m", "there is no parameter 'baselin_m' (did you mean baseline_m?)"),
         ("slop", "there is no parameter 'slop' (did you mean slop_s?)"),
@@ -583,13 +585,13 @@ def test_topics_without_a_message_are_told_after_a_while_with_those_that_there_a
         ("qos_overrides./depth.subscription.depth", ""),
     ],
 )
-def test_a_parameter_that_the_node_does_not_have_is_told(
-    ros: None, given: str, told: str, monkeypatch: pytest.MonkeyPatch
+def test_a_parameter_that_the_node_does_not_have_is_reported(
+    ros: None, given: str, reported: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(PARAMETERS, given, 0.1)
     node = import_module("voxdepth_ros.node").VoxDepthNode()
     node.destroy_node()
-    assert [line.startswith(told) for line in node.warnings] == [True] * bool(told)
+    assert [line.startswith(reported) for line in node.warnings] == [True] * bool(reported)
 
 
 def test_the_parameters_of_the_file_are_those_of_the_node(node: Any) -> None:

@@ -124,10 +124,10 @@ def test_plants_look_irregular_and_keep_their_measures() -> None:
 
 def test_layouts_keep_obstacles_apart_and_say_when_they_are_full() -> None:
     layout = Layout(np.array([[0.0, 0, 0], [10, 0, 0]]))
-    places = np.array([[5.0, 2.0], [5.0, 4.0]])
-    assert layout.place("first", places, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
+    positions = np.array([[5.0, 2.0], [5.0, 4.0]])
+    assert layout.place("first", positions, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
     with pytest.raises(SceneError, match="room for second, found none at 2"):
-        layout.place("second", places, reach_m=1.0, apart_m=1.0)
+        layout.place("second", positions, reach_m=1.0, apart_m=1.0)
     with pytest.raises(SceneError, match="expected room for tree"):
         ForestSpec(density=60.0, length_m=70, width_m=20).build(0)
 
@@ -218,12 +218,12 @@ def test_movers_keep_clear_of_everything_that_is_fixed() -> None:
     assert {mover.body.kind for mover in scene.movers} == {"mover"}
     with World(replace(scene, movers=()), np.zeros((0, 3))) as world:
         for mover in scene.movers:
-            places_m = np.array([mover.position_m(time_s) for time_s in np.arange(0, 40, 0.5)])
-            speeds_m_s = np.linalg.norm(np.diff(places_m, axis=0), axis=1) / 0.5
+            positions_m = np.array([mover.position_m(time_s) for time_s in np.arange(0, 40, 0.5)])
+            speeds_m_s = np.linalg.norm(np.diff(positions_m, axis=0), axis=1) / 0.5
             assert 0.5 - 1e-9 <= np.median(speeds_m_s) <= 1.5 + 1e-9
-            assert 3 < np.ptp(places_m[:, 1]) <= 10
+            assert 3 < np.ptp(positions_m[:, 1]) <= 10
             reach_m = 0.4 if isinstance(mover.body.shape, Cylinder) else 0.4 * 2**0.5
-            assert min(world.clearance_at_m((x, y, z)) for x, y, z in places_m) > reach_m - 0.17
+            assert min(world.clearance_at_m((x, y, z)) for x, y, z in positions_m) > reach_m - 0.17
 
 
 def test_a_corridor_is_as_wide_as_asked_for_and_has_a_roof() -> None:

@@ -37,8 +37,8 @@ def scene_of(*bodies: dict[str, Any]) -> Scene:
 def test_a_body_is_as_it_is_listed(listed: dict[str, Any], shape: Box | Cylinder | Sphere) -> None:
     look = {"albedo": 0.3, "texture": 0.0}
     (_, body) = scene_of({**listed, "position_m": [5, 0.5, 1.5], "yaw_deg": 90, "surface": look}).bodies
-    place = {"position_m": (5.0, 0.5, 1.5), "yaw_rad": np.pi / 2}
-    assert body == Body(name="body-0", shape=shape, surface=Surface(albedo=0.3, texture=0.0), **place)
+    pose = {"position_m": (5.0, 0.5, 1.5), "yaw_rad": np.pi / 2}
+    assert body == Body(name="body-0", shape=shape, surface=Surface(albedo=0.3, texture=0.0), **pose)
 
 
 @pytest.mark.parametrize("shape", [{"size_m": [1, 1, 2]}, {"radius_m": 0.6, "height_m": 2}, {"radius_m": 0.8}])
@@ -97,10 +97,10 @@ def test_names_are_different() -> None:
             scene_of(*bodies)
 
 
-@pytest.mark.parametrize("place", ["start", "goal"])
+@pytest.mark.parametrize("end", ["start", "goal"])
 @pytest.mark.parametrize("shape", [{"size_m": [4, 4, 4]}, {"radius_m": 2, "height_m": 4}, {"radius_m": 2}])
-def test_nobody_starts_or_ends_inside_of_a_body(shape: dict[str, Any], place: str, tmp_path: Path) -> None:
-    at_m = [0, 0, 2] if place == "start" else [12, 0, 2]
+def test_nobody_starts_or_ends_inside_of_a_body(shape: dict[str, Any], end: str, tmp_path: Path) -> None:
+    at_m = [0, 0, 2] if end == "start" else [12, 0, 2]
     run = load_run(str(write_world(tmp_path, {**shape, "position_m": at_m})), 0, {})
     with pytest.raises((SceneError, MissionError), match=r"starts at|the start of|the goal"):
         fly(run)

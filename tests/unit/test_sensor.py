@@ -7,12 +7,12 @@ import pytest
 
 from sim.bodies import Body, Box, Cylinder
 from sim.camera_noise import exposure_gain
-from sim.depth_noise import DepthNoise, Disparity, Flicker, Scale
+from sim.depth_noise import DepthNoise, Disparity, PatchFlicker, Scale
 from sim.errors import SensorError
 from sim.render import create_renderer
 from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher, occlusion_mask
-from sim.types import Capture, Images
+from sim.types import CameraImages, Capture
 from tests.helpers import AT_ORIGIN, CAMERA, block, camera_at, captured, wall, world_of
 from voxdepth.types import Intrinsics
 
@@ -21,7 +21,7 @@ THETA = DepthNoise(scale=Scale(theta=0.3))
 WIDE = RigConfig(width_px=640, height_px=360).intrinsics
 
 
-def stereo_pair(*bodies: Body, intrinsics: Intrinsics = WIDE) -> tuple[Images, Images]:
+def stereo_pair(*bodies: Body, intrinsics: Intrinsics = WIDE) -> tuple[CameraImages, CameraImages]:
     """What the left and the right camera see."""
     with world_of(*bodies) as world:
         cameras = [camera_at(0, side * BASELINE_M / 2, 0, intrinsics=intrinsics) for side in (1, -1)]
@@ -41,7 +41,7 @@ def test_a_plane_reads_its_depth_and_nothing_is_infinitely_far(renderer: str, di
     assert (behind.segment_id == -1).all()
 
 
-def test_far_surfaces_and_holes_are_told_apart() -> None:
+def test_far_surfaces_and_holes_are_distinguished() -> None:
     matcher = StereoMatcher(CAMERA, StereoConfig(), max_depth_m=40.0)
     disparity, reason = np.array([[-16, 0, 1, 64]], np.int16), np.zeros((1, 4), np.uint8)
     truth_m, occluded = np.full((1, 4), 3, np.float32), np.zeros((1, 4), np.bool_)
@@ -124,7 +124,7 @@ def test_the_sky_keeps_its_depth_under_noise_and_nothing_reads_farther() -> None
 
 def test_noise_that_makes_no_sense_is_refused() -> None:
     with pytest.raises(ValueError, match="shares of all patches"):
-        Flicker(dropout=0.7, jump=0.7)
+        PatchFlicker(dropout=0.7, jump=0.7)
     with pytest.raises(ValueError, match="min_texture 2"):
         RigConfig(photon_sigma=3.0)
     assert RigConfig(photon_sigma=3.0, stereo=StereoConfig(min_texture=4.0)).photon_sigma == 3.0

@@ -8,8 +8,8 @@ import pytest
 from scenarios.study.analysis import (
     GOAL_SPEED,
     MEASURES,
-    Arm,
-    Comparison,
+    ArmComparison,
+    ArmRuns,
     arms_of,
     compare_arms,
     difference_of_means,
@@ -17,7 +17,7 @@ from scenarios.study.analysis import (
     run_frame,
 )
 from scenarios.study.design import ENDPOINTS, EndpointName, expand
-from scenarios.study.report import Findings
+from scenarios.study.report import StudyAnalysis
 from scenarios.study.statistics import Interval, mcnemar
 from scenarios.study.store import StudyData
 from swarm.types import Outcome
@@ -39,11 +39,11 @@ def in_two_scenarios(outcomes: dict[tuple[str, str], str], tmp_path: Path) -> St
     return flown(study(arm("a"), arm("b"), seeds=4, scenarios=scenarios), outcomes)
 
 
-def summary(data: StudyData) -> list[Arm]:
+def summary(data: StudyData) -> list[ArmRuns]:
     return arms_of(run_frame(data))
 
 
-def compared(data: StudyData, endpoint: EndpointName) -> list[Comparison]:
+def compared(data: StudyData, endpoint: EndpointName) -> list[ArmComparison]:
     return compare_arms(matched_arms(data.study, run_frame(data)), data.study, endpoint)
 
 
@@ -67,7 +67,7 @@ def test_the_declared_comparison_stands_first_and_alone() -> None:
     assert [(other.first, other.second) for other in others] == [("a", "c"), ("b", "c")]
     assert [other.p_holm for other in others] == pytest.approx([min(1, 2 * mcnemar(7, 0)), mcnemar(2, 0)])
     assert not any(one.p_holm is None for one in compared(data, "arrived")), "it was declared on the other endpoint"
-    tables = [name for name in Findings(data).tables if name.endswith("comparisons")]
+    tables = [name for name in StudyAnalysis(data).tables if name.endswith("comparisons")]
     assert tables == ["collision_comparisons", "arrived_comparisons"]
 
 
@@ -97,12 +97,14 @@ def test_noise_ratios_are_compared_with_their_like_alone() -> None:
 def test_effects_are_those_of_each_scenario_and_of_all(tmp_path: Path) -> None:
     outcomes = {("city", "a"): "oooo", ("city", "b"): "xxxo", ("own", "a"): "ooxx", ("own", "b"): "oxxx"}
     data = in_two_scenarios(outcomes, tmp_path)
-    table = Findings(data).tables["arrived_effects"]
+    table = StudyAnalysis(data).tables["arrived_effects"]
     assert [row[table.headings.index("scenario")] for row in table.rows] == ["city", "own", "all"]
     assert [row[table.headings.index("difference")] for row in table.rows] == pytest.approx([0.75, 0.25, 0.5])
     assert [(one.scenario, one.label) for one in summary(data)[-2:]] == [("all", "a"), ("all", "b")]
     assert (summary(data)[-2].n, summary(data)[-2].count(Outcome.SUCCESS)) == (8, 6)
-    assert len(Findings(two_arms("o", "x")).tables["arrived_effects"]) == 0, "one scenario has no effects of its own"
+    assert len(StudyAnalysis(two_arms("o", "x")).tables["arrived_effects"]) == 0, (
+        "one scenario has no effects of its own"
+    )
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_effects_are_those_of_each_scenario_and_of_all(tmp_path: Path) -> None:
 )
 def test_the_verdict_says_what_was_found(a: str, b: str, said: str) -> None:
     declared = {"arm": "a", "against": "b", "endpoint": "collision"}
-    assert Findings(two_arms(a, b, declared=declared)).verdict.startswith(said)
+    assert StudyAnalysis(two_arms(a, b, declared=declared)).verdict.startswith(said)
 
 
 def test_a_run_that_does_not_arrive_counts_with_the_time_it_had() -> None:
@@ -170,17 +172,17 @@ def test_the_end_of_the_leader_is_an_endpoint_of_its_own() -> None:
     data = of_swarms(two_arms("xxxo", "oxox", declared=declared), LOST)
     (found,) = compared(data, "leader_collision")
     assert (found.pairs.n, found.pairs.first_only, found.pairs.second_only, found.primary) == (4, 0, 2, True)
-    findings = Findings(data)
+    findings = StudyAnalysis(data)
     assert findings.verdict.startswith("4 pairs show no difference between b and a (the leader hit something: -50 ")
     assert [*findings.comparisons] == ["leader_collision", "arrived", "collision"]
-    one_drone = Findings(
+    one_drone = StudyAnalysis(
         of_swarms(two_arms("xo", "ox"), {(k, s): "xo"[(s + (k == "a")) % 2] for k in "ab" for s in (0, 1)})
     )
     assert [*one_drone.comparisons] == ["arrived", "collision"], "of one drone, it is a collision"
 
 
-def test_what_became_of_the_drones_of_swarms_is_told_and_compared() -> None:
-    findings = Findings(of_swarms(two_arms("xxxo", "oxox"), LOST, passed_through_share=0.25))
+def test_what_became_of_the_drones_of_swarms_is_reported_and_compared() -> None:
+    findings = StudyAnalysis(of_swarms(two_arms("xxxo", "oxox"), LOST, passed_through_share=0.25))
     table, ends = findings.tables["swarms"], findings.tables["ends"]
     values = {row[1]: dict(zip(table.headings, row, strict=True)) for row in table.rows}
     assert values["a"]["drones lost [%]"].startswith("25.00 [")
@@ -189,17 +191,17 @@ def test_what_became_of_the_drones_of_swarms_is_told_and_compared() -> None:
     assert values["b"]["drones arrived [%]"].startswith("75.00 [")
     assert values["a"]["contacts between drones"].startswith("2.00 [")
     for shown in (table, ends):
-        place = shown.headings.index("passed through [%]")
-        assert all(row[place].startswith("25") for row in shown.rows), "beside each rate"
+        column = shown.headings.index("passed through [%]")
+        assert all(row[column].startswith("25") for row in shown.rows), "beside each rate"
     assert [row[ends.headings.index("leader hit [%]")].split()[0] for row in ends.rows] == ["50", "0"]
     differences = findings.tables["swarm_differences"]
     assert differences.headings == ["first - second", "pairs", "drones lost [%]", "drones arrived [%]"]
-    alone = Findings(two_arms("xo", "ox")).tables
+    alone = StudyAnalysis(two_arms("xo", "ox")).tables
     assert len(alone["swarms"]) == len(alone["swarm_differences"]) == len(alone["drone_ends"]) == 0
 
 
 def test_the_ends_of_drones_are_shares_of_leaders_and_of_followers() -> None:
-    table = Findings(of_swarms(two_arms("xxxo", "oxox"), LOST)).tables["drone_ends"]
+    table = StudyAnalysis(of_swarms(two_arms("xxxo", "oxox"), LOST)).tables["drone_ends"]
     assert table.headings == [
         "scenario", "arm", "of", "drones", "arrived [%]", "hit a building [%]", "dropped out with its leader [%]"
     ]  # fmt: skip
@@ -220,6 +222,6 @@ def test_several_declared_comparisons_are_adjusted_for_their_number_apart_from_t
     assert found["c", "a"].p_holm == pytest.approx(mcnemar(0, 6))
     assert found["b", "c"].p_holm == pytest.approx(mcnemar(0, 2)), "the others are a family of their own"
     assert [one.primary for one in found.values()] == [True, True, False]
-    assert Findings(data).verdict.count(" against a: collisions ") == 2
+    assert StudyAnalysis(data).verdict.count(" against a: collisions ") == 2
     not_yet = two_arms("x" * 8, "o" * 8, " " * 8, declared=declared)
     assert compared(not_yet, "collision")[0].p_holm == pytest.approx(2 * mcnemar(0, 8))

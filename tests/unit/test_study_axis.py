@@ -10,8 +10,8 @@ import pytest
 from scenarios.study.analysis import gains, matched_arms, run_frame, thresholds
 from scenarios.study.design import Study, by_importance, expand
 from scenarios.study.figures import all_figures
-from scenarios.study.report import Findings
-from scenarios.study.statistics import LAPSE, crossing, success_threshold, told
+from scenarios.study.report import StudyAnalysis
+from scenarios.study.statistics import LAPSE, crossing, level_text, success_threshold
 from scenarios.study.store import StudyData
 from swarm.types import Outcome
 from tests.studies import arm, contents_of, noisy, record, study
@@ -102,14 +102,14 @@ def test_a_line_crosses_where_it_does_and_means_that_rise_by_chance_once(levels:
     assert crossing(np.arange(5.0), np.array([2.0, 0.9, 1.1, 0.9, 0.0]), 1.5) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("place", [-1.2, -2.5, -3.0])
-def test_the_interval_covers_the_level_at_which_half_succeed(place: float) -> None:
+@pytest.mark.parametrize("level", [-1.2, -2.5, -3.0])
+def test_the_interval_covers_the_level_at_which_half_succeed(level: float) -> None:
     levels, covered = np.array(STOPS), 0
-    p = (1 - LAPSE) / (1 + np.exp((place - levels) / 0.3))
+    p = (1 - LAPSE) / (1 + np.exp((level - levels) / 0.3))
     for seed in range(20):
         found = success_threshold(levels, np.random.default_rng(seed).random((30, 9)) < p)
-        covered += found.interval.low <= place <= found.interval.high
-        assert found.value == pytest.approx(place, abs=0.5)
+        covered += found.interval.low <= level <= found.interval.high
+        assert found.value == pytest.approx(level, abs=0.5)
     assert covered >= 16
 
 
@@ -117,7 +117,7 @@ def test_the_interval_covers_the_level_at_which_half_succeed(place: float) -> No
 def test_a_threshold_beyond_the_levels_is_said_to_be_there(always: bool) -> None:
     levels = np.array(STOPS)
     found = success_threshold(levels, np.full((10, 9), always))
-    assert told(found, levels) == "may lie outside of 0 to -4"
+    assert level_text(found, levels) == "may lie outside of 0 to -4"
 
 
 def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
@@ -126,12 +126,12 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
     assert (gain.first, gain.second, gain.declared, gain.seeds) == ("b", "a", True, 8)
     assert gain.estimate.value == pytest.approx(0.7, abs=0.1)
     assert gain.estimate.interval.low < 0.7 < gain.estimate.interval.high
-    assert Findings(data).verdict.startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
+    assert StudyAnalysis(data).verdict.startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
     a, b = thresholds(data, run_frame(data))
-    for (_, _, seeds, half_arrive, half_speed, _), place in ((a, -1.7), (b, -2.4)):
+    for (_, _, seeds, half_arrive, half_speed, _), level in ((a, -1.7), (b, -2.4)):
         assert seeds == 8
-        assert half_speed.value == pytest.approx(place, abs=0.1)
-        assert half_arrive.value == pytest.approx(place, abs=0.25)
+        assert half_speed.value == pytest.approx(level, abs=0.1)
+        assert half_arrive.value == pytest.approx(level, abs=0.25)
 
 
 def test_curves_of_two_scenarios_are_not_compared(tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_a_gain_is_not_extrapolated(half_at: dict[str, float]) -> None:
     data = flown(light(), half_at)
     (gain,) = gains(data, run_frame(data))
     assert gain.estimate is None
-    findings = Findings(data)
+    findings = StudyAnalysis(data)
     assert findings.verdict.endswith("come down to half of the full goal speed outside of the levels that were flown.")
     assert "may lie outside of 0 to -4" in findings.tables["thresholds"].markdown()
 
@@ -156,7 +156,7 @@ def test_measures_are_compared_as_the_gain_was_declared_and_the_report_shows_eve
     pairs = list(matched_arms(data.study, run_frame(data)).pairs)
     assert pairs[: len(STOPS)] == [(f"b at {level:g}", f"a at {level:g}") for level in STOPS]
     assert len(pairs) == len(STOPS) + 2, "and both against the reference at its level"
-    findings = Findings(data)
+    findings = StudyAnalysis(data)
     arms = [arm for _, arm, *_ in findings.tables["means"].rows]
     assert [arm for arm in arms if str(arm).startswith("a ")] == [f"a at {level:g}" for level in STOPS]
     (curves,) = all_figures(data.study, findings.arms, findings.comparisons["arrived"])

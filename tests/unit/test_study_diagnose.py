@@ -129,7 +129,7 @@ def test_a_drone_that_takes_holes_for_free_trusts_every_depth(holes: Holes, caus
     assert [found.cause for found in probe.diagnoses] == [cause]
 
 
-def test_what_the_map_of_the_drone_held_is_told() -> None:
+def test_what_the_map_of_the_drone_held_is_reported() -> None:
     """The map of the drone says that a strip before it is free, in a frame that is shifted by 1 m."""
     state = np.full((20, 40), UNOBSERVABLE, np.uint8)
     state[:, :20] = FREE
@@ -161,8 +161,8 @@ def test_the_table_has_a_row_for_each_arm() -> None:
     flights = [[empty, drone], [replace(empty, held_before="unobservable")]]
     of_a = [Diagnosed(key=str(k), collisions=tuple(own), versions={}) for k, own in enumerate(flights)]
     table = cause_table({"a": of_a, "b": []})
-    told = dict(zip(table.headings, table.texts[0], strict=True))
-    assert {heading: text for heading, text in told.items() if text != "0"} == {
+    message = dict(zip(table.headings, table.texts[0], strict=True))
+    assert {heading: text for heading, text in message.items() if text != "0"} == {
         "arm": "a",
         "flights": "2",
         "collisions": "3",
@@ -174,7 +174,7 @@ def test_the_table_has_a_row_for_each_arm() -> None:
     assert set(table.texts[1][1:]) == {"0"}
 
 
-def test_the_verdict_follows_from_the_distances_that_are_told() -> None:
+def test_the_verdict_follows_from_the_distances_that_are_reported() -> None:
     random = np.random.default_rng(0)
     for _ in range(100):
         capture, corrected = seen(1.0)

@@ -28,10 +28,10 @@ pytestmark = pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
 
 
 @pytest.mark.parametrize(
-    ("where", "told"), [("metrics", "a = nan"), ("drones", "path_length_m = inf"), ("contacts", "speed_m_s = nan")]
+    ("where", "reported"), [("metrics", "a = nan"), ("drones", "path_length_m = inf"), ("contacts", "speed_m_s = nan")]
 )
 def test_a_number_that_is_not_finite_is_a_failure_of_its_run_and_named(
-    where: str, told: str, monkeypatch: pytest.MonkeyPatch
+    where: str, reported: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (spec,) = expand(study(arm("a"), seeds=1))
     contact = Contact(time_s=1.0, drone=0, other="wall", kind="building", speed_m_s=np.nan)
@@ -41,7 +41,7 @@ def test_a_number_that_is_not_finite_is_a_failure_of_its_run_and_named(
     monkeypatch.setattr(RunRecord, "of", lambda key, finished: damaged)
     failure = attempt(run_one, spec)
     assert isinstance(failure, Failure)
-    assert failure.last_line.endswith(f"expected finite numbers, or None, got {told}")
+    assert failure.last_line.endswith(f"expected finite numbers, or None, got {reported}")
 
 
 @pytest.mark.slow
@@ -70,7 +70,7 @@ def test_workers_listen_to_this_machine_alone_and_end_with_their_run_in_the_air(
 
 
 @pytest.mark.slow
-def test_a_second_study_beside_another_one_is_told_nothing_of_its_port(recwarn: pytest.WarningsRecorder) -> None:
+def test_a_second_study_beside_another_one_is_reported_nothing_of_its_port(recwarn: pytest.WarningsRecorder) -> None:
     try:
         held = socket.create_server(("127.0.0.1", 8787))  # The port that Dask's pages have by default.
     except OSError:  # Somebody else has it.
@@ -121,7 +121,7 @@ def test_a_cluster_is_lost_with_its_last_worker(cluster: Any, monkeypatch: pytes
         default_client()  # Both have closed theirs.
 
 
-def test_without_a_cluster_an_address_is_told_with_what_to_start() -> None:
+def test_without_a_cluster_an_address_is_reported_with_what_to_start() -> None:
     nowhere = Cluster("tcp://127.0.0.1:1", 600.0, fake)
     with (
         dask.config.set({"distributed.comm.timeouts.connect": "1s"}),
@@ -130,7 +130,7 @@ def test_without_a_cluster_an_address_is_told_with_what_to_start() -> None:
         list(nowhere.run(expand(study(arm("a")))))
 
 
-def test_workers_that_cannot_start_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_that_cannot_start_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(executors, "__name__", "no_such_module")
     with pytest.raises(ScenarioError, match="worker processes could not be started"):
         list(Processes(1, 60.0, fake).run(expand(study(arm("a")))))

@@ -21,7 +21,7 @@ def flown(scale: float = 1.0) -> RunRecord:
     return replace(found, contacts=(hit,), drones=drones)
 
 
-def test_the_rounding_of_another_processor_is_no_difference_and_more_is_told_by_its_name() -> None:
+def test_the_rounding_of_another_processor_is_no_difference_and_more_is_reported_by_its_name() -> None:
     assert flown() != flown(1 + 1e-15)
     assert differences(flown(), flown(1 + 1e-15)) == []
     assert differences(flown(), flown(1 + 1e-4)) == [
@@ -55,15 +55,15 @@ def test_outcome_counts_but_not_what_another_version_does_not_have() -> None:
     assert differences(older, before) == differences(before, replace(older, drones=before.drones)) == []
 
 
-def test_of_a_run_that_ended_otherwise_the_versions_that_changed_are_told() -> None:
+def test_of_a_run_that_ended_otherwise_the_versions_that_changed_are_reported() -> None:
     tiny = study(arm("a"), seeds=1)
     (spec,) = expand(tiny)
     before = replace(flown(), versions={**versions_of([spec]), "numpy": "1"})
     data = replace(contents_of(tiny, {}), records={spec.key: before})
     lost = MissionResult(outcome=Outcome.LOST, contacts=(), trajectories=())
-    is_same, told = compared(data, spec, Finished(result=lost, wall_s=1.0, folder=None))
+    is_same, message = compared(data, spec, Finished(result=lost, wall_s=1.0, folder=None))
     assert not is_same
-    assert "in the study collision: NOT the same; other: outcome, contacts; other versions: numpy;" in told
+    assert "in the study collision: NOT the same; other: outcome, contacts; other versions: numpy;" in message
 
 
 def test_settings_that_scenarios_no_longer_have_are_named() -> None:

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from scenarios.study.analysis import Comparison, matched_arms, run_frame
+from scenarios.study.analysis import ArmComparison, matched_arms, run_frame
 from scenarios.study.executors import Serial
 from scenarios.study.figures import _draw_forest
-from scenarios.study.report import Findings, drone_table, export, run_table, write_report
+from scenarios.study.report import StudyAnalysis, drone_table, export, run_table, write_report
 from scenarios.study.run import progress_line, run_study
 from scenarios.study.statistics import Pairs
 from scenarios.study.store import Failure, StudyData
@@ -28,7 +28,7 @@ def two_arms(a: str, b: str, **values: object) -> StudyData:
 
 
 def page_of(contents: StudyData, out: Path) -> str:
-    return write_report(Findings(contents), Path("out"), out).read_text()
+    return write_report(StudyAnalysis(contents), Path("out"), out).read_text()
 
 
 def test_the_page_loads_nothing_and_says_what_there_is(tmp_path: Path) -> None:
@@ -62,7 +62,7 @@ def test_the_files_beside_the_page_have_its_tables_and_the_same_results_give_the
     report, again = tmp_path / "report", tmp_path / "again"
     data = flown(study(noisy("a", 0.2, 0.4), arm("b"), seeds=2), {("city", "a"): "xo", ("city", "b"): "oo"})
     for folder in (report, again):
-        write_report(Findings(data), report, folder)
+        write_report(StudyAnalysis(data), report, folder)
     page, text = (report / "report.html").read_text(), (report / "report.md").read_text()
     rows = [line for line in text.splitlines() if line.startswith("| city")]
     assert any(row.startswith("| city | a at 0.2 | 2 | 50 [") for row in rows)
@@ -76,7 +76,7 @@ def test_the_files_beside_the_page_have_its_tables_and_the_same_results_give_the
 
 
 def test_what_no_run_came_to_is_not_compared() -> None:
-    tables = Findings(flown(study(arm("a"), arm("b")), {("city", "a"): "tt", ("city", "b"): "tt"})).tables
+    tables = StudyAnalysis(flown(study(arm("a"), arm("b")), {("city", "a"): "tt", ("city", "b"): "tt"})).tables
     assert "collision_comparisons" not in tables
     assert tables["arrived_comparisons"].note.startswith("No run of any pair reached this endpoint")
 
@@ -106,13 +106,13 @@ def test_tables_have_a_row_for_each_run_with_a_result(tmp_path: Path) -> None:
 
 
 def test_the_progress_is_one_short_line() -> None:
-    told = partial(progress_line, 10)
-    assert told(10, 0, 0, 0.0).partition(" ")[2] == "0 of 10 runs"
-    assert told(6, 2, 0, 3600.0).partition(" ")[2] == "4 of 10 runs, 2 runs per hour, 3 h 00 min left"
-    assert told(0, 10, 1, 90.0).partition(" ")[2] == "10 of 10 runs, 400 runs per hour, 0 h 00 min left, 1 errors"
+    message = partial(progress_line, 10)
+    assert message(10, 0, 0, 0.0).partition(" ")[2] == "0 of 10 runs"
+    assert message(6, 2, 0, 3600.0).partition(" ")[2] == "4 of 10 runs, 2 runs per hour, 3 h 00 min left"
+    assert message(0, 10, 1, 90.0).partition(" ")[2] == "10 of 10 runs, 400 runs per hour, 0 h 00 min left, 1 errors"
 
 
-def test_the_progress_of_a_study_is_told_at_its_beginning_and_end(tmp_path: Path) -> None:
+def test_the_progress_of_a_study_is_reported_at_its_beginning_and_end(tmp_path: Path) -> None:
     lines: list[str] = []
     run_study(study(arm("a"), arm("raises")), tmp_path, Serial(fake), lines.append)
     first, last = (line.partition(" ")[2] for line in lines)
@@ -122,7 +122,7 @@ def test_the_progress_of_a_study_is_told_at_its_beginning_and_end(tmp_path: Path
 
 def test_a_bar_of_the_effects_reaches_from_the_low_end_of_its_interval_to_the_high_one() -> None:
     pairs, axes = Pairs(5, 9, 1, 5), Figure().subplots()
-    _draw_forest([Comparison("a", "b", True, True, {"here": pairs, "there": pairs}, pairs, 0.1, None)], axes)
+    _draw_forest([ArmComparison("a", "b", True, True, {"here": pairs, "there": pairs}, pairs, 0.1, None)], axes)
     (ends,) = axes.containers[0].lines[2][0].get_segments()
     low, high = pairs.difference.interval
     np.testing.assert_allclose(ends[:, 0], [100 * low, 100 * high])

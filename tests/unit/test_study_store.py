@@ -12,7 +12,7 @@ from scenarios.errors import ScenarioError
 from scenarios.study.design import RunSpec, expand, versions_of
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
-from scenarios.study.store import Failure, RunRecord, add, begun, read_study
+from scenarios.study.store import Failure, RunRecord, add, read_study, start_study
 from swarm.types import Outcome
 from tests.studies import HIT, arm, fake, noisy, record, study, unseen
 from voxdepth.tools.errors import ToolError
@@ -27,7 +27,7 @@ def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     odd = record(specs[0], Outcome.COLLISION, min_clearance_m=0.1 + 0.2, dropped_frames=3, depth_mae_m=None)
     odd = replace(odd, drones=({"drone": 0, "path_length_m": 0.1 + 0.7}, {"drone": 1, "path_length_m": None}))
     failure = Failure(key=specs[1].key, kind="error", text="Traceback\nZeroDivisionError: a % ' \" one")
-    with begun(tmp_path, tiny, specs, resume=False) as nothing:
+    with start_study(tmp_path, tiny, specs, resume=False) as nothing:
         assert not nothing.flown
         add(tmp_path, odd)
         add(tmp_path, failure)
@@ -87,10 +87,10 @@ def added(**values: object) -> Damage:
 def test_a_damaged_file_is_named_in_one_line_and_a_run_can_be_flown_again(damage: Damage, tmp_path: Path) -> None:
     before = run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
     path = damage(tmp_path)
-    with pytest.raises(ScenarioError, match=r"is damaged.*: restore a copy of it") as told:
+    with pytest.raises(ScenarioError, match=r"is damaged.*: restore a copy of it") as reported:
         read_study(tmp_path)
-    assert "\n" not in str(told.value)
-    assert str(path) in str(told.value)
+    assert "\n" not in str(reported.value)
+    assert str(path) in str(reported.value)
     path.unlink()
     if path.name != "study.json":
         assert run_study(study(arm("a")), tmp_path, Serial(fake), unseen, **AGAIN) == before
@@ -185,7 +185,7 @@ def test_runs_of_other_packages_or_code_are_mixed_only_if_asked_and_each_tells_i
     assert run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN, mixed=True) == after
 
 
-def test_a_folder_without_a_study_and_one_that_cannot_be_written_are_told(tmp_path: Path) -> None:
+def test_a_folder_without_a_study_and_one_that_cannot_be_written_are_reported(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"there is no study in .*: expected a folder with study\.json"):
         read_study(tmp_path)
     (tmp_path / "file").write_text("a file")
@@ -196,5 +196,5 @@ def test_a_folder_without_a_study_and_one_that_cannot_be_written_are_told(tmp_pa
 def test_a_second_study_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
     busy = r"wait for it, or look at it with voxdepth study report "
-    with begun(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ToolError, match=busy):
+    with start_study(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ToolError, match=busy):
         run_study(tiny, tmp_path, Serial(fake), unseen)

@@ -33,7 +33,7 @@ def compatible(seed: int) -> tuple[np.ndarray, ApproachLimits, np.ndarray]:
 
 
 def limits_to(*others: tuple[Vector, Vector], velocity_m_s: object = STILL) -> ApproachLimits:
-    """Limits of a drone at the origin towards others at places with velocities."""
+    """Limits of a drone at the origin towards others at positions with velocities."""
     return neighbour_limits(np.zeros(3), np.array(velocity_m_s), near(*others), AIRFRAME)
 
 

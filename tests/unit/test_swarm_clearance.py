@@ -60,8 +60,8 @@ def median_error(scenario: Scenario, distance_m: float) -> float:
     """
     rig_config = scenario.rig.model_copy(update={"depth": "stereo", "noise": RigConfig().noise})
     errors = []
-    for place_m in distance_m * np.array([0.95, 1.0, 1.05]):
-        image = captured(rig_config, wall(place_m + rig_config.mount_forward_m))
+    for wall_m in distance_m * np.array([0.95, 1.0, 1.05]):
+        image = captured(rig_config, wall(wall_m + rig_config.mount_forward_m))
         error = np.abs(image.depth_raw_m - image.depth_true_m) / image.depth_true_m
         errors.append(np.where(image.depth_raw_m > 0, error, np.inf))
     return float(np.median(errors))

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm.agents import Track, create_agent
+from swarm.agents import LeaderTrack, create_agent
 from swarm.config import MissionConfig
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, load_controller
 from swarm.mapping_pilot import MappingPilot
@@ -62,9 +62,9 @@ class TestLoading:
         assert load_controller(config.controller) is create_agent
         assert load_controller("examples.straight_controller:create")(role_of(0, config), config).decide(situation())
 
-    @pytest.mark.parametrize(("is_worker", "told"), [(False, 1), (True, 0)])
+    @pytest.mark.parametrize(("is_worker", "message"), [(False, 1), (True, 0)])
     def test_foreign_code_is_named_before_it_runs_and_once_for_all_workers(
-        self, is_worker: bool, told: int, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+        self, is_worker: bool, message: int, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(plugins, "parent_process", lambda: object() if is_worker else None)
         plugins._announce.cache_clear()
@@ -72,7 +72,7 @@ class TestLoading:
         with pytest.raises(PluginError):
             load_controller("nowhere.at_all:factory")
         text = "this runs the code of nowhere.at_all:factory: stop it if you do not know that"
-        assert [record.getMessage() for record in caplog.records] == told * [text]
+        assert [record.getMessage() for record in caplog.records] == message * [text]
 
     @pytest.mark.parametrize("name", ["", "swarm.agents", "swarm.agents:", ":create_agent"])
     def test_half_a_name_is_refused_with_an_example(self, name: str) -> None:
@@ -147,13 +147,13 @@ class TestAgents:
         assert np.linalg.norm(decision.command.velocity_m_s) < 1.5
 
     def test_a_track_has_no_loops_and_places_along_it(self) -> None:
-        track = Track(np.zeros(3), 2.0)
+        track = LeaderTrack(np.zeros(3), 2.0)
         for x in [*np.arange(0.0, 20.1, 0.25), *(20 + 0.3 * np.sin(np.arange(400)))]:
             track.add(np.array([x, 0.0, 0.0]))
         for number in (1, 2, 7):
-            places_m = track.places_m(np.array([10.0, 3.0, 0.0]), number)
-            np.testing.assert_array_equal(places_m[0], [10, 3, 0])
-            np.testing.assert_allclose(places_m[-1], [20 - 2 * number, 0, 0], atol=0.6)
+            positions_m = track.positions_m(np.array([10.0, 3.0, 0.0]), number)
+            np.testing.assert_array_equal(positions_m[0], [10, 3, 0])
+            np.testing.assert_allclose(positions_m[-1], [20 - 2 * number, 0, 0], atol=0.6)
 
     def test_nobody_wants_more_than_its_top_speed(self) -> None:
         far = situation(leader_m=(99.0, 0, 0), mates=near(((-2.6, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL)))
@@ -184,7 +184,7 @@ class TestAgents:
             assert pilot.fly(wanted_m_s, seeing).command.yaw_rad == 0.0
             assert pilot.fly(wanted_m_s + 0.3 * LEFT, seeing).command.yaw_rad > 0.0
 
-    def test_a_drone_that_climbs_looks_where_it_is_told(self) -> None:
+    def test_a_drone_that_climbs_looks_where_it_is_commanded_to(self) -> None:
         pilot = MappingPilot(PilotConfig(), 20, 0.0, AIRFRAME, CAMERA)
         seeing = situation(percept=percept_of(flat(30.0)))
         assert pilot.fly(np.array([0.0, 0.0, 1.0]), seeing, look_at_m=np.array([0.0, 9.0, 0.0])).command.yaw_rad > 0

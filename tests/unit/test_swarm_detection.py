@@ -17,7 +17,7 @@ Labels = np.ndarray
 
 
 def detector(*, seed: int = 0, drone: int = 0, miss_rate: float = 0.0) -> Detector:
-    """One that misses nothing unless it is told to."""
+    """One that misses nothing unless it is made to."""
     return Detector(miss_rate, CAMERA, [7, 8, 9], radius_m=RADIUS_M, seed=seed, drone=drone)
 
 

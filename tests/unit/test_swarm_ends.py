@@ -27,15 +27,15 @@ def contact(drone: int, other: str, kind: str, time_s: float = 1.0) -> Contact:
 def ends(
     *ticks: dict[int, Any] | FloatArray, contacts: tuple[Contact, ...] = (), ended: Outcome | None = None
 ) -> list[DroneEnd]:
-    """How three drones ended that kept their formation, moved by a vector, but for those at places of their own."""
+    """How three drones ended that kept their formation, moved by a vector, but for those at positions of their own."""
     teams = CONFIG.teams()
     followed = DroneEnds(CONFIG, teams)
     at_m = teams[0].starts_m
     for tick in ticks:
         at_m = at_m.copy()
         if isinstance(tick, dict):
-            for drone, place_m in tick.items():
-                at_m[drone] = place_m
+            for drone, position_m in tick.items():
+                at_m[drone] = position_m
         else:
             at_m = teams[0].starts_m + tick
         followed.follow(at_m)

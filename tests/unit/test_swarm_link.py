@@ -11,7 +11,7 @@ HZ = 20
 
 
 def link_of(states: list[DroneState], *, seed: int = 0, leaders: list[int] | None = None, **config: float) -> Link:
-    """A link without losses, unless they are asked for."""
+    """A link without losses, unless they are requested."""
     leaders = leaders or [0] * len(states)
     return Link(LinkConfig(**{"loss": 0.0, **config}), states, HZ, seed=seed, leaders=leaders)
 

@@ -42,17 +42,17 @@ HOLES = measured(flat(0.0))
 DOUBT = measured(flat(6.0), confidence=0.1)
 LYING = replace(HOLES, confidence=np.ones(CAMERA.shape, np.float32))
 """Depth of zero with all confidence."""
-View = Callable[[FloatArray, float], CorrectedDepth]
+DepthView = Callable[[FloatArray, float], CorrectedDepth]
 """Makes the image that a drone sees from a position with a heading."""
 
 
 class Flight:
-    """One drone that is told to fly at a velocity, sees an image ten times a second, and obeys its pilot.
+    """One drone that is commanded to fly at a velocity, sees an image ten times a second, and obeys its pilot.
 
     Its velocity follows the command with the time constant that the pilot assumes.
     """
 
-    def __init__(self, view: View) -> None:
+    def __init__(self, view: DepthView) -> None:
         self.pilot = MappingPilot(PilotConfig(), RATE_HZ, 0.0, AIRFRAME, CAMERA)
         self.view = view
         self.position_m, self.velocity_m_s, self.yaw_rad = np.zeros(3), np.zeros(3), 0.0
@@ -100,12 +100,12 @@ class Flight:
         return situation_of(own, time_s=time_s, percept=self._percept, neighbours=self.neighbours)
 
 
-def always(seen: CorrectedDepth) -> View:
+def always(seen: CorrectedDepth) -> DepthView:
     """The same image wherever the drone is."""
     return lambda position_m, yaw_rad: seen
 
 
-def wall_at(x_m: float) -> View:
+def wall_at(x_m: float) -> DepthView:
     """A wall across the x axis that measures its depth exactly; nothing is seen in the other half of the directions."""
 
     def view(position_m: FloatArray, yaw_rad: float) -> CorrectedDepth:
@@ -135,7 +135,7 @@ def test_nobody_flies_into_the_unknown(seen: CorrectedDepth, wanted: tuple[float
 def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_it_knew_too_little_of(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The camera before it does not show the sides of the place where it stands, which must be free, too."""
+    """The camera before it does not show the sides of the position where it stands, which must be free, too."""
     monkeypatch.setattr(local_map, "START_RADIUS_M", 0.8)
     flight = Flight(always(measured(flat(10.0))))
     flight.flies((2, 0, 0), 2.0)
@@ -208,7 +208,7 @@ def test_a_drone_climbs_and_descends_where_it_sees_but_stays_near_the_height_of_
         assert abs(flight.flies((2, 0, -climb_m_s), 2.0, target_m).position_m[2]) < 0.5
 
 
-def bar_of_holes(x_m: float, low_m: float, high_m: float) -> View:
+def bar_of_holes(x_m: float, low_m: float, high_m: float) -> DepthView:
     """A level bar without depth across the x axis, before a wall 6 m behind it that measures its depth."""
 
     def view(position_m: FloatArray, yaw_rad: float) -> CorrectedDepth:
@@ -276,7 +276,7 @@ def test_slow_drones_at_its_height_are_obstacles_of_paths_and_no_part_of_the_map
     assert (costs.free_length_m(np.zeros(3), np.array([1.0, 0, 0]), 6.0) < 4.0) == takes
 
 
-def test_a_drone_with_nowhere_to_fly_looks_where_it_is_told() -> None:
+def test_a_drone_with_nowhere_to_fly_looks_where_it_is_commanded_to() -> None:
     flight = Flight(always(measured(flat(9.0))))
     flight.look_at_m = np.array([0.0, 5.0, 0.0])
     assert flight.flies((0.0, 0.1, 0), 2.0).yaw_rad == pytest.approx(np.pi / 2, abs=0.1)
@@ -313,7 +313,7 @@ def random_costs(seed: int) -> CostMap:
 
 @given(seed=st.integers(0, 10**6), angle=st.floats(0, 2 * np.pi), speed=st.floats(0, 3.2), turns=st.integers(0, 5))
 def test_it_stops_within_free_space_on_any_map(seed: int, angle: float, speed: float, turns: int) -> None:
-    """Whatever velocity up to the default of a follower is asked for, the body stays in cells that are free."""
+    """Whatever velocity up to the default of a follower is requested, the body stays in cells that are free."""
     flight, rng = Flight(always(HOLES)), np.random.default_rng(seed)
     flight.flies((0, 0, 0), 0.1)
     costs = random_costs(seed)

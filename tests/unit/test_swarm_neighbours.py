@@ -17,7 +17,7 @@ def tracker() -> NeighbourTracker:
 
 
 def seen_at(drone: int, at_m: object, T_world_cam: np.ndarray = AT_ORIGIN) -> tuple[int, np.ndarray]:
-    """A detection of a drone at a place in the world."""
+    """A detection of a drone at a position in the world."""
     return drone, T_world_cam[:3, :3].T @ (np.asarray(at_m, np.float64) - T_world_cam[:3, 3])
 
 

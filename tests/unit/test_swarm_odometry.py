@@ -21,7 +21,7 @@ from voxdepth.types import CorrectedDepth, FloatArray, Frame
 
 
 def capture(stamp_s: float = 0.0, x_m: float = 0.0, yaw_rad: float = 0.0) -> Capture:
-    """An image from a place along x."""
+    """An image from a position along x."""
     at_m = np.array([x_m, 2.0, 6.0])
     T_world_cam = frames.camera_pose(at_m, frames.quaternion_from_yaw(yaw_rad), np.zeros(3))
     return replace(swarm_scenes.capture(stamp_s), T_world_cam=T_world_cam)

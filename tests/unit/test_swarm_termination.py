@@ -31,7 +31,7 @@ class Flight:
         self._conditions = TerminationConditions(self._config, self._teams)
 
     def at(self, time_s: float, *along_m: float, off_m: Any = 0.0, contacts: tuple[Contact, ...] = ()) -> Any:
-        """The outcome with the leaders at `along_m`; `off_m` is added to the place of the last drone."""
+        """The outcome with the leaders at `along_m`; `off_m` is added to the position of the last drone."""
         positions = np.vstack([np.add(team.starts_m, [x, 0, 0]) for team, x in zip(self._teams, along_m, strict=True)])
         positions[-1] += off_m
         return self._conditions.check(time_s, positions, contacts)

@@ -69,7 +69,7 @@ class Drone:
         return costs_of(layer, self.map.origin_m[:2])
 
     def state(self, x: float, y: float = 0.0, after_s: float = 0.0) -> int:
-        """State of a place at its height."""
+        """State of a point at its height."""
         return self.costs(after_s=after_s).state_at(np.array([x, y]))
 
 
@@ -217,7 +217,7 @@ def test_a_surface_that_is_gone_becomes_free_unless_it_was_seen_for_long() -> No
 def images_until(
     state: int, depth_m: float, rate_hz: float, before: Callable[[Drone], Drone] = lambda drone: drone
 ) -> int:
-    """The number of images of a depth until a place before it has a state, at most 20 seconds of them."""
+    """The number of images of a depth until a point before it has a state, at most 20 seconds of them."""
     drone = before(Drone(rate_hz).sees(flat(5.0), 1, yaw_rad=np.pi))  # Nothing tells how long the first image counts.
     return next(n for n in range(1, round(20 * rate_hz)) if drone.sees(flat(depth_m), 1).state(2.0) == state)
 
@@ -274,10 +274,10 @@ def test_nobody_believed_makes_nothing_free() -> None:
 @pytest.mark.parametrize("shifts_m", [(0.0,), (0.0, 0.0), (0.0, 0.2), (-0.4, 0.0, 0.4), (0.0, 0.5, 1.0)])
 def test_what_overlaps_goes_one_step_at_a_time_to_the_blacklist(shifts_m: tuple[float, ...]) -> None:
     drone, there_m = Drone(), np.array([[3.0 + shift_m, 0.0, 0.0] for shift_m in shifts_m])
-    places_m = [2.5, 3.0, 3.5]
+    points_m = [2.5, 3.0, 3.5]
     for state in (UNOBSERVABLE, BLACKLISTED, BLACKLISTED):
         drone.map.blacklist(there_m, 1.0, 0.4, drone.time_s)
-        assert [drone.state(x) for x in places_m] == [state] * len(places_m)
+        assert [drone.state(x) for x in points_m] == [state] * len(points_m)
 
 
 def test_another_drone_is_no_surface_and_hides_what_is_behind_it() -> None:

@@ -49,7 +49,7 @@ def test_without_relocalisation_a_place_is_not_known_again() -> None:
     assert last(without("relocalisation")) is TrackingStatus.LOST
 
 
-def test_without_votes_of_lone_ends_a_half_empty_image_stays_half_empty() -> None:
+def test_without_votes_of_one_sided_ends_a_half_empty_image_stays_half_empty() -> None:
     half = np.zeros(CAMERA.shape, np.float32)
     half[:, :80] = 2.0
     frame = Frame(stamp_s=0.0, gray=dark(0).gray, depth_m=half)

@@ -27,7 +27,7 @@ texture = partial(textured, CAMERA.shape, darkest=40, brightest=200)
 seeds = st.integers(0, 2**32 - 1)
 
 
-class Result:
+class FillResult:
     """What a hole filler makes of an image of disparities, beside what is remembered and what it said before."""
 
     def __init__(
@@ -49,7 +49,7 @@ class Result:
         )
         self.disparity_px = np.kron(known_px + self.inpainted.disparity_px, np.ones((decimation,) * 2))
         self.probability = np.kron(self.inpainted.probability, np.ones((decimation,) * 2))
-        row, col = self.single.place.T
+        row, col = self.single.pixels.T
         self.disparity_px[row, col], self.probability[row, col] = self.single.disparity_px, self.single.probability
 
 
@@ -78,16 +78,16 @@ def nearest(known_px: FloatImage, row: int, col: int, ray: int) -> tuple[float, 
 def test_every_ray_ends_at_the_nearest_known_pixel(seed: int, holes: float) -> None:
     rng = np.random.default_rng(seed)
     known_px = np.where(rng.random((11, 17)) < holes, 0, rng.uniform(1, 9, (11, 17))).astype(np.float32)
-    place = np.ascontiguousarray(np.argwhere(known_px == 0), np.int32)
-    rays = trace_rays(known_px, place)
-    for k, ray in product(range(len(place)), range(2 * AXES)):
-        assert (rays.end_px[ray, k], rays.steps[ray, k]) == nearest(known_px, *place[k], ray)
+    pixels = np.ascontiguousarray(np.argwhere(known_px == 0), np.int32)
+    rays = trace_rays(known_px, pixels)
+    for k, ray in product(range(len(pixels)), range(2 * AXES)):
+        assert (rays.end_px[ray, k], rays.steps[ray, k]) == nearest(known_px, *pixels[k], ray)
     full_px, number = (
         np.kron(known_px, np.ones((2, 2), np.float32)),
-        np.repeat(np.arange(len(place), dtype=np.int32), 4),
+        np.repeat(np.arange(len(pixels), dtype=np.int32), 4),
     )
     pixels = np.ascontiguousarray(
-        2 * place[number] + np.tile([[0, 0], [0, 1], [1, 0], [1, 1]], (len(place), 1)), np.int32
+        2 * pixels[number] + np.tile([[0, 0], [0, 1], [1, 0], [1, 1]], (len(pixels), 1)), np.int32
     )
     of_pixels = Rays.empty(len(pixels))
     march(known_px, depth_of(FULL, full_px), FULL.focal_baseline_px_m, pixels, number, rays.steps, of_pixels)
@@ -102,7 +102,7 @@ class TestSurfaces:
     @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
     def test_a_constant_stays_constant(self, share: float, decimation: int) -> None:
         hole = np.random.default_rng(0).random(CAMERA.shape) < share
-        result = Result(with_holes(8.0, hole), decimation)
+        result = FillResult(with_holes(8.0, hole), decimation)
         np.testing.assert_allclose(result.disparity_px[result.disparity_px > 0], 8, rtol=1e-5)
         assert np.mean(result.disparity_px > 0) > 0.9
 
@@ -110,14 +110,14 @@ class TestSurfaces:
     def test_a_slanted_plane_is_continued(self, decimation: int) -> None:
         true_px = 10 + 0.05 * COL - 0.04 * ROW
         hole = box(slice(40, 70), slice(50, 90))
-        result = Result(with_holes(true_px, hole), decimation)
+        result = FillResult(with_holes(true_px, hole), decimation)
         assert np.abs(result.disparity_px - true_px)[hole].max() < 0.35
 
-    def test_a_lone_end_of_a_row_is_continued_by_its_slope(self) -> None:
+    def test_a_one_sided_end_of_a_row_is_continued_by_its_slope(self) -> None:
         true_px = 10 + 0.05 * COL
         hole = box(slice(0, 120), slice(0, 20))
-        result = Result(with_holes(true_px, hole))
-        flat = Result(with_holes(true_px, hole), max_slope=0)
+        result = FillResult(with_holes(true_px, hole))
+        flat = FillResult(with_holes(true_px, hole), max_slope=0)
         error, flat_error = (np.abs(each.disparity_px - true_px)[hole].mean() for each in (result, flat))
         assert error < 0.6 * flat_error
 
@@ -125,7 +125,7 @@ class TestSurfaces:
     def test_a_far_surface_of_which_too_little_is_seen_for_a_slope_comes_no_nearer(self, decimation: int) -> None:
         true_px = np.full(CAMERA.shape, 1.0)
         hole = (8 * decimation <= COL) & (COL < 120)
-        result = Result(with_holes(true_px, hole), decimation)
+        result = FillResult(with_holes(true_px, hole), decimation)
         np.testing.assert_allclose(result.disparity_px[hole & (COL < 60)], 1.0, rtol=0.02)
 
     @DECIMATIONS
@@ -133,7 +133,7 @@ class TestSurfaces:
         rng = np.random.default_rng(1)
         measured_px = np.where(rng.random(CAMERA.shape) < 0.3, 0, rng.uniform(1, 30, CAMERA.shape)).astype(np.float32)
         measured_px = np.kron(measured_px[::2, ::2], np.ones((2, 2), np.float32))
-        result = Result(measured_px, decimation)
+        result = FillResult(measured_px, decimation)
         known = measured_px > 0
         np.testing.assert_array_equal(result.disparity_px[known], measured_px[known])
 
@@ -141,7 +141,7 @@ class TestSurfaces:
         rng = np.random.default_rng(3)
         image_px = np.where(cv2.blur(rng.random(CAMERA.shape), (9, 9)) < 0.5, 0, 6 + 6 * (COL > 90) + 0.02 * ROW)
         deep_free = np.where((COL + ROW) % 4 == 0, 7, image_px)  # Deep inside holes, every other pixel is filled.
-        result, turned = Result(deep_free), Result(deep_free[::-1])
+        result, turned = FillResult(deep_free), FillResult(deep_free[::-1])
         np.testing.assert_allclose(turned.disparity_px[::-1], result.disparity_px, rtol=1e-5)
 
 
@@ -153,7 +153,7 @@ class TestDiscontinuities:
         true_px, hole = np.where(COL < EDGE, FAR_PX, NEAR_PX), box(slice(15, 105), slice(EDGE - width_px, EDGE))
         if side == "right":
             true_px, hole = true_px[:, ::-1], hole[:, ::-1]
-        result = Result(with_holes(true_px, hole), decimation)
+        result = FillResult(with_holes(true_px, hole), decimation)
         np.testing.assert_allclose(result.disparity_px[hole], FAR_PX, atol=0.01)
 
     def test_a_measured_near_pixel_does_not_speak_for_its_neighbours(self) -> None:
@@ -176,12 +176,12 @@ class TestDiscontinuities:
     ) -> None:
         true_px = np.where(ROW < 75, FAR_PX, factor * FAR_PX)
         hole = (ROW - row) ** 2 + (COL - col) ** 2 < radius_px**2
-        np.testing.assert_allclose(Result(with_holes(true_px, hole), 2).disparity_px[hole], FAR_PX, atol=0.01)
+        np.testing.assert_allclose(FillResult(with_holes(true_px, hole), 2).disparity_px[hole], FAR_PX, atol=0.01)
 
     def test_a_row_that_agrees_counts_more_than_a_column_with_a_step(self) -> None:
         measured_px = np.where(ROW < 60, FAR_PX, NEAR_PX)
         hole = box(slice(56, 60), slice(60, 90)) | box(slice(60, 68), slice(60, 90))
-        result = Result(with_holes(measured_px, hole))
+        result = FillResult(with_holes(measured_px, hole))
         np.testing.assert_allclose(result.disparity_px[62:68, 61:64], NEAR_PX, atol=0.01)
 
     def test_the_shadow_of_a_stereo_camera_is_a_bonus_on_its_side_only(self) -> None:
@@ -189,8 +189,8 @@ class TestDiscontinuities:
         near_above = np.where((ROW < 50) & (COL >= EDGE - 8) & (COL < EDGE), NEAR_PX, true_px)
         near_around = np.where((ROW >= 56) & (COL >= EDGE - 8) & (COL < EDGE), NEAR_PX, near_above)
         middle = box(slice(51, 55), slice(EDGE - 5, EDGE - 1))
-        shadow = Result(with_holes(near_around, hole), shadow_factor=100).disparity_px[middle]
-        other = Result(with_holes(near_around, hole)[:, ::-1], shadow_factor=100).disparity_px[:, ::-1][middle]
+        shadow = FillResult(with_holes(near_around, hole), shadow_factor=100).disparity_px[middle]
+        other = FillResult(with_holes(near_around, hole)[:, ::-1], shadow_factor=100).disparity_px[:, ::-1][middle]
         np.testing.assert_allclose(shadow, FAR_PX, atol=0.01)
         np.testing.assert_allclose(other, NEAR_PX, atol=0.01)
 
@@ -201,12 +201,12 @@ class TestMemoryAndPreviousFill:
     HOLE = box(slice(40, 80), slice(60, 100))
     MIDDLE, RIM = box(slice(58, 62), slice(78, 82)), box(slice(55, 65), slice(60, 61))
 
-    def result(self, **votes: Any) -> Result:
-        return Result(with_holes(FAR_PX, self.HOLE), **votes)
+    def result(self, **votes: Any) -> FillResult:
+        return FillResult(with_holes(FAR_PX, self.HOLE), **votes)
 
-    @pytest.mark.parametrize(("vote", "place"), [("memory", RIM), ("memory", MIDDLE), ("previous", RIM)])
-    def test_without_evidence_they_are_outvoted_by_ends_that_agree(self, vote: str, place: MaskImage) -> None:
-        np.testing.assert_allclose(self.result(**{vote: 9}).disparity_px[place], FAR_PX, atol=0.01)
+    @pytest.mark.parametrize(("vote", "pixels"), [("memory", RIM), ("memory", MIDDLE), ("previous", RIM)])
+    def test_without_evidence_they_are_outvoted_by_ends_that_agree(self, vote: str, pixels: MaskImage) -> None:
+        np.testing.assert_allclose(self.result(**{vote: 9}).disparity_px[pixels], FAR_PX, atol=0.01)
 
     def test_a_memory_that_was_seen_often_from_a_camera_at_rest_outvotes_them(self) -> None:
         result = self.result(memory=9, seen=12)
@@ -216,14 +216,14 @@ class TestMemoryAndPreviousFill:
     def test_the_previous_fill_decides_between_contradicting_ends(self) -> None:
         measured_px = with_holes(np.where(COL < EDGE, FAR_PX, 30.0), box(slice(0, 120), slice(40, 120)))
         middle = box(slice(40, 80), slice(78, 82))
-        np.testing.assert_allclose(Result(measured_px, previous=30).disparity_px[middle], 30, atol=0.5)
-        np.testing.assert_allclose(Result(measured_px).disparity_px[middle], FAR_PX, atol=0.01)
+        np.testing.assert_allclose(FillResult(measured_px, previous=30).disparity_px[middle], 30, atol=0.5)
+        np.testing.assert_allclose(FillResult(measured_px).disparity_px[middle], FAR_PX, atol=0.01)
 
 
 class TestProbability:
     def test_it_falls_with_the_distance_to_the_ends(self) -> None:
         by_size = [
-            Result(with_holes(FAR_PX, box(slice(60 - r, 60 + r), slice(80 - r, 80 + r)))).probability[60, 80]
+            FillResult(with_holes(FAR_PX, box(slice(60 - r, 60 + r), slice(80 - r, 80 + r)))).probability[60, 80]
             for r in (2, 6, 12, 24, 48)
         ]
         assert (np.diff(by_size) < 0).all()
@@ -231,8 +231,8 @@ class TestProbability:
 
     def test_it_falls_with_votes_for_other_surfaces(self) -> None:
         hole = box(slice(50, 56), slice(72, 80))
-        alike = Result(with_holes(FAR_PX, hole)).probability[hole].mean()
-        contested = Result(with_holes(np.where(COL < EDGE, FAR_PX, NEAR_PX), hole)).probability[hole].mean()
+        alike = FillResult(with_holes(FAR_PX, hole)).probability[hole].mean()
+        contested = FillResult(with_holes(np.where(COL < EDGE, FAR_PX, NEAR_PX), hole)).probability[hole].mean()
         assert contested < alike
 
 
@@ -245,10 +245,10 @@ class TestBadInput:
         assert 400 <= np.count_nonzero(shown) < 2000
 
     @DECIMATIONS
-    def test_a_lone_near_speckle_in_a_hole_at_the_border_paints_no_star(self, decimation: int) -> None:
+    def test_an_isolated_near_speckle_in_a_hole_at_the_border_paints_no_star(self, decimation: int) -> None:
         measured_px = with_holes(FAR_PX, COL < 40)
         measured_px[60:63, 4:7] = NEAR_PX
-        result = Result(measured_px, decimation)
+        result = FillResult(measured_px, decimation)
         assert np.count_nonzero(result.disparity_px > 10) <= 36
 
 

@@ -21,7 +21,7 @@ from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.roughness import roughness
 from voxdepth.temporal.smoothing import NOISE_PX, smooth_guided
-from voxdepth.temporal.upsampling import Estimate, ImagePool, Shown, Upsampler
+from voxdepth.temporal.upsampling import DisparityEstimate, ImagePool, OutputImages, Upsampler
 from voxdepth.temporal.working_resolution import (
     MAX_DISPARITY_PX,
     MAX_FULL_RESOLUTION_PX,
@@ -95,13 +95,13 @@ class TestMeasurement:
     def test_a_far_speck_alone_in_a_hole_is_removed_if_it_lies_beyond_the_scene(self, decimation: int) -> None:
         full_px = constant(6)
         full_px[40:80, 60:100] = 0
-        speck = np.s_[60 : 60 + 2 * decimation, 80 : 80 + 2 * decimation]
+        speckle = np.s_[60 : 60 + 2 * decimation, 80 : 80 + 2 * decimation]
         working = np.s_[60 // decimation : 60 // decimation + 2, 80 // decimation : 80 // decimation + 2]
         for disparity_px, stays in ((2.0, False), (5.7, True)):
-            full_px[speck] = disparity_px
+            full_px[speckle] = disparity_px
             expected_px = disparity_px if stays else 0
             np.testing.assert_allclose(measurement_of(full_px, decimation).disparity_px[working], expected_px)
-        full_px[speck], full_px[:10] = 2, 1.5  # now the scene is deeper
+        full_px[speckle], full_px[:10] = 2, 1.5  # now the scene is deeper
         np.testing.assert_array_equal(measurement_of(full_px, decimation).disparity_px[working], 2)
 
     def test_lonely_pixels_stay(self) -> None:
@@ -134,7 +134,7 @@ class TestMeasurement:
         np.testing.assert_allclose(measurement_of(full_px, 2).weight, WEIGHT_UNIT * share**2, atol=0.6)
 
 
-def shown_from(full_px: FloatImage, estimate: Estimate, camera: Intrinsics = CAMERA) -> Shown:
+def shown_from(full_px: FloatImage, estimate: DisparityEstimate, camera: Intrinsics = CAMERA) -> OutputImages:
     """The output from estimates at half resolution, by a measurement at full resolution."""
     resolution = WorkingResolution.of(camera, 2)
     return Upsampler(camera.shape, resolution).show(depth_of(resolution, full_px), estimate)
@@ -142,7 +142,7 @@ def shown_from(full_px: FloatImage, estimate: Estimate, camera: Intrinsics = CAM
 
 def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage, camera: Intrinsics = CAMERA) -> FloatImage:
     """The upsampled disparity, without the confidence."""
-    shown = shown_from(full_px, Estimate(half_px, kind, np.ones_like(half_px)), camera)
+    shown = shown_from(full_px, DisparityEstimate(half_px, kind, np.ones_like(half_px)), camera)
     return WorkingResolution.of(camera, 2).disparity(shown.depth_m)
 
 
@@ -173,7 +173,9 @@ class TestUpsampling:
         full_px, shape = np.full(ODD.shape, np.float32(6)), WorkingResolution.of(ODD, 2).shape
         full_px[-1, :20], full_px[30:40, -1] = 3, 0
         kinds = np.full(shape, PixelClass.MEASURED, np.uint8)
-        shown = shown_from(full_px, Estimate(np.full(shape, np.float32(6)), kinds, np.ones(shape, np.float32)), ODD)
+        shown = shown_from(
+            full_px, DisparityEstimate(np.full(shape, np.float32(6)), kinds, np.ones(shape, np.float32)), ODD
+        )
         resolution = WorkingResolution.of(ODD, 2)
         expected_px = np.where(full_px > 0, full_px, np.float32(6))
         np.testing.assert_allclose(resolution.disparity(shown.depth_m), expected_px, rtol=1e-6)
@@ -216,7 +218,7 @@ class TestUpsampling:
     def test_source_and_confidence_repeat_those_of_working_pixels(self, size: tuple[int, int]) -> None:
         rng, camera = np.random.default_rng(0), replace(CAMERA, height_px=size[0], width_px=size[1])
         kind = np.where(rng.random((60, 80)) < 0.5, PixelClass.REMEMBERED, PixelClass.UNMEASURED).astype(np.uint8)
-        estimate = Estimate(np.full((60, 80), 8, np.float32), kind, rng.random((60, 80)).astype(np.float32))
+        estimate = DisparityEstimate(np.full((60, 80), 8, np.float32), kind, rng.random((60, 80)).astype(np.float32))
         shown = shown_from(constant(0, camera), estimate, camera)
         row, col = np.indices(size)
         at = np.minimum(row // 2, 59), np.minimum(col // 2, 79)
@@ -228,7 +230,7 @@ class TestUpsampling:
         rng, resolution = np.random.default_rng(1), WorkingResolution.of(CAMERA, 1)
         kind = rng.integers(0, len(PixelClass), CAMERA.shape).astype(np.uint8)
         confidence = rng.choice(np.array([0.1, 0.49, 0.5, 0.51, 0.9], np.float32), CAMERA.shape)
-        estimate = Estimate(constant(8), kind, confidence)
+        estimate = DisparityEstimate(constant(8), kind, confidence)
         shown = Upsampler(CAMERA.shape, resolution).show(constant(0), estimate, 0.5)
         hidden = np.isin(kind, [PixelClass.UNMEASURED, PixelClass.MEASURED]) & (estimate.confidence < 0.5)
         np.testing.assert_array_equal(shown.source == Source.INVALID, hidden)

@@ -1,4 +1,4 @@
-"""Poses of the caller that the images contradict are told, and not followed."""
+"""Poses of the caller that the images contradict are reported, and not followed."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,7 +21,7 @@ def posed(poses: list[FloatArray]) -> list[Frame]:
     return [replace(frame, T_world_cam=T) for frame, T in zip(FRAMES, poses, strict=True)]
 
 
-def told(frames: list[Frame]) -> list[bool | None]:
+def message(frames: list[Frame]) -> list[bool | None]:
     return [result.diagnostics.contradicts_poses for result in run(method(), frames)]
 
 
@@ -34,7 +34,7 @@ def told(frames: list[Frame]) -> list[bool | None]:
         pytest.param(lambda T: matmul(np.diag([1.0, -1.0, -1.0, 1.0]), T), id="to the other side"),
     ],
 )
-def test_wrong_poses_are_told_within_a_second_and_not_followed_any_more(
+def test_wrong_poses_are_reported_within_a_second_and_not_followed_any_more(
     wrong: Callable[[FloatArray], FloatArray],
 ) -> None:
     is_rigid = np.allclose(wrong(PATH[-1]), matmul(np.diag([1.0, -1.0, -1.0, 1.0]), PATH[-1]))
@@ -58,12 +58,12 @@ def test_wrong_poses_are_told_within_a_second_and_not_followed_any_more(
 def test_right_poses_with_the_noise_that_is_stated_are_followed() -> None:
     rng = np.random.default_rng(3)
     shaken = [matmul(T, pose(*rng.normal(0, 0.01, 3), yaw=rng.normal(0, 0.3))) for T in PATH]
-    assert not any(told(posed(shaken)))
-    assert not any(told(posed(PATH)))
+    assert not any(message(posed(shaken)))
+    assert not any(message(posed(PATH)))
 
 
-def test_without_poses_nothing_is_told() -> None:
-    assert told(FRAMES[:3]) == [None] * 3
+def test_without_poses_nothing_is_reported() -> None:
+    assert message(FRAMES[:3]) == [None] * 3
 
 
 def test_the_noise_of_poses_does_not_add_up_and_a_jump_of_the_world_is_forgotten() -> None:

@@ -12,7 +12,16 @@ from tests.temporal_scenes import CAMERA, ROOM, frames_of, noisy, run, walk
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.temporal.method import TemporalCorrector
-from voxdepth.temporal.steps import Estimates, Fills, Fusion, Measurement, Prediction, Shown, Steps, TrackingResult
+from voxdepth.temporal.steps import (
+    Estimates,
+    Fills,
+    Fusion,
+    Measurement,
+    OutputImages,
+    Prediction,
+    Steps,
+    TrackingResult,
+)
 from voxdepth.types import FloatImage, Frame, Source
 
 HALF = TemporalConfig(decimation=2)
@@ -33,7 +42,7 @@ class Made(NamedTuple):
     fills: Fills
     disparity_px: FloatImage
     estimates: Estimates
-    shown: Shown
+    shown: OutputImages
 
 
 def step_by_step(steps: Steps, frame: Frame) -> Made:

@@ -10,8 +10,8 @@ from voxdepth.tools.files import atomic
 
 def test_a_folder_that_another_process_filled_meanwhile_stays_and_is_named(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    told = rf"^{out} has files by now, which nothing replaces: name another folder$"
-    with pytest.raises(ToolError, match=told), atomic(out) as folder:
+    message = rf"^{out} has files by now, which nothing replaces: name another folder$"
+    with pytest.raises(ToolError, match=message), atomic(out) as folder:
         folder.mkdir()
         (folder / "mine").touch()
         out.mkdir()

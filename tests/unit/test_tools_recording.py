@@ -73,7 +73,7 @@ def test_steps_are_recorded_in_milliseconds_and_frames_by_their_time_since_the_f
 
 
 @pytest.mark.parametrize("value", ["off", "0", "false"])
-def test_a_program_in_which_rerun_is_switched_off_is_told_and_keeps_its_earlier_recording(
+def test_a_program_in_which_rerun_is_switched_off_is_reported_and_keeps_its_earlier_recording(
     value: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "r.rrd"
@@ -116,11 +116,11 @@ def test_a_recording_needs_no_devices_of_the_system(tmp_path: Path, monkeypatch:
     targets = []
     save = rr.RecordingStream.save
 
-    def told(self: rr.RecordingStream, path: Path, **options: Any) -> None:
+    def message(self: rr.RecordingStream, path: Path, **options: Any) -> None:
         targets.append(Path(path))
         save(self, path, **options)
 
-    monkeypatch.setattr(rr.RecordingStream, "save", told)
+    monkeypatch.setattr(rr.RecordingStream, "save", message)
     recorded(tmp_path / "one.rrd")
     (target,) = targets
     assert target.is_relative_to(tmp_path)

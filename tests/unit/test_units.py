@@ -1,4 +1,4 @@
-"""The unit of depth: values become metres in one way, and those that contradict the usual unit are asked about."""
+"""The unit of depth: values become metres in one way, and those that contradict the usual unit are questioned."""
 
 import numpy as np
 import pytest
@@ -64,7 +64,7 @@ def test_bits_of_floats_are_not_taken_for_millimetres(range_m: tuple[float, floa
 
 
 @pytest.mark.parametrize(
-    ("unit", "stored", "told"),
+    ("unit", "stored", "message"),
     [
         (Unit(convention="X has it"), (1000 * ROOM_M).astype(np.uint16), "has depth in millimetres, as X has it, 3"),
         (Unit(convention="X has it"), ROOM_M.astype(np.float32), "has depth in metres, as X"),
@@ -72,9 +72,9 @@ def test_bits_of_floats_are_not_taken_for_millimetres(range_m: tuple[float, floa
         (Unit(256, convention="X"), (256 * ROOM_M).astype(np.uint16), "depth in steps of 1/256 m"),
     ],
 )
-def test_how_an_image_is_read_is_told_with_its_median(unit: Unit, stored: np.ndarray, told: str) -> None:
-    assert told in unit.told(stored)
-    assert " m in the median of its first image; if that is wrong, state --units-per-m" in unit.told(stored)
+def test_how_an_image_is_read_is_reported_with_its_median(unit: Unit, stored: np.ndarray, message: str) -> None:
+    assert message in unit.description(stored)
+    assert " m in the median of its first image; if that is wrong, state --units-per-m" in unit.description(stored)
 
 
 def test_an_image_without_depth_contradicts_nothing() -> None:

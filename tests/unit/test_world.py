@@ -161,7 +161,7 @@ def test_gusts_have_their_deviation_and_settle() -> None:
 
 
 def test_a_drone_that_was_removed_touches_nothing_and_rests_where_it_was() -> None:
-    """Drone 1 flies through the place of drone 0 after that was removed, and drone 2 flies as if nothing was."""
+    """Drone 1 flies through the position of drone 0 after that was removed, and drone 2 flies as if nothing was."""
     starts_m, there = [(2, 0, 2), (0, 0, 2), (0, 5, 2)], [go(0, 0, 0), go(2, 0, 0), go(2, 0, 0)]
     with world_of(GROUND, starts_m=starts_m) as world:
         fly(world, there, 0.2)

@@ -15,11 +15,11 @@ import numpy.typing as npt
 from ..arithmetic import exp
 from ..compiled import compile_all
 from ..corrector import StreamCorrector
-from ..networks import Images, Network, load
+from ..networks import ImageBatch, Network, load
 from ..temporal.fusion import PixelClass
 from ..temporal.masks import above
 from ..temporal.measurement import Measurement, measure
-from ..temporal.upsampling import Estimate, Upsampler
+from ..temporal.upsampling import DisparityEstimate, Upsampler
 from ..temporal.working_resolution import MIN_DISPARITY_PX, WorkingResolution, default_decimation, require_large
 from ..types import CORRECT_PX, CORRECT_SHARE, CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .realsense import fill_from_left
@@ -47,7 +47,7 @@ Landing = npt.NDArray[np.int16]
 FlowImage = npt.NDArray[np.float32]
 
 
-class Result(NamedTuple):
+class LearnedPrediction(NamedTuple):
     """The result for one frame at the working resolution, shape (h, w)."""
 
     disparity_px: FloatImage
@@ -80,35 +80,35 @@ class Learned(StreamCorrector):
         super().__init__(intrinsics, network)
 
     def _forget(self) -> None:
-        self._last: tuple[GrayImage, Result] | None = None
+        self._last: tuple[GrayImage, LearnedPrediction] | None = None
 
-    def _align(self, frame: Frame) -> tuple[Frame, Estimate]:
+    def _align(self, frame: Frame) -> tuple[Frame, DisparityEstimate]:
         """Measure, move the previous result, and predict. The result is remembered for the next frame."""
         measurement = measure(frame, self._resolution)
         previous, gray_change = self._moved(measurement.gray)
         scale_px = typical_disparity(measurement.disparity_px, previous.disparity_px)
         if scale_px == 0:
-            result = Result(np.zeros_like(measurement.disparity_px), np.zeros_like(measurement.disparity_px))
+            result = LearnedPrediction(np.zeros_like(measurement.disparity_px), np.zeros_like(measurement.disparity_px))
         else:
             images = network_input(measurement, previous, gray_change, scale_px)
             disparity, log_scale = self._network.run(images)
             result = interpreted(disparity, log_scale, scale_px, measurement.disparity_px, previous.disparity_px)
         self._last = measurement.gray, result
         pixel_class = origin(measurement.disparity_px, previous, result)
-        return frame, Estimate(result.disparity_px, pixel_class, result.confidence)
+        return frame, DisparityEstimate(result.disparity_px, pixel_class, result.confidence)
 
-    def combine(self, aligned: tuple[Frame, Estimate]) -> CorrectedDepth:
+    def combine(self, aligned: tuple[Frame, DisparityEstimate]) -> CorrectedDepth:
         """Show the result at the resolution of the frame."""
         frame, estimate = aligned
         return CorrectedDepth(**self._upsampler.show(frame.depth_m, estimate)._asdict())
 
-    def _moved(self, gray: GrayImage) -> tuple[Result, GrayImage]:
+    def _moved(self, gray: GrayImage) -> tuple[LearnedPrediction, GrayImage]:
         """Return the last result as seen from this frame, and the change of gray value; zeros without one."""
         if self._last is None:
-            return Result(*np.zeros((2, *gray.shape), np.float32)), np.zeros_like(gray)
+            return LearnedPrediction(*np.zeros((2, *gray.shape), np.float32)), np.zeros_like(gray)
         last_gray, last = self._last
         landing = landing_in(last_gray, gray, self._flow)
-        moved = Result(taken(last.disparity_px, landing), taken(last.confidence, landing))
+        moved = LearnedPrediction(taken(last.disparity_px, landing), taken(last.confidence, landing))
         return moved, np.asarray(cv2.absdiff(gray, taken(last_gray, landing)), np.uint8)
 
 
@@ -165,7 +165,9 @@ def typical_disparity(measured_px: FloatImage, previous_px: FloatImage) -> np.fl
     return np.float32(0)
 
 
-def network_input(measurement: Measurement, previous: Result, gray_change: GrayImage, scale_px: np.float32) -> Images:
+def network_input(
+    measurement: Measurement, previous: LearnedPrediction, gray_change: GrayImage, scale_px: np.float32
+) -> ImageBatch:
     """Return the images of the network, shape (1, 10, h', w'): sides are padded to `MULTIPLE_PX` with what is unknown.
 
     They are measured disparity in units of the scale, validity, gray value, the previous disparity and its confidence,
@@ -207,8 +209,8 @@ def next_measured(disparity_px: FloatImage) -> FloatImage:
 
 
 def interpreted(
-    disparity: Images, log_scale: Images, scale_px: np.float32, measured_px: FloatImage, previous_px: FloatImage
-) -> Result:
+    disparity: ImageBatch, log_scale: ImageBatch, scale_px: np.float32, measured_px: FloatImage, previous_px: FloatImage
+) -> LearnedPrediction:
     """Return the outputs of the network as disparity within that of the inputs, and the probability that it is right.
 
     A measured pixel keeps its measurement where the scale exceeds `LARGEST_OVERRULING_SCALE`. Its confidence is then
@@ -233,7 +235,7 @@ def interpreted(
     )
     confidence = np.float32(1) - exp(-tolerance * exp(-log_scale)).astype(np.float32)
     stands = (measured_px > 0) & (log_scale > math.log(LARGEST_OVERRULING_SCALE))
-    return Result(np.where(stands, measured_px, disparity_px), confidence)
+    return LearnedPrediction(np.where(stands, measured_px, disparity_px), confidence)
 
 
 def _range(measured_px: FloatImage, previous_px: FloatImage) -> tuple[np.float32, np.float32]:
@@ -243,7 +245,7 @@ def _range(measured_px: FloatImage, previous_px: FloatImage) -> tuple[np.float32
     return np.float32(min(low for low, _ in ends_px)), np.float32(max(high for _, high in ends_px))
 
 
-def origin(measured_px: FloatImage, previous: Result, result: Result) -> GrayImage:
+def origin(measured_px: FloatImage, previous: LearnedPrediction, result: LearnedPrediction) -> GrayImage:
     """Return one `PixelClass` per pixel: an unmeasured one is remembered where it is right if the previous result was.
 
     That is where the previous result was confident, and the new one differs from it by no more than a right depth may.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..ros import Header
 
 WITHIN_S = 0.02
-"""Largest difference of the times of two images of one frame, unless it is stated."""
+"""Largest difference of the times of two images of one frame, unless another one is given."""
 
 
 class Dataset(Protocol):
@@ -99,10 +99,10 @@ def open_dataset(
     folders = (TumDataset, MidAirDataset, RealSenseDataset, RecordingDataset)
     try:
         require_dataset(path, SUFFIXES)
-        lacking = {reader.format: reader.lacking(path) for reader in (*folders, BagDataset)}
-        fitting = [reader for reader in folders if not lacking[reader.format]]
+        missing = {reader.format: reader.missing(path) for reader in (*folders, BagDataset)}
+        fitting = [reader for reader in folders if not missing[reader.format]]
         options: dict[str, Any] = {"within_s": within_s, "units_per_m": units_per_m}
-        if not lacking[BagDataset.format] and (depth_topic or gray_topic or not fitting):
+        if not missing[BagDataset.format] and (depth_topic or gray_topic or not fitting):
             return BagDataset(path, intrinsics, depth_topic=depth_topic, gray_topic=gray_topic, **options)
         if depth_topic or gray_topic:
             raise ConfigError(f"only bags have topics: {path} is none")
@@ -110,5 +110,5 @@ def open_dataset(
             return fitting[0](path, intrinsics, **options)
     except OSError as error:
         raise DatasetError(f"cannot look into {path} ({error}); check its permissions") from error
-    needs = "; ".join(f"{name} lacks {lack}" for name, lack in lacking.items())
+    needs = "; ".join(f"{name} lacks {lack}" for name, lack in missing.items())
     raise DatasetError(f"{path} holds no dataset that can be read: {needs}{broken_links(list_folder(path))}")

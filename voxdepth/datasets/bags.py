@@ -72,7 +72,7 @@ ZSTD = b"\x28\xb5\x2f\xfd"
 """How compressed data begin."""
 END_NS = 2**64
 """End of the times of MCAP [ns]. Those before 1970 are stored as if they were after 2262, and rosbags leaves them out
-of some files unless they are asked for."""
+of some files unless they are requested."""
 UNREADABLE = re.compile("support|json|proto|ros1|flatbuffer")
 """Words in errors of rosbags about bags that are whole."""
 REPAIR = "if it was cut short, repair it with `rosbag reindex` (ROS 1), `ros2 bag reindex` or `mcap recover`"
@@ -121,7 +121,7 @@ class BagDataset:
         found = bag_in(path)
         assert found is not None, "nothing is lacking"
         self._path = path
-        images = Images(Bag(found))
+        images = ImageTopics(Bag(found))
         depth = images.depth(depth_topic)
         gray = images.gray(gray_topic, depth)
         self.intrinsics = choose_intrinsics(path, intrinsics, lambda: images.camera(depth, gray))
@@ -130,7 +130,7 @@ class BagDataset:
         self._frames = _frames(self._depth, self._gray, within_s)
 
     @classmethod
-    def lacking(cls, path: Path) -> str:
+    def missing(cls, path: Path) -> str:
         """Return what is missing for a bag, in words; empty if there is one."""
         return "" if bag_in(path) else f"one file {' or '.join(SUFFIXES)}, or metadata.yaml of ROS 2"
 
@@ -142,7 +142,7 @@ class BagDataset:
         """See `Dataset`."""
         if self.unit.convention:
             with self._named(*self._frames[0][1:]):
-                yield self.unit.told(values_of(self._depth[self._frames[0][1]]))
+                yield self.unit.description(values_of(self._depth[self._frames[0][1]]))
 
     def name(self, index: int) -> str:
         """Return the number of the frame."""
@@ -195,14 +195,14 @@ def _frames(depth: "Stream", gray: "Stream", within_s: float) -> list[tuple[int,
     raise DatasetError(f"{faults[0]}. Nor do the times of reception serve: {faults[1]}. Record the images again")
 
 
-class Images:
+class ImageTopics:
     """Which topics of a bag are depth, gray and camera of one view, by their first messages."""
 
     def __init__(self, bag: "Bag") -> None:
         self._bag = bag
         self._images = bag.firsts(IMAGE, COMPRESSED)
         self._infos = bag.firsts(CAMERA_INFO)
-        self._doubts: dict[str, str] = {}
+        self._mismatches: dict[str, str] = {}
 
     def depth(self, named: str | None) -> str:
         """Return the topic of the depth: the one that is named, or the only one; anything else is a `DatasetError`."""
@@ -215,11 +215,11 @@ class Images:
         One that is named gets a warning if something says that it is of another camera.
         """
         topics = [topic for topic in self._of_kind(_is_gray) if not LABELS.search(topic)]
-        self._doubts = {topic: doubt for topic in topics if (doubt := self._doubt(depth, topic))}
+        self._mismatches = {topic: mismatch for topic in topics if (mismatch := self._mismatch(depth, topic))}
         what = f"the camera of {depth} in gray or colour ({', '.join(GRAY_ENCODINGS)})"
-        chosen = self._chosen(named, [topic for topic in topics if topic not in self._doubts], what, "--gray-topic")
-        if chosen in self._doubts:
-            warnings.warn(f"{chosen} of {self._bag.path} is taken although it {self._doubts[chosen]}", stacklevel=3)
+        chosen = self._chosen(named, [topic for topic in topics if topic not in self._mismatches], what, "--gray-topic")
+        if chosen in self._mismatches:
+            warnings.warn(f"{chosen} of {self._bag.path} is taken although it {self._mismatches[chosen]}", stacklevel=3)
         return chosen
 
     def camera(self, depth: str, gray: str) -> Intrinsics:
@@ -260,15 +260,17 @@ class Images:
 
     def _listed(self, topics: Iterable[str]) -> str:
         kinds = {topic: getattr(self._images[topic], "encoding", "") or self._images[topic].format for topic in topics}
-        doubts = {topic: f", which {doubt}" for topic, doubt in self._doubts.items()}
-        return ", ".join(f"{topic} ({kinds[topic]}{doubts.get(topic, '')})" for topic in sorted(kinds)) or "no images"
+        mismatches = {topic: f", which {mismatch}" for topic, mismatch in self._mismatches.items()}
+        return (
+            ", ".join(f"{topic} ({kinds[topic]}{mismatches.get(topic, '')})" for topic in sorted(kinds)) or "no images"
+        )
 
     def _of_kind(self, is_kind: Callable[[Any], bool]) -> list[str]:
         """Return topics of a kind of images, without compressed copies of topics that are there as they are."""
         found = [topic for topic, first in self._images.items() if is_kind(first)]
         return [topic for topic in found if _original(topic) == topic or _original(topic) not in found]
 
-    def _doubt(self, depth: str, gray: str) -> str:
+    def _mismatch(self, depth: str, gray: str) -> str:
         """Return what says that a gray image shows another view than the depth, as a clause; empty if nothing does."""
         if any(part in gray for part in RIGHT_INFRARED):
             return "is that of the right camera"

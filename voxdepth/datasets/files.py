@@ -105,7 +105,7 @@ def path_inside(folder: Path, name: str, source: str) -> Path:
 
 
 def calibration_path(dataset: Path) -> Path:
-    """Return where the camera of a folder or of a bag may be stated."""
+    """Return where the camera of a folder or of a bag may be given."""
     return (dataset if dataset.is_dir() else dataset.parent) / CALIBRATION
 
 
@@ -134,7 +134,7 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
     values.pop(UNITS_PER_M, None)
     if values.keys() <= OPTIONAL:
         try:
-            values = {**stated(of_format()), **values}
+            values = {**given_fields(of_format()), **values}
         except DatasetError as error:  # Told below, with what is missing.
             found.append(str(error))
     return intrinsics_from(values, path, found)
@@ -172,7 +172,7 @@ def choose_unit(dataset: Path, given: float | None, of_format: Unit) -> Unit:
         raise DatasetError(f"{calibration_path(dataset)}: {error}") from error
 
 
-def stated(intrinsics: Intrinsics) -> dict[str, int | float]:
+def given_fields(intrinsics: Intrinsics) -> dict[str, int | float]:
     """Return the fields that are not None, by name."""
     return {name: value for name, value in asdict(intrinsics).items() if value is not None}
 

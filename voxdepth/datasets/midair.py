@@ -47,7 +47,7 @@ class MidAirDataset(PairedImages):
             raise DatasetError(f"{folder} is of Mid-Air, whose depth has a unit of its own: leave out units_per_m")
 
     @classmethod
-    def lacking(cls, folder: Path) -> str:
+    def missing(cls, folder: Path) -> str:
         """See `PairedImages`."""
         if not (folder / COLOUR).is_dir() or not _trajectories(folder):
             return f"a folder trajectory_NNNN in {COLOUR}"
@@ -96,7 +96,7 @@ class MidAirDataset(PairedImages):
 
 def true_depths(folder: Path) -> list[Path]:
     """Return the files of the exact depth of all frames, where that is not what is read as measured."""
-    if MidAirDataset.lacking(folder) or not all((folder / name).is_dir() for name in (DISPARITY, RANGE)):
+    if MidAirDataset.missing(folder) or not all((folder / name).is_dir() for name in (DISPARITY, RANGE)):
         return []
     return [path for name in _trajectories(folder) for path in _by_number(folder / RANGE / name, (".png",)).values()]
 

@@ -118,7 +118,7 @@ def _of_decimals(found: Sequence[Match]) -> list[int] | None:
 
 
 def _by_size(texts: Sequence[str]) -> list[int] | None:
-    """Return times [ns] whose unit is told by their size; None if they have several."""
+    """Return times [ns] whose unit is given by their size; None if they have several."""
     times = [Fraction(text) for text in texts]
     units = {next(per_s for least, per_s in PER_S if time >= least) for time in times}
     return [int(time * NS_PER_S / per_s) for per_s in units for time in times] if len(units) == 1 else None

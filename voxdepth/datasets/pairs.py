@@ -84,7 +84,7 @@ class PairedImages(ABC):
 
     @classmethod
     @abstractmethod
-    def lacking(cls, folder: Path) -> str:
+    def missing(cls, folder: Path) -> str:
         """Return the missing parts of a folder of this format, in words; empty if it is complete."""
 
     @abstractmethod
@@ -112,7 +112,7 @@ class PairedImages(ABC):
         """See `Dataset`."""
         if self.unit.convention:
             with self._named(self._pairs[0]):
-                yield self.unit.told(read_depth(self._pairs[0].depth, self.intrinsics.shape))
+                yield self.unit.description(read_depth(self._pairs[0].depth, self.intrinsics.shape))
 
     def header(self, index: int) -> Header:
         """Return the time of a frame; the formats do not name the coordinate frame of the camera."""

@@ -62,7 +62,7 @@ class RealSenseDataset(PairedImages):
             )
 
     @classmethod
-    def lacking(cls, folder: Path) -> str:
+    def missing(cls, folder: Path) -> str:
         """See `PairedImages`."""
         lists = [name for name in ("rgb.txt", "depth.txt", "associations.txt") if (folder / name).exists()]
         if lists:

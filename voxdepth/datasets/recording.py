@@ -22,7 +22,7 @@ class RecordingDataset(PairedImages):
     format = "recording"
 
     @classmethod
-    def lacking(cls, folder: Path) -> str:
+    def missing(cls, folder: Path) -> str:
         """See `PairedImages`."""
         return ", ".join(name for name in (CALIBRATION, FRAMES, GRAY, DEPTH) if not (folder / name).exists())
 

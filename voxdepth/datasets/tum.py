@@ -56,7 +56,7 @@ class TumDataset(PairedImages):
             self.unit = replace(UNIT, convention="")
 
     @classmethod
-    def lacking(cls, folder: Path) -> str:
+    def missing(cls, folder: Path) -> str:
         """See `PairedImages`."""
         return " and ".join(name for name in (COLOUR_LIST, DEPTH_LIST) if not (folder / name).exists())
 

@@ -18,7 +18,7 @@ from ..errors import ConfigError
 
 FOLDER = Path(__file__).parent
 EXTRA = "learned"
-Images = npt.NDArray[np.float32]
+ImageBatch = npt.NDArray[np.float32]
 
 
 class Network:
@@ -40,7 +40,7 @@ class Network:
         self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
         self._input = self._session.get_inputs()[0].name
 
-    def run(self, images: Images) -> Sequence[Images]:
+    def run(self, images: ImageBatch) -> Sequence[ImageBatch]:
         """Return the outputs for images of shape (1, C, h, w)."""
         outputs: Sequence[Any] = self._session.run(None, {self._input: images})
         return outputs

@@ -88,14 +88,14 @@ class PhotometricOdometry:
     def estimate(self, source: Frame, target: Frame) -> FloatArray | None:
         """Return `T_target_source`, shape (4, 4); None if it is too large, or if the images do not confirm it."""
         before, after = view_of(source, self._camera), view_of(target, self._camera)
-        comparison = Comparison(before, after, self._camera)
+        comparison = PhotometricComparison(before, after, self._camera)
         T = self._coarse(before, after) if comparison.n_points >= MIN_POINTS else None
         if T is None or not is_plausible(T):
             return None
         T = comparison.refined(T)
         return T if is_plausible(T) and comparison.confirms(T) else None
 
-    def _coarse(self, source: "View", target: "View") -> FloatArray | None:
+    def _coarse(self, source: "GrayDepthImage", target: "GrayDepthImage") -> FloatArray | None:
         """Return OpenCV's estimate on small images of the same mean brightness, shape (4, 4); None if it has none."""
         gray_a, units_a = _opencv_images(source, self._coarse_camera)
         gray_b, units_b = _opencv_images(target, self._coarse_camera)
@@ -123,17 +123,17 @@ def is_plausible(T: FloatArray) -> bool:
     return moved_m <= MAX_TRANSLATION_M and turned_deg <= MAX_ROTATION_DEG
 
 
-class View(NamedTuple):
+class GrayDepthImage(NamedTuple):
     """A frame at the working size: smoothed gray value and depth [m], 0 = invalid; both of shape (h, w), float32."""
 
     gray: FloatImage
     depth_m: FloatImage
 
 
-class Comparison:
+class PhotometricComparison:
     """Pixels of the source, warped into the target and compared with it."""
 
-    def __init__(self, source: View, target: View, camera: Intrinsics) -> None:
+    def __init__(self, source: GrayDepthImage, target: GrayDepthImage, camera: Intrinsics) -> None:
         self._camera = camera
         self._target = target
         self._target_with_slopes = np.stack([target.gray, *_slopes(target.gray)])
@@ -224,12 +224,12 @@ class Comparison:
         return gray * np.median(wanted / np.maximum(gray, 1)) - wanted
 
 
-def view_of(frame: Frame, camera: Intrinsics) -> View:
+def view_of(frame: Frame, camera: Intrinsics) -> GrayDepthImage:
     """Return a frame at the size of a camera."""
     size = (camera.width_px, camera.height_px)
     gray = cv2.resize(frame.gray, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     depth_m = cv2.resize(frame.depth_m, size, interpolation=cv2.INTER_NEAREST_EXACT)
-    return View(
+    return GrayDepthImage(
         gray=np.asarray(cv2.blur(gray, (SMOOTH_PX, SMOOTH_PX)), np.float32),
         depth_m=np.asarray(cv2.medianBlur(depth_m, DESPECKLE_PX), np.float32),
     )
@@ -257,7 +257,7 @@ def _weights(difference: Any) -> Any:
     return 1 / (1 + (difference / np.float32(OUTLIER_DEVIATIONS * deviation)) ** 2)
 
 
-def _opencv_images(view: View, camera: Intrinsics) -> tuple[Any, Any]:
+def _opencv_images(view: GrayDepthImage, camera: Intrinsics) -> tuple[Any, Any]:
     """Return gray as uint8 with `COARSE_MEAN_GRAY` and depth in OpenCV's units, both of shape (height, width)."""
     size = (camera.width_px, camera.height_px)
     gain = COARSE_MEAN_GRAY / max(float(view.gray.mean()), 1.0)

@@ -12,12 +12,12 @@ import numpy as np
 from ..errors import ConfigError, no_such
 from ..types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
 from .config import TemporalConfig
-from .filling import Filled, HoleFiller, Known, Rules, fill_places
-from .fusion import Comparison
+from .filling import Filled, HoleFiller, Known, VotingRules, fill_pixels
+from .fusion import MemoryComparison
 from .measurement import Measurement
 from .memory import Memory
 from .odometry import TrackingResult, VisualOdometry
-from .rays import AXES, INFINITE, Places, Rays
+from .rays import AXES, INFINITE, PixelIndices, Rays
 from .steps import Fills, Fusion, Prediction, Steps
 from .tracking_camera import Pixels
 
@@ -51,7 +51,7 @@ class WithoutPreviousFill(Steps):
 class WithoutCoherence(Steps):
     """Each pixel contradicts the memory by itself, whatever its neighbours do."""
 
-    def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
+    def _compare(self, memory: Memory, measurement: Measurement) -> MemoryComparison:
         comparison, all_px = super()._compare(memory, measurement), np.full_like(memory.gray, 255)
         return comparison._replace(nearer=all_px, farther=all_px)
 
@@ -59,7 +59,7 @@ class WithoutCoherence(Steps):
 class WithoutGrayChange(Steps):
     """The memory of a hole stays where the gray value has changed."""
 
-    def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
+    def _compare(self, memory: Memory, measurement: Measurement) -> MemoryComparison:
         comparison = super()._compare(memory, measurement)
         return comparison._replace(gray_change=np.zeros_like(comparison.gray_change))
 
@@ -67,7 +67,7 @@ class WithoutGrayChange(Steps):
 class WithoutDrift(Steps):
     """The memory weighs the same where surfaces come nearer."""
 
-    def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
+    def _compare(self, memory: Memory, measurement: Measurement) -> MemoryComparison:
         comparison = super()._compare(memory, measurement)
         return comparison._replace(memory_factor=np.ones_like(comparison.memory_factor))
 
@@ -102,15 +102,15 @@ class WithoutMedian(OtherFills):
 
 
 class _TwoEnds(HoleFiller):
-    def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules) -> Filled:
-        filled, opposite = Filled.empty(place), np.roll(rays.end_px, AXES, axis=0)
+    def _vote(self, known: Known, pixels: PixelIndices, rays: Rays, rules: VotingRules) -> Filled:
+        filled, opposite = Filled.empty(pixels), np.roll(rays.end_px, AXES, axis=0)
         rays.steps[opposite == 0] = INFINITE
         rays.end_px[opposite == 0] = 0
-        fill_places(known, rays, rules, filled)
+        fill_pixels(known, rays, rules, filled)
         return filled
 
 
-class WithoutLoneEnds(Steps):
+class WithoutOneSidedEnds(Steps):
     """An axis with one end has no vote."""
 
     def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None) -> None:
@@ -152,7 +152,7 @@ ABLATIONS: dict[str, type[Steps]] = {
     "previous_fill": WithoutPreviousFill,
     "row_bonus": WithoutRowBonus,
     "slants": WithoutSlants,
-    "lone_ends": WithoutLoneEnds,
+    "lone_ends": WithoutOneSidedEnds,
     "median": WithoutMedian,
     "coherence": WithoutCoherence,
     "gray_change": WithoutGrayChange,

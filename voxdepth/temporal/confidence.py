@@ -11,8 +11,8 @@ Here t is the tolerance: an error of the disparity of 5 %, or of a quarter of a 
 its votes, with q the probability of `fill_probability` times t / (t + `FILL_ERROR_PX`). The error of what is remembered
 grows while the camera comes nearer, see `Fused.magnification`.
 
-The two factors of the odds were fitted to real recordings: `python -m tests.calibrate FOLDER...` fits them, and judges
-each recording by the factors that the others give.
+The two factors of the odds were fitted to real recordings: `python -m tests.calibrate FOLDER...` fits them, and
+evaluates each recording by the factors that the others give.
 """
 
 import numpy as np

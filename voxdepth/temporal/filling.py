@@ -29,7 +29,20 @@ from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, compil
 from ..types import FloatImage, GrayImage
 from .confidence import PRIOR_SHARE, fill_probability
 from .masks import above
-from .rays import AXES, COLS, INFINITE, NUMBERS, PLACES, RAYS, ROWS, Numbers, Places, Rays, march, trace_rays
+from .rays import (
+    AXES,
+    COLS,
+    INFINITE,
+    NUMBERS,
+    PIXEL_INDICES,
+    RAYS,
+    ROWS,
+    Numbers,
+    PixelIndices,
+    Rays,
+    march,
+    trace_rays,
+)
 from .working_resolution import WorkingResolution
 
 AGREEMENT_PX = float32(1)
@@ -56,11 +69,11 @@ DEEPER_KERNEL = np.ones((17, 17), np.uint8)
 MEDIAN_PX = 3
 """Window of the median that removes votes which only one ray decided."""
 CHUNK = 512
-"""Number of places that vote at once, so that the processor can count their votes side by side."""
+"""Number of pixels that vote at once, so that the processor can count their votes side by side."""
 LINE_PX = 12
-"""Number of pixels beyond a lone end at which its surface, if it is there, gives the slope that it is continued by."""
+"""Number of pixels beyond a one-sided end at which its surface, if it is there, gives the slope of the continuation."""
 MIN_LINE_PX = 4
-"""Number of pixels beyond a lone end at which something must be known."""
+"""Number of pixels beyond a one-sided end at which something must be known."""
 
 
 class Known(NamedTuple):
@@ -77,9 +90,9 @@ class Known(NamedTuple):
 
 
 class Filled(NamedTuple):
-    """What N places are filled with: holes, and the unmeasured parts of measured working pixels."""
+    """What N pixels are filled with: holes, and the unmeasured parts of measured working pixels."""
 
-    place: Places
+    pixels: PixelIndices
     """Row and column of each, shape (N, 2), int32."""
     disparity_px: Numbers
     """Disparity, shape (N,), float32; 0 = nothing is known."""
@@ -91,10 +104,10 @@ class Filled(NamedTuple):
     """255 if the memory is one of the supporters, else 0, shape (N,), uint8."""
 
     @classmethod
-    def empty(cls, place: Places) -> "Filled":
-        """Arrays for some places, without values yet."""
-        disparity_px, share, probability = np.empty((3, len(place)), np.float32)
-        return cls(place, disparity_px, share, probability, np.empty(len(place), np.uint8))
+    def empty(cls, pixels: PixelIndices) -> "Filled":
+        """Return arrays for some pixels, without values yet."""
+        disparity_px, share, probability = np.empty((3, len(pixels)), np.float32)
+        return cls(pixels, disparity_px, share, probability, np.empty(len(pixels), np.uint8))
 
 
 class Inpainted(NamedTuple):
@@ -108,7 +121,7 @@ class Inpainted(NamedTuple):
     """Mask of the holes in which the memory is one of the supporters, uint8."""
 
 
-class Rules(NamedTuple):
+class VotingRules(NamedTuple):
     """What depends on the camera and on the size of the pixels that are filled."""
 
     scale: int
@@ -129,8 +142,8 @@ class Rules(NamedTuple):
 
 
 KNOWN = named_tuple(Known, *[FLOAT_IMAGE] * 4)
-RULES = named_tuple(Rules, int64, *[float32] * 6)
-FILLED = named_tuple(Filled, PLACES, *[NUMBERS] * 3, uint8[::1])
+RULES = named_tuple(VotingRules, int64, *[float32] * 6)
+FILLED = named_tuple(Filled, PIXEL_INDICES, *[NUMBERS] * 3, uint8[::1])
 INPAINTED = named_tuple(Inpainted, FLOAT_IMAGE, FLOAT_IMAGE, BYTE_IMAGE)
 UNANIMOUS = float32(0.999)
 """Share of the votes from which on no vote is against."""
@@ -145,7 +158,7 @@ class HoleFiller:
 
     Args:
         resolution: That of the disparity images.
-        shadow_factor: Factor of the weight of the background in an occlusion shadow; see `Rules`.
+        shadow_factor: Factor of the weight of the background in an occlusion shadow; see `VotingRules`.
         row_factor: Factor of the weight of a row whose ends agree.
         max_slope: Change of disparity per step in pixels of the matched images up to which a surface may be slanted.
         median_px: Window of the median of what is filled.
@@ -163,10 +176,10 @@ class HoleFiller:
         self._resolution, self._median_px, decimation = resolution, median_px, resolution.decimation
         prior_weight = 1 / (PRIOR_SHARE * decimation * resolution.width_px)
 
-        def rules_of(scale: int) -> Rules:
+        def rules_of(scale: int) -> VotingRules:
             matched_px, pixel_px = resolution.matched_px / scale, decimation / scale
             values = max_slope * matched_px, matched_px, pixel_px, shadow_factor, row_factor, prior_weight
-            return Rules(scale, *(float32(value) for value in values))
+            return VotingRules(scale, *(float32(value) for value in values))
 
         self._rules, self._pixel_rules = rules_of(1), rules_of(decimation)
 
@@ -178,35 +191,35 @@ class HoleFiller:
         """
         hole = np.asarray(cv2.bitwise_not(above(known.disparity_px, 0)), np.uint8)
         block = find_blocks(hole & ~above(known.remembered_px, 0))
-        place = find_places(hole, block, np.ascontiguousarray(depth_m))
-        rays = trace_rays(known.disparity_px, place)
-        filled = self._vote(known, place, rays, self._rules)
+        working_pixels = find_pixels_to_fill(hole, block, np.ascontiguousarray(depth_m))
+        rays = trace_rays(known.disparity_px, working_pixels)
+        filled = self._vote(known, working_pixels, rays, self._rules)
         inpainted = Inpainted(np.empty_like(known.disparity_px), np.empty_like(known.disparity_px), np.empty_like(hole))
         paste(hole, block, filled, inpainted)
         smooth_px = np.asarray(cv2.medianBlur(known.disparity_px + inpainted.disparity_px, self._median_px), np.float32)
         np.copyto(inpainted.disparity_px, smooth_px, where=inpainted.disparity_px > 0)
         if self._resolution.decimation == 1:
-            return inpainted, Filled.empty(place[:0])
+            return inpainted, Filled.empty(working_pixels[:0])
         pixels, number = find_single_pixels(known.disparity_px, filled, rays, depth_m)
         pixel_rays = Rays.empty(len(pixels))
         focal_baseline_px_m = self._resolution.focal_baseline_px_m
         march(known.disparity_px, depth_m, focal_baseline_px_m, pixels, number, rays.steps, pixel_rays)
         return inpainted, self._vote(known, pixels, pixel_rays, self._pixel_rules)
 
-    def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules) -> Filled:
-        """Return what places are filled with; lone ends of their rays are continued to them."""
-        filled = Filled.empty(place)
-        continue_lone_ends(known.disparity_px, place, rules, rays)
-        fill_places(known, rays, rules, filled)
+    def _vote(self, known: Known, pixels: PixelIndices, rays: Rays, rules: VotingRules) -> Filled:
+        """Return what pixels are filled with; surfaces at one-sided ends of their rays are extrapolated to them."""
+        filled = Filled.empty(pixels)
+        extrapolate_one_sided_ends(known.disparity_px, pixels, rules, rays)
+        fill_pixels(known, rays, rules, filled)
         return filled
 
 
-@compiled(PLACES(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE))
-def find_places(hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> Places:
+@compiled(PIXEL_INDICES(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE))
+def find_pixels_to_fill(hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> PixelIndices:
     """Return the working pixels that are or contain a hole, row by row; of each block that votes as one, the first."""
     (height, width), decimation = hole.shape, depth_m.shape[1] // hole.shape[1]
     known, votes = np.empty(decimation * width, np.uint8), np.empty(width, np.uint8)
-    places, n = np.empty((height * width, 2), np.int32), np.uintp(0)
+    pixels, n = np.empty((height * width, 2), np.int32), np.uintp(0)
     for row in range(height):
         known[:] = 1
         for full_row in range(decimation * row, decimation * (row + 1)):
@@ -222,9 +235,9 @@ def find_places(hole: GrayImage, block: GrayImage, depth_m: FloatImage) -> Place
             votes[col] = uint8(is_first & ((is_hole[col] > 0) | (votes[col] == 0)))
         for col in range(width):
             if votes[col]:
-                places[n, 0], places[n, 1] = row, col
+                pixels[n, 0], pixels[n, 1] = row, col
                 n += np.uintp(1)
-    return places[:n].copy()
+    return pixels[:n].copy()
 
 
 def find_blocks(unknown: GrayImage) -> GrayImage:
@@ -248,35 +261,35 @@ def pixel(known_px: FloatImage, row: int, col: int) -> float:
     return disparity_px
 
 
-@compiled(void(FLOAT_IMAGE, PLACES, RULES, RAYS))
-def continue_lone_ends(
+@compiled(void(FLOAT_IMAGE, PIXEL_INDICES, RULES, RAYS))
+def extrapolate_one_sided_ends(
     known_px: FloatImage,
-    place: Places,
-    rules: Rules,
+    pixels: PixelIndices,
+    rules: VotingRules,
     # input and output
     rays: Rays,
 ) -> None:
-    """Continue the surfaces at lone ends to their places.
+    """Extrapolate the surfaces at one-sided ends, whose opposite ray leaves the image, to the pixels.
 
-    The disparity becomes at least half of that at the end, and at most twice. A lone end with nothing known beyond it
-    is taken away: a speckle would paint a star.
+    The disparity becomes at least half of that at the end, and at most twice. Where nothing is known beyond it,
+    it is removed: a speckle would paint a star.
 
     Args:
         known_px: Disparity of the measured working pixels, shape (h, w); 0 = hole.
-        place: Row and column of each place, shape (N, 2).
+        pixels: Row and column of each pixel, shape (N, 2).
         rules: What depends on the camera.
-        rays: The rays of the places, shape (8, N).
+        rays: The rays of the pixels, shape (8, N).
     """
     scale = rules.scale
     for ray in range(len(rays.steps)):
         sign, opposite = (1, ray + AXES) if ray < AXES else (-1, ray - AXES)
         down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
         ends_px, opposites_px = rays.end_px[ray], rays.end_px[opposite]
-        for k in range(len(place)):
+        for k in range(len(pixels)):
             if ends_px[k] == 0 or opposites_px[k] > 0:
                 continue
             end_px, steps = ends_px[k], rays.steps[ray, k]
-            row, col = (place[k, 0] + down * int64(steps)) // scale, (place[k, 1] + right * int64(steps)) // scale
+            row, col = (pixels[k, 0] + down * int64(steps)) // scale, (pixels[k, 1] + right * int64(steps)) // scale
             if pixel(known_px, row + MIN_LINE_PX * down, col + MIN_LINE_PX * right) == 0:
                 rays.end_px[ray, k], rays.steps[ray, k] = 0, INFINITE
                 continue
@@ -293,7 +306,7 @@ after or before the hole is the farther one; `SHADOW` is `FAR_BEFORE` in an occl
 
 
 @compiled_part(int32(float32, float32, float32, boolean, RULES))
-def situation_of(before_px: float, after_px: float, length: float, is_row: bool, rules: Rules) -> int:
+def situation_of(before_px: float, after_px: float, length: float, is_row: bool, rules: VotingRules) -> int:
     """Return the situation of the ends of an axis.
 
     Args:
@@ -354,37 +367,39 @@ def weight_of(
     return weight
 
 
-@compiled_part(UniTuple(FLOAT_IMAGE, 2)(KNOWN, PLACES, RAYS, int64, RULES))
-def cast_votes(known: Known, place: Places, rays: Rays, first: int, rules: Rules) -> tuple[FloatImage, FloatImage]:
-    """Return the votes of some places and their weights, both of shape (6, CHUNK).
+@compiled_part(UniTuple(FLOAT_IMAGE, 2)(KNOWN, PIXEL_INDICES, RAYS, int64, RULES))
+def cast_votes(
+    known: Known, pixels: PixelIndices, rays: Rays, first: int, rules: VotingRules
+) -> tuple[FloatImage, FloatImage]:
+    """Return the votes of some pixels and their weights, both of shape (6, CHUNK).
 
     Loops that write one array are such that the compiler can do their steps side by side.
 
     Args:
         known: What is known at the working resolution, shape (h, w).
-        place: Row and column of each place, shape (n, 2).
-        rays: The rays of all places, shape (8, N).
-        first: Number of the first place among all.
+        pixels: Row and column of each pixel, shape (n, 2).
+        rays: The rays of all pixels, shape (8, N).
+        first: Number of the first pixel among all.
         rules: What depends on the camera.
     """
     vote_px, weight = np.zeros((N_VOTES, CHUNK), np.float32), np.zeros((N_VOTES, CHUNK), np.float32)
     situation = np.empty(CHUNK, np.int32)
-    last = first + len(place)
+    last = first + len(pixels)
     for axis in range(AXES):
         before_px, after_px = rays.end_px[axis, first:last], rays.end_px[AXES + axis, first:last]
         to_before, to_after = rays.steps[axis, first:last], rays.steps[AXES + axis, first:last]
         is_row, spacing_px = axis == 0, SPACING_PX[axis] * rules.pixel_px
         row_factor, axis_px, axis_weight = rules.row_factor if is_row else float32(1), vote_px[axis], weight[axis]
-        for k in range(len(place)):
+        for k in range(len(pixels)):
             situation[k] = situation_of(before_px[k], after_px[k], to_before[k] + to_after[k], is_row, rules)
-        for k in range(len(place)):
+        for k in range(len(pixels)):
             axis_px[k] = disparity_of(situation[k], before_px[k], after_px[k], to_before[k], to_after[k])
-        for k in range(len(place)):
+        for k in range(len(pixels)):
             axis_weight[k] = weight_of(
                 situation[k], to_before[k], to_after[k], spacing_px, row_factor, rules.shadow_factor
             )
-    for k in range(len(place)):
-        row, col = place[k, 0] // rules.scale, place[k, 1] // rules.scale
+    for k in range(len(pixels)):
+        row, col = pixels[k, 0] // rules.scale, pixels[k, 1] // rules.scale
         memory_px, previous_px = known.remembered_px[row, col], known.previous_px[row, col]
         memory_weight = (float32(1) + known.evidence[row, col]) * MEMORY_WEIGHT
         vote_px[MEMORY, k], vote_px[PREVIOUS, k] = memory_px, previous_px
@@ -401,13 +416,13 @@ def find_support(
     # output
     support: Numbers,
 ) -> None:
-    """Sum the weights of a vote of each place and of those for the same surface.
+    """Sum the weights of a vote of each pixel and of those for the same surface.
 
     Args:
         vote_px: The votes, shape (6, CHUNK).
         weight: Their weights, shape (6, CHUNK).
         one: Number of the vote.
-        support: The sum of each place, shape (CHUNK,).
+        support: The sum of each pixel, shape (CHUNK,).
     """
     one_px, own = vote_px[one], weight[one]
     for i in range(CHUNK):
@@ -421,7 +436,7 @@ def find_support(
 
 @compiled_part(UniTuple(NUMBERS, 3)(FLOAT_IMAGE, FLOAT_IMAGE))
 def count_votes(vote_px: FloatImage, weight: FloatImage) -> tuple[Numbers, Numbers, Numbers]:
-    """Count the votes of each place, both of shape (6, CHUNK).
+    """Count the votes of each pixel, both of shape (6, CHUNK).
 
     Returns:
         The mean of the supporters of the winner, their weight, and the weight of all votes, all of shape (CHUNK,).
@@ -448,23 +463,23 @@ def count_votes(vote_px: FloatImage, weight: FloatImage) -> tuple[Numbers, Numbe
 
 
 @compiled(void(KNOWN, RAYS, RULES, FILLED))
-def fill_places(
+def fill_pixels(
     known: Known,
     rays: Rays,
-    rules: Rules,
+    rules: VotingRules,
     # output
     filled: Filled,
 ) -> None:
-    """Fill the places with what wins their votes.
+    """Fill the pixels with what wins their votes.
 
     Args:
         known: What is known at the working resolution, shape (h, w).
-        rays: The rays of the places, shape (8, N).
+        rays: The rays of the pixels, shape (8, N).
         rules: What depends on the camera.
-        filled: What the places are filled with, shape (N,).
+        filled: What the pixels are filled with, shape (N,).
     """
-    for first in range(0, len(filled.place), CHUNK):
-        here = filled.place[first : first + CHUNK]
+    for first in range(0, len(filled.pixels), CHUNK):
+        here = filled.pixels[first : first + CHUNK]
         vote_px, weight = cast_votes(known, here, rays, first, rules)
         mean_px, won, total = count_votes(vote_px, weight)
         for k in range(len(here)):
@@ -489,12 +504,12 @@ def paste(
     Args:
         hole: Mask of the holes, shape (h, w).
         block: Side of the block that each pixel votes in, less 1, shape (h, w).
-        filled: What the N places are filled with.
+        filled: What the N pixels are filled with.
         inpainted: The images, shape (h, w).
     """
     inpainted.disparity_px[:], inpainted.probability[:], inpainted.remembered[:] = float32(0), float32(1), uint8(0)
-    for k in range(len(filled.place)):
-        v, u = np.uintp(filled.place[k, 0]), np.uintp(filled.place[k, 1])
+    for k in range(len(filled.pixels)):
+        v, u = np.uintp(filled.pixels[k, 0]), np.uintp(filled.pixels[k, 1])
         if hole[v, u]:
             inpainted.disparity_px[v, u] = filled.disparity_px[k]
             inpainted.probability[v, u] = filled.probability[k]
@@ -509,27 +524,27 @@ def paste(
                 inpainted.remembered[row, col] = inpainted.remembered[first_row, first_col]
 
 
-@compiled(Tuple((PLACES, int32[::1]))(FLOAT_IMAGE, FILLED, RAYS, READABLE_IMAGE))
+@compiled(Tuple((PIXEL_INDICES, int32[::1]))(FLOAT_IMAGE, FILLED, RAYS, READABLE_IMAGE))
 def find_single_pixels(
     known_px: FloatImage, filled: Filled, rays: Rays, depth_m: FloatImage
-) -> tuple[Places, npt.NDArray[np.int32]]:
+) -> tuple[PixelIndices, npt.NDArray[np.int32]]:
     """Find the pixels of the frame without a depth in and beside measured working pixels.
 
     Where all votes are for one surface, and it is the measured one, the working pixel is enough.
 
     Args:
         known_px: Disparity of the measured working pixels, shape (h, w); 0 = hole.
-        filled: What the N places are filled with.
-        rays: The rays of the places, shape (8, N).
+        filled: What the N pixels are filled with.
+        rays: The rays of the pixels, shape (8, N).
         depth_m: Measured depth of the frame [m], shape (H, W).
 
     Returns:
-        Row and column of each of these pixels, shape (M, 2), and the number of its place, shape (M,).
+        Row and column of each of these pixels, shape (M, 2), and the index of its working pixel, shape (M,).
     """
-    pixels, place_number = np.empty((4 * len(filled.place), 2), np.int32), np.empty(4 * len(filled.place), np.int32)
+    pixels, working_index = np.empty((4 * len(filled.pixels), 2), np.int32), np.empty(4 * len(filled.pixels), np.int32)
     n = 0
-    for k in range(len(filled.place)):
-        row, col = filled.place[k]
+    for k in range(len(filled.pixels)):
+        row, col = filled.pixels[k]
         own_px, is_unanimous = known_px[row, col], filled.share[k] >= UNANIMOUS
         if is_unanimous and (own_px == 0 or is_one_surface(own_px, filled.disparity_px[k])):
             continue
@@ -541,6 +556,6 @@ def find_single_pixels(
         for v in range(2 * row, 2 * row + 2):
             for u in range(2 * col, 2 * col + 2):
                 if own_px == 0 or depth_m[v, u] <= 0:
-                    pixels[n, 0], pixels[n, 1], place_number[n] = v, u, k
+                    pixels[n, 0], pixels[n, 1], working_index[n] = v, u, k
                     n += 1
-    return pixels[:n].copy(), place_number[:n].copy()
+    return pixels[:n].copy(), working_index[:n].copy()

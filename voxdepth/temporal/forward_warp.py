@@ -154,7 +154,7 @@ def _move(
         reprojection: The map to the other camera.
         axis: 0 for the column, 1 for the row.
         row: Index of the row.
-        position_px: The place in the other image, shape (w,); written.
+        position_px: The position in the other image, shape (w,); written.
     """
     of_col, of_row, epipole = reprojection.of_col[axis], reprojection.of_row[axis, row], reprojection.epipole[axis]
     for col in range(len(position_px)):
@@ -185,7 +185,7 @@ def _splat(
 ) -> None:
     """Write each pixel to the z-buffer, whose keys are disparity first and weight second.
 
-    The places and keys of a row are known before any of them is written.
+    The positions and keys of a row are known before any of them is written.
 
     Args:
         disparity_px: Disparity in the source camera, shape (h, w); 0 = no surface.

@@ -124,7 +124,7 @@ def is_steady(memory: Memory, measurement: Measurement) -> bool:
     return not both.any() or bool(np.median(np.abs(measured_px - remembered_px)[both]) < STEADY_PX)
 
 
-class Comparison(NamedTuple):
+class MemoryComparison(NamedTuple):
     """How memory and measurement compare where there are both. The images have shape (h, w)."""
 
     agreeing: GrayImage
@@ -141,7 +141,7 @@ class Comparison(NamedTuple):
     """The drift after this frame; see `Memory`."""
 
 
-class Rules(NamedTuple):
+class FusionRules(NamedTuple):
     """What happens to each pixel, uint8 images of shape (h, w)."""
 
     rule: GrayImage
@@ -152,12 +152,12 @@ class Rules(NamedTuple):
     """Weight of the memory by the rule, at most `MAX_WEIGHT`."""
 
 
-RULES_TYPE = named_tuple(Rules, *[BYTE_IMAGE] * 3)
+RULES_TYPE = named_tuple(FusionRules, *[BYTE_IMAGE] * 3)
 FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
-COMPARISON_TYPE = named_tuple(Comparison, *[BYTE_IMAGE] * 3, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+COMPARISON_TYPE = named_tuple(MemoryComparison, *[BYTE_IMAGE] * 3, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
-def fuse(memory: Memory, measurement: Measurement, comparison: Comparison) -> tuple[Fused, Memory]:
+def fuse(memory: Memory, measurement: Measurement, comparison: MemoryComparison) -> tuple[Fused, Memory]:
     """Return the fused disparity, and the memory for the next frame, from the memory warped to this frame."""
     max_gray_change = max(MAX_GRAY_CHANGE, MAX_RELATIVE_GRAY_CHANGE * _sparse_median(comparison.gray_change))
     shape = comparison.gray_change.shape
@@ -178,7 +178,7 @@ def _sparse_median(image: GrayImage) -> int:
     return int(np.partition(values, middle)[middle])
 
 
-def compare(memory: Memory, measurement: Measurement) -> Comparison:
+def compare(memory: Memory, measurement: Measurement) -> MemoryComparison:
     """How the memory, warped to a frame, and its measurement compare."""
     gray_change = box_mean(np.asarray(cv2.absdiff(memory.gray, measurement.gray), np.uint8), WINDOW_PX)
     overlap, difference_px = _subtract(memory, measurement)
@@ -189,7 +189,7 @@ def compare(memory: Memory, measurement: Measurement) -> Comparison:
     approach = np.maximum(drift_px, 0) / MAX_DRIFT_PX
     with without_ipp():
         factor = cv2.resize(np.maximum(1 - approach * approach, 0), overlap.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    return Comparison(agreeing, nearer, farther, np.asarray(factor, np.float32), gray_change, drift_px)
+    return MemoryComparison(agreeing, nearer, farther, np.asarray(factor, np.float32), gray_change, drift_px)
 
 
 def _drift(before_px: FloatImage, difference_px: FloatImage, overlap: GrayImage) -> FloatImage:
@@ -345,7 +345,9 @@ def weight_by(rule: int, memory_weight: int, measured_weight: int) -> int:
 
 
 @compiled(RULES_TYPE(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, float32))
-def _find_rules(memory: Memory, measurement: Measurement, comparison: Comparison, max_gray_change: float) -> Rules:
+def _find_rules(
+    memory: Memory, measurement: Measurement, comparison: MemoryComparison, max_gray_change: float
+) -> FusionRules:
     """Find the rules of all pixels.
 
     Args:
@@ -356,7 +358,7 @@ def _find_rules(memory: Memory, measurement: Measurement, comparison: Comparison
             measured.
     """
     gray_change = comparison.gray_change
-    rules = Rules(np.empty_like(gray_change), np.empty_like(gray_change), np.empty_like(gray_change))
+    rules = FusionRules(np.empty_like(gray_change), np.empty_like(gray_change), np.empty_like(gray_change))
     contradiction = np.empty(gray_change.shape[1], np.uint8)
     for row in range(gray_change.shape[0]):
         rule, before, after = rules.rule[row], rules.weight_before[row], rules.weight_after[row]
@@ -380,7 +382,7 @@ def _fuse_pixels(
     memory: Memory,
     measurement: Measurement,
     memory_factor: FloatImage,
-    rules: Rules,
+    rules: FusionRules,
     # output
     fused: Fused,
 ) -> None:
@@ -427,7 +429,7 @@ def _update_pixels(
     memory: Memory,
     measurement: Measurement,
     fused_px: FloatImage,
-    rules: Rules,
+    rules: FusionRules,
     # output
     updated: Memory,
 ) -> None:

@@ -84,7 +84,7 @@ def _sample_nearest(memory: Memory, x: FloatImage, y: FloatImage) -> tuple[Float
     """Return the nearest `seen_px`, `age` and `filled_px` at columns x and rows y, with the border replicated."""
     height, width = x.shape
     seen_px, age, filled_px = np.empty_like(x), np.empty(x.shape, np.uint8), np.empty_like(x)
-    last_row, last_col, place = float32(height - 1), float32(width - 1), np.empty(width, np.int32)
+    last_row, last_col, source_index = float32(height - 1), float32(width - 1), np.empty(width, np.int32)
     from_seen_px, from_age = memory.seen_px.reshape(height * width), memory.age.reshape(height * width)
     from_filled_px = memory.filled_px.reshape(height * width)
     for row in range(height):
@@ -92,9 +92,9 @@ def _sample_nearest(memory: Memory, x: FloatImage, y: FloatImage) -> tuple[Float
         for col in range(width):
             nearest_row = min(max(np.rint(row_y[col]), float32(0)), last_row)
             nearest_col = min(max(np.rint(row_x[col]), float32(0)), last_col)
-            place[col] = int32(nearest_row) * width + int32(nearest_col)
+            source_index[col] = int32(nearest_row) * width + int32(nearest_col)
         for col in range(width):
-            at = np.uintp(place[col])
+            at = np.uintp(source_index[col])
             seen_px[row, col], age[row, col], filled_px[row, col] = from_seen_px[at], from_age[at], from_filled_px[at]
     return seen_px, age, filled_px
 
@@ -120,7 +120,7 @@ def _coarse(position: FloatImage, side: int) -> FloatImage:
             left = np.uintp(DRIFT_DECIMATION * col)
             right = min(left + np.uintp(1), np.uintp(position.shape[1] - 1))
             mean = float32(0.25) * ((upper[left] + upper[right]) + (lower[left] + lower[right]))
-            # Pixel centres: the mean of the pixels 0 and 1 is the place 0 of the drift.
+            # Pixel centres: the mean of the pixels 0 and 1 is the position 0 of the drift.
             within = (mean + float32(0.5)) / float32(DRIFT_DECIMATION) - float32(0.5)
             coarse[row, col] = min(max(within, float32(0)), last)
     return coarse

@@ -58,7 +58,7 @@ MAX_MEDIAN_RESIDUAL_PX = 1.5
 
 
 POSES = {False: "followed", True: "contradicted"}
-"""What is told of the poses of the caller."""
+"""What is reported of the poses of the caller."""
 
 
 class TrackingStatus(StrEnum):
@@ -71,7 +71,7 @@ class TrackingStatus(StrEnum):
     NO_FEATURES = "no_features"
     """The image has too few corners: darkness, fog, a covered lens or a textureless wall."""
     LOST = "lost"
-    """The image has corners, but it shows no known place: a cut, or too long a gap. The memory starts empty."""
+    """The image has corners, but it shows no known scene: a cut, or too long a gap. The memory starts empty."""
 
 
 class TrackingImage(NamedTuple):
@@ -349,7 +349,7 @@ class VisualOdometry:
         """Return the motion since the keyframe, or since a stored view, which then becomes the keyframe.
 
         `T_said` is the motion since the keyframe by the poses of the caller. Without it, and when the keyframe began
-        without memory, the stored views come first: one of them may show the same place.
+        without memory, the stored views come first: one of them may show the same scene.
         """
         stored, known = self._views.stored, None
         if T_said is not None:

@@ -1,4 +1,4 @@
-"""How rough the measured surfaces are around every pixel: it tells a good place of a good sensor from a bad one."""
+"""How rough the measured surfaces are around every pixel: it separates well measured surfaces from others."""
 
 import cv2
 import numpy as np

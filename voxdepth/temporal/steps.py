@@ -17,17 +17,17 @@ from .confidence import estimate_confidence
 from .config import TemporalConfig
 from .filling import Filled, HoleFiller, Inpainted, Known
 from .forward_warp import ForwardWarp
-from .fusion import Comparison, Fused, PixelClass, compare, fuse, is_steady
+from .fusion import Fused, MemoryComparison, PixelClass, compare, fuse, is_steady
 from .measurement import Measurement, measure
 from .memory import WEIGHT_UNIT, Memory, coarse_shape
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .roughness import roughness
 from .smoothing import smooth_guided
-from .upsampling import Estimate, Shown, Upsampler, completed, show_pixels
+from .upsampling import DisparityEstimate, OutputImages, Upsampler, completed, show_pixels
 from .working_resolution import WorkingResolution, default_decimation, require_large
 
 __all__ = [
-    "Estimate",
+    "DisparityEstimate",
     "Estimates",
     "Filled",
     "Fills",
@@ -36,9 +36,9 @@ __all__ = [
     "Inpainted",
     "Measurement",
     "Memory",
+    "OutputImages",
     "PixelClass",
     "Prediction",
-    "Shown",
     "Steps",
     "TrackingResult",
     "TrackingStatus",
@@ -83,9 +83,9 @@ class Fills(NamedTuple):
 class Estimates(NamedTuple):
     """Disparity and confidence of everything that a frame shows, measured and filled."""
 
-    working: Estimate
+    working: DisparityEstimate
     """Estimates of the working pixels."""
-    full: Estimate
+    full: DisparityEstimate
     """Estimates of the pixels of `Fills.full`, shape (1, N)."""
 
 
@@ -274,10 +274,10 @@ class Steps:
         confidence = estimate_confidence(
             disparity_px, pixel_class, fused.weight, fused.magnification, working.probability, roughness_px
         )
-        estimate = Estimate(disparity_px, pixel_class, confidence)
+        estimate = DisparityEstimate(disparity_px, pixel_class, confidence)
         return Estimates(estimate, self._estimate_full(fused, fills.full, roughness_px))
 
-    def upsample(self, depth_m: FloatImage, estimates: Estimates, fills: Fills) -> Shown:
+    def upsample(self, depth_m: FloatImage, estimates: Estimates, fills: Fills) -> OutputImages:
         """Make the output for every pixel of the frame, from the estimates of the working pixels.
 
         Args:
@@ -290,25 +290,25 @@ class Steps:
         """
         self._require_working(estimates.working)
         self._require_full(depth_m)
-        n, n_estimated = len(fills.full.place), estimates.full.disparity_px.shape[-1]
+        n, n_estimated = len(fills.full.pixels), estimates.full.disparity_px.shape[-1]
         if n_estimated != n:
             raise FrameError(f"expected an estimate of each of the {n} pixels of Fills.full, got {n_estimated}")
         focal_baseline_px_m, least = self._resolution.focal_baseline_px_m, self._config.min_shown_confidence
         shown = self._upsampler.show(depth_m, estimates.working, least)
-        show_pixels(fills.full.place, estimates.full, focal_baseline_px_m, least, shown)
+        show_pixels(fills.full.pixels, estimates.full, focal_baseline_px_m, least, shown)
         return completed(shown) if self._config.fill == "all" else shown
 
-    def _compare(self, memory: Memory, measurement: Measurement) -> Comparison:
+    def _compare(self, memory: Memory, measurement: Measurement) -> MemoryComparison:
         return compare(memory, measurement)
 
-    def _estimate_full(self, fused: Fused, filled: Filled, roughness_px: FloatImage) -> Estimate:
+    def _estimate_full(self, fused: Fused, filled: Filled, roughness_px: FloatImage) -> DisparityEstimate:
         """Return the estimate of the pixels of the frame that are filled one by one, shape (1, N)."""
-        row, col = filled.place.T // self._resolution.decimation
+        row, col = filled.pixels.T // self._resolution.decimation
         disparity_px = filled.disparity_px[None]
         pixel_class = filled.remembered[None] & np.uint8(PixelClass.REMEMBERED)
         weight, growth, rough_px = (each[row, col][None] for each in (fused.weight, fused.magnification, roughness_px))
         confidence = estimate_confidence(disparity_px, pixel_class, weight, growth, filled.probability[None], rough_px)
-        return Estimate(disparity_px, pixel_class, confidence)
+        return DisparityEstimate(disparity_px, pixel_class, confidence)
 
     def _require_working(self, *groups: NamedTuple, **images: FloatImage) -> None:
         """Raise a `FrameError` for working images of another size: compiled loops would read beyond their ends."""

@@ -23,7 +23,7 @@ from ..compiled import (
 from ..geometry import fill_from_nearest
 from ..types import FloatImage, GrayImage, Source
 from .fusion import PixelClass
-from .rays import PLACES, Places
+from .rays import PIXEL_INDICES, PixelIndices
 from .working_resolution import MAX_DISPARITY_PX, MIN_DISPARITY_PX, WorkingResolution, depth_of, disparity_of
 
 KERNEL = np.ones((3, 3), np.uint8)
@@ -41,7 +41,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 Slices = slice | tuple[slice, slice]
 
 
-class Estimate(NamedTuple):
+class DisparityEstimate(NamedTuple):
     """What is known of the working pixels, shape (h, w)."""
 
     disparity_px: FloatImage
@@ -51,7 +51,7 @@ class Estimate(NamedTuple):
     confidence: FloatImage
 
 
-class Shown(NamedTuple):
+class OutputImages(NamedTuple):
     """The output for the pixels of the frame, shape (H, W); see `CorrectedDepth`."""
 
     depth_m: FloatImage
@@ -59,8 +59,8 @@ class Shown(NamedTuple):
     confidence: FloatImage
 
 
-ESTIMATE_TYPE = named_tuple(Estimate, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
-SHOWN_TYPE = named_tuple(Shown, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+ESTIMATE_TYPE = named_tuple(DisparityEstimate, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+SHOWN_TYPE = named_tuple(OutputImages, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
 class ImagePool(Generic[Scalar]):
@@ -95,7 +95,9 @@ class Upsampler:
         self._resolution = resolution
         self._floats, self._bytes = ImagePool(shape, np.float32), ImagePool(shape, np.uint8)
 
-    def show(self, measured_m: FloatImage, estimate: Estimate, min_fill_confidence: float = 0.0) -> Shown:
+    def show(
+        self, measured_m: FloatImage, estimate: DisparityEstimate, min_fill_confidence: float = 0.0
+    ) -> OutputImages:
         """Return the output for a frame of that measured depth, shape (H, W), 0 = invalid.
 
         At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
@@ -103,7 +105,7 @@ class Upsampler:
 
         Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
         """
-        shown = Shown(self._floats.image(), self._bytes.image(), self._floats.image())
+        shown = OutputImages(self._floats.image(), self._bytes.image(), self._floats.image())
         measured_m, resolution = np.ascontiguousarray(measured_m), self._resolution
         focal_baseline_px_m = resolution.focal_baseline_px_m
         disparity_px = estimate.disparity_px
@@ -122,7 +124,7 @@ class Upsampler:
         return shown
 
 
-def _show_odd(measured_m: FloatImage, last: Slices, beside: Slices, shown: Shown) -> None:
+def _show_odd(measured_m: FloatImage, last: Slices, beside: Slices, shown: OutputImages) -> None:
     """Show a last odd row or column, which has no working pixel: what it measured, and else what is beside it."""
     is_measured, depth_m, source, confidence = measured_m[last] > 0, *(image[beside] for image in shown)
     estimated = np.where(source == Source.SENSOR, np.uint8(Source.INPAINTED), source)
@@ -131,12 +133,12 @@ def _show_odd(measured_m: FloatImage, last: Slices, beside: Slices, shown: Shown
     shown.confidence[last] = np.where(is_measured, np.maximum(confidence, NO_VOTE), confidence)
 
 
-def completed(shown: Shown) -> Shown:
+def completed(shown: OutputImages) -> OutputImages:
     """Return the output with the nearest depth where there is none, hardly confident; an empty one stays empty."""
     depth_m = fill_from_nearest(shown.depth_m)
     is_guessed = (shown.depth_m == 0) & (depth_m > 0)
     source = np.where(is_guessed, np.uint8(Source.INPAINTED), shown.source)
-    return Shown(depth_m, source, np.where(is_guessed, NO_VOTE, shown.confidence))
+    return OutputImages(depth_m, source, np.where(is_guessed, NO_VOTE, shown.confidence))
 
 
 @compiled_part(UniTuple(uint8, 2)(uint8, float32, float32))
@@ -157,7 +159,7 @@ def _sources(pixel_class: int, confidence: float, min_fill_confidence: float) ->
 @compiled(void(READABLE_IMAGE, ESTIMATE_TYPE, FLOAT_IMAGE, float32, FLOAT_IMAGE))
 def _separate(
     measured_m: FloatImage,
-    estimate: Estimate,
+    estimate: DisparityEstimate,
     span_px: FloatImage,
     focal_baseline_px_m: float,
     # input and output
@@ -213,11 +215,11 @@ def _double(
 def _show(
     measured_m: FloatImage,
     disparity_px: FloatImage,
-    estimate: Estimate,
+    estimate: DisparityEstimate,
     focal_baseline_px_m: float,
     min_fill_confidence: float,
     # output
-    shown: Shown,
+    shown: OutputImages,
 ) -> None:
     """Find the output for the disparity of the pixels of the frame, each of which is in a working pixel.
 
@@ -250,28 +252,28 @@ def _show(
             confidence[col] = confidence_row[col] if source[col] != Source.INVALID else float32(0)
 
 
-@compiled(void(PLACES, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
+@compiled(void(PIXEL_INDICES, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
 def show_pixels(
-    place: Places,
-    estimate: Estimate,
+    pixels: PixelIndices,
+    estimate: DisparityEstimate,
     focal_baseline_px_m: float,
     min_fill_confidence: float,
     # input and output
-    shown: Shown,
+    shown: OutputImages,
 ) -> None:
     """Show the estimates of single pixels, none of which is measured, instead of what is shown.
 
     Args:
-        place: Row and column in the frame, shape (N, 2).
+        pixels: Row and column in the frame, shape (N, 2).
         estimate: What is known of these pixels, images of shape (1, N).
         focal_baseline_px_m: Depth [m] times disparity [px of the matched images].
         min_fill_confidence: Least confidence of an inpainted pixel that is shown; others become invalid.
         shown: Images of shape (H, W); changed in place.
     """
-    for k in range(len(place)):
+    for k in range(len(pixels)):
         depth_m, confidence = depth_of(estimate.disparity_px[0, k], focal_baseline_px_m), estimate.confidence[0, k]
         _, source = _sources(estimate.pixel_class[0, k], confidence, min_fill_confidence)
-        is_shown, (row, col) = (depth_m > 0) & (source != Source.INVALID), place[k]
+        is_shown, (row, col) = (depth_m > 0) & (source != Source.INVALID), pixels[k]
         shown.depth_m[row, col] = depth_m if is_shown else float32(0)
         shown.source[row, col] = source if is_shown else uint8(Source.INVALID)
         shown.confidence[row, col] = confidence if is_shown else float32(0)

@@ -16,7 +16,7 @@ from .tracking_camera import Pixels, TrackingCamera
 MAX_STORED = 4
 """Number of stored views, of which the oldest is dropped first."""
 MIN_OVERLAP = 0.6
-"""Share of the corners of the first view of a place that remain visible; when fewer do, a new place begins."""
+"""Share of the corners of the first view of a scene that remain visible; when fewer do, a new scene begins."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,9 +39,9 @@ class View:
 
 
 class Views:
-    """The keyframe, which is the view that the camera is tracked from, and a few stored views of earlier places.
+    """The keyframe, which is the view that the camera is tracked from, and a few stored views of earlier scenes.
 
-    A keyframe is stored when the camera sees another place than at the one stored before, and when tracking leaves it.
+    A keyframe is stored when the camera sees another scene than at the one stored before, and when tracking leaves it.
     """
 
     def __init__(self, camera: TrackingCamera) -> None:
@@ -59,22 +59,22 @@ class Views:
         """Make a view of the newest frame the keyframe."""
         if view.T_view_previous is None:
             self._leave()
-            self._begin_place(view)
+            self._begin_scene(view)
         else:
             self._T_keyframe_first = matmul(view.T_view_previous, self._T_keyframe_first)
             seen = self._camera.sees(transform(self._T_keyframe_first, self._first.points_m))
             if np.count_nonzero(seen) <= MIN_OVERLAP * len(seen):
                 self._stored.append(view)
-                self._begin_place(view)
+                self._begin_scene(view)
         self.keyframe = view
 
     def return_to(self, view: View) -> None:
-        """Make the keyframe or a stored view the keyframe, because the camera sees that place again."""
+        """Make the keyframe or a stored view the keyframe, because the camera sees that scene again."""
         if view is not self.keyframe:
             self._stored.remove(view)
             self._leave()
             self.keyframe = view
-            self._begin_place(view)
+            self._begin_scene(view)
 
     def _leave(self) -> None:
         """Store the keyframe if more than one frame contributed to its memory."""
@@ -82,6 +82,6 @@ class Views:
         if leaving is not None and leaving.T_view_previous is not None and leaving not in self._stored:
             self._stored.append(leaving)
 
-    def _begin_place(self, first: View) -> None:
+    def _begin_scene(self, first: View) -> None:
         self._first = first
         self._T_keyframe_first = np.eye(4)

@@ -21,7 +21,7 @@ from .extensions import extensions
 from .requirements import missing
 from .signals import interruptible
 from .standard_streams import standard_streams
-from .system import exhausted, lacking
+from .system import exhausted, missing_library
 
 PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
     ("Corrector", (commands.correct, evaluate.evaluate, commands.config, commands.bench)),
@@ -98,7 +98,7 @@ def main() -> None:
 def explained(error: BaseException) -> str | None:
     """Return the line for an error that its user can mend; None for a defect of the program."""
     ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
-    remedy = lacking(error)
+    remedy = missing_library(error)
     if isinstance(error, ours):
         return "\n".join([f"{error}; {remedy}" if remedy else str(error), *getattr(error, "__notes__", ())])
     if isinstance(error, ModuleNotFoundError):

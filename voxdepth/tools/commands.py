@@ -122,10 +122,10 @@ def _correct(correction: "Correction", out: Path, record: Path | None) -> None:
 
     from .output import PICTURE
 
-    console, begun_s = Console(), time.perf_counter()
+    console, start_s = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
         report = correction.run(out, record, update)
-    rate = correction.frames / (time.perf_counter() - begun_s)
+    rate = correction.frames / (time.perf_counter() - start_s)
     _print_report(console, report)
     typer.echo(f"{rate:.1f} frames per second; depth, confidence and report.json are in {out}")
     if (picture := out / PICTURE).exists():
@@ -155,8 +155,8 @@ def _planned(
     frames: int | None,
     of_input: Mapping[str, int | str | None],
 ) -> "Correction":
-    """Resolve and check everything before anything is written; `of_input` is what was asked for of the dataset."""
-    from ..datasets.files import stated
+    """Resolve and check everything before anything is written; `of_input` is what was requested of the dataset."""
+    from ..datasets.files import given_fields
     from ..errors import printable
     from ..registry import config_of
     from .correction import Correction
@@ -171,7 +171,7 @@ def _planned(
         "format": dataset.format,
         "units_per_m": dataset.unit.units_per_m,
         **of_input,
-        "intrinsics": stated(dataset.intrinsics),
+        "intrinsics": given_fields(dataset.intrinsics),
         "versions": versions(CORRECTION),
         "config": None if resolved is None else resolved.model_dump(mode="json", exclude_none=True),
     }

@@ -98,7 +98,7 @@ class Correction:
 
 
 class FrameLine(NamedTuple):
-    """What is told of one frame; its values and facts are a line of `frames.csv`, by the names of the columns."""
+    """What is reported of one frame; its values and facts are a line of `frames.csv`, by the names of the columns."""
 
     values: dict[str, Any]
     """Name and time of the frame, number of pixels with a depth from the sensor and median of these depths [m], which

@@ -13,7 +13,7 @@ from packaging.utils import canonicalize_name
 from ..devices import cuda_devices, has_warp
 from .provenance import NOT_INSTALLED, versions
 from .requirements import Requirement, first_word, requirements
-from .system import lacking
+from .system import missing_library
 
 EXTRAS = {
     "evaluate": "voxdepth evaluate",
@@ -118,7 +118,9 @@ def _examined(each: Requirement, modules: Mapping[str, str]) -> _Part:
         import_module(module)
     except Exception as error:  # A check reports any error instead of ending with it.
         fault = f"{each.name} {version} does not load ({type(error).__name__}: {' '.join(str(error).split())})"
-        return _Part(each.name, version, fault, lacking(error) or f"pip install --force-reinstall --no-deps {install}")
+        return _Part(
+            each.name, version, fault, missing_library(error) or f"pip install --force-reinstall --no-deps {install}"
+        )
     return _Part(each.name, version)
 
 

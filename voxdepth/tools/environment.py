@@ -79,9 +79,9 @@ def configured(library: str, files: str) -> Iterator[None]:
     try:
         yield
     except (ValueError, TypeError, AttributeError, OSError) as error:
-        told = " ".join(str(error).split())
+        reason = " ".join(str(error).split())
         raise ToolError(
-            f"{library} does not load with its configuration ({type(error).__name__}: {told}): mend or move {files}"
+            f"{library} does not load with its configuration ({type(error).__name__}: {reason}): mend or move {files}"
         ) from error
 
 

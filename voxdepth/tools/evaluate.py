@@ -13,8 +13,8 @@ from .options import Baseline, DepthTopic, GrayTopic, Start, UnitsPerM, Within, 
 from .sample import recording
 
 if TYPE_CHECKING:
-    from .evaluation.recordings import Opened
-    from .evaluation.suite import Plan, Requested
+    from .evaluation.recordings import OpenRecording
+    from .evaluation.suite import EvaluationSequence, Plan
 
 OUTER_COMMA = r",(?![^\[]*\])"
 """A comma that is not within the brackets of a setting."""
@@ -76,8 +76,8 @@ def evaluate(
     require_installed("pyarrow")
     restrict_opencv()
     _require_later(start, sequences or [], data or [])
-    opened = Opener(baseline, within, start, units_per_m=units_per_m, depth_topic=depth_topic, gray_topic=gray_topic)
-    _compare(_planned(sequences or [], data or [], opened, methods, frames, seed, out))
+    opener = Opener(baseline, within, start, units_per_m=units_per_m, depth_topic=depth_topic, gray_topic=gray_topic)
+    _compare(_planned(sequences or [], data or [], opener, methods, frames, seed, out))
 
 
 def _compare(plan: "Plan") -> None:
@@ -118,7 +118,7 @@ def _require_later(start: int, sequences: Sequence[str], data: Sequence[Path]) -
 def _planned(
     sequences: Sequence[str],
     data: Sequence[Path],
-    opened: "Opened",
+    opener: "OpenRecording",
     methods: str | None,
     frames: int,
     seed: int | None,
@@ -131,23 +131,23 @@ def _planned(
     if missing := [str(path) for path in data if not path.exists()]:
         raise ToolError(f"there is no {', '.join(missing)}: --data takes folders of recordings and bags")
     requested = _shipped(sequences or ([] if data else ["reference"]), seed)
-    requested += [each for folder in data for each in requested_of(folder, opened)]
+    requested += [each for folder in data for each in requested_of(folder, opener)]
     chosen = METHOD_NAMES if methods is None else [name.strip() for name in re.split(OUTER_COMMA, methods)]
     return Plan(sequences=requested, methods=find_methods(chosen), frames=frames, out=out)
 
 
-def requested_of(folder: Path, opened: "Opened") -> "list[Requested]":
+def requested_of(folder: Path, opener: "OpenRecording") -> "list[EvaluationSequence]":
     """Return what can be compared in a folder: a recording that an extension knows, or each kind of its pixels."""
     from .evaluation.recordings import kinds_of
     from .evaluation.suite import RecordedPixels, name_of
 
     if known := [found for extension in extensions() if (found := extension.recorded(folder)) is not None]:
         return known
-    name, kinds = name_of(folder), kinds_of(folder, opened)
-    return [RecordedPixels(name, folder, mask, kind, opened) for mask, kind in kinds.items()]
+    name, kinds = name_of(folder), kinds_of(folder, opener)
+    return [RecordedPixels(name, folder, mask, kind, opener) for mask, kind in kinds.items()]
 
 
-def _shipped(names: Sequence[str], seed: int | None) -> "list[Requested]":
+def _shipped(names: Sequence[str], seed: int | None) -> "list[EvaluationSequence]":
     """Find shipped sequences by name; the library alone has none."""
     if folders := [name for name in names if Path(name).is_dir()]:
         raise ToolError(f"{folders[0]} is a folder: name a recording as --data {folders[0]}")

@@ -11,7 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from .doctor import Finding
-    from .evaluation.suite import Requested
+    from .evaluation.suite import EvaluationSequence
 
 EXTENSIONS = "voxdepth.extensions"
 
@@ -27,9 +27,9 @@ class Extension:
     """What `voxdepth doctor` checks beside the library."""
     templates: Path | None = None
     """Folder of the files that `voxdepth new` writes, each named after its kind."""
-    sequences: Callable[[Sequence[str], int | None], "Sequence[Requested]"] = lambda names, seed: ()
+    sequences: Callable[[Sequence[str], int | None], "Sequence[EvaluationSequence]"] = lambda names, seed: ()
     """Finds sequences to evaluate by name, perhaps with a seed; one that does not exist is one of its errors."""
-    recorded: Callable[[Path], "Requested | None"] = lambda folder: None
+    recorded: Callable[[Path], "EvaluationSequence | None"] = lambda folder: None
     """Finds a recording to evaluate that it knows more of than its images; None if it knows nothing."""
 
 

@@ -1,4 +1,4 @@
-"""Recorded sequences as commands open them: OpenCV is silent, and what is assumed of a camera is told."""
+"""Recorded sequences as commands open them: OpenCV is silent, and what is assumed of a camera is reported."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,7 +25,7 @@ class Opener:
     """Opens recorded sequences, and tells on stderr, once, what is assumed of each camera.
 
     Args:
-        baseline_m: Baseline in place of the one that is stated [m]; None keeps that.
+        baseline_m: Baseline in place of the given one [m]; None keeps that.
         within_ms: Largest difference of the times of a depth and a gray image, or a pose, of one frame [ms].
         start: Number of the first frame.
         poses: File of a trajectory, see `Posed`; None for frames without poses.
@@ -37,7 +37,7 @@ class Opener:
     ) -> None:
         self._baseline_m, self._options = baseline_m, options | {"within_s": within_ms / 1000}
         self._start, self._poses = start, poses
-        self._told: set[Path] = set()
+        self._reported: set[Path] = set()
 
     def __call__(self, path: Path) -> Dataset:
         """Open a folder or a bag."""
@@ -45,8 +45,8 @@ class Opener:
         if self._baseline_m is not None:
             camera = replace(dataset.intrinsics, baseline_m=self._baseline_m)
             dataset = open_dataset(path, intrinsics=camera, **self._options)
-        for assumption in _assumptions(path, dataset) if path not in self._told else ():
-            self._told.add(path)
+        for assumption in _assumptions(path, dataset) if path not in self._reported else ():
+            self._reported.add(path)
             typer.echo(f"{path} {assumption}", err=True)
         dataset = Later(dataset, self._start) if self._start else dataset
         return dataset if self._poses is None else self._posed(dataset, self._poses)

@@ -31,14 +31,15 @@ def exhausted(error: BaseException) -> str | None:
     if number in FULL:
         return f"cannot write: {os.strerror(number)}; make space and repeat the command"
     if isinstance(error, MemoryError) or number in SCARCE or SCARCE_TEXT.search(str(error)):
-        told = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
+        reason = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
         return (
-            f"this needs more memory, threads or open files ({told}): end other programs, or raise the limits (ulimit)"
+            f"this needs more memory, threads or open files ({reason}): end other programs, or raise the limits "
+            "(ulimit)"
         )
     return None
 
 
-def lacking(error: BaseException | None) -> str | None:
+def missing_library(error: BaseException | None) -> str | None:
     """Return what a user has to install where an error, or one that caused it, names a missing library of the system.
 
     None if there is none: packages of Python bring the others themselves.

@@ -107,13 +107,13 @@ class Table:
         """The values as people read them."""
         return [[c.text(value) for c, value in zip(self.columns, row, strict=True)] for row in self.rows]
 
-    def is_numeric(self, place: int) -> bool:
+    def is_numeric(self, index: int) -> bool:
         """Return whether a column has a unit or holds a number."""
-        return bool(self.columns[place].unit) or any(isinstance(row[place], int | float) for row in self.rows)
+        return bool(self.columns[index].unit) or any(isinstance(row[index], int | float) for row in self.rows)
 
     def markdown(self) -> str:
         """Return the table as GitHub Markdown, without its title; numbers are aligned to the right."""
-        return markdown(self.headings, self.texts, [self.is_numeric(place) for place in range(len(self.columns))])
+        return markdown(self.headings, self.texts, [self.is_numeric(index) for index in range(len(self.columns))])
 
     def print(self, console: "Console") -> None:
         """Print the table, in parts with the first column each where it is wider than the terminal.
@@ -126,18 +126,18 @@ class Table:
             return console.print(self.rich(), highlight=False)
         wide = Console(file=console.file, force_terminal=console.is_terminal, width=TERMINAL_WIDTH)
         parts = [[0]]
-        for place in range(1, len(self.columns)):
-            joined = self._part([*parts[-1], place])
+        for index in range(1, len(self.columns)):
+            joined = self._part([*parts[-1], index])
             if parts[-1] != [0] and wide.measure(joined.rich()).maximum > console.width:
                 parts.append([0])
-            parts[-1].append(place)
-        for places in parts:
-            wide.print(self._part(places, title=self.title * (places is parts[0])).rich(), highlight=False)
+            parts[-1].append(index)
+        for indices in parts:
+            wide.print(self._part(indices, title=self.title * (indices is parts[0])).rich(), highlight=False)
 
-    def _part(self, places: Sequence[int], title: str = "") -> "Table":
-        """Return the columns at some places."""
-        columns = [self.columns[place] for place in places]
-        return Table.of(title, columns, [[row[place] for place in places] for row in self.rows])
+    def _part(self, indices: Sequence[int], title: str = "") -> "Table":
+        """Return the columns with some indices."""
+        columns = [self.columns[index] for index in indices]
+        return Table.of(title, columns, [[row[index] for index in indices] for row in self.rows])
 
     def rich(self) -> "RichTable":
         """Return the table for a terminal: headings broken between words, numbers aligned to the right."""
@@ -148,10 +148,10 @@ class Table:
         from rich.table import Table as RichTable
 
         printed = RichTable(title=escape(self.title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        for place, column in enumerate(self.columns):
-            widest = max(map(len, (*column.name.split(" "), *(row[place] for row in self.texts))), default=1)
+        for index, column in enumerate(self.columns):
+            widest = max(map(len, (*column.name.split(" "), *(row[index] for row in self.texts))), default=1)
             heading = fill(column.name, widest, break_on_hyphens=False) + (f"\n[{column.unit}]" if column.unit else "")
-            side: Literal["left", "right"] = "right" if self.is_numeric(place) else "left"
+            side: Literal["left", "right"] = "right" if self.is_numeric(index) else "left"
             printed.add_column(escape(heading), justify=side, no_wrap=widest <= SENTENCE)
         for row in self.texts:
             printed.add_row(*(escape(text) for text in row))

@@ -26,7 +26,7 @@ SMALLEST, LARGEST_ERROR = 0.01, 2.0
 RATE, WARM_UP_STEPS, LARGEST_GRADIENT = 2e-3, 50, 1.0
 """Largest learning rate of Adam: reached after the first steps, it falls to nearly 0 along half a cosine."""
 REPORT_STEPS = 50
-"""Steps whose mean loss is told."""
+"""Steps whose mean loss is reported."""
 
 
 def stream_loss(network: Corrector, samples: Sequence[Sample], rng: np.random.Generator, device: str) -> Tensor:

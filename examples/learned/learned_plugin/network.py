@@ -30,7 +30,7 @@ SMALLEST_WEIGHT = 1e-6
 class Gated(nn.Module):
     """A convolution whose result is multiplied by a gate between 0 and 1: Yu et al. 2019, DOI 10.1109/ICCV.2019.00457.
 
-    Unlike the mask of a partial convolution, the gate is learned for each channel and place.
+    Unlike the mask of a partial convolution, the gate is learned for each channel and pixel.
 
     Args:
         inputs: Channels of the input.

@@ -1,4 +1,4 @@
-"""How well the correction keeps up: what is counted while it runs, and what is told of it."""
+"""How well the correction keeps up: what is counted while it runs, and what is reported of it."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ class Reason(StrEnum):
 
 
 class Report(NamedTuple):
-    """What is told of an interval."""
+    """What is reported of an interval."""
 
     is_well: bool
     """Whether frames were corrected, and none was unusable."""
@@ -36,11 +36,11 @@ class Health:
 
     def __init__(self, start_s: float) -> None:
         self._lock = Lock()
-        self._begun_s = start_s
+        self._start_s = start_s
         self._latencies_s: list[float] = []
         self._n_corrected = 0
         self._left_out: Counter[Reason] = Counter()
-        self._unusable_told = 0
+        self._unusable_reported = 0
         self._why = ""
         self._facts: Mapping[str, str | int | float] = {}
 
@@ -65,10 +65,10 @@ class Health:
     def report(self, now_s: float) -> Report:
         """Tell of the time since the last report, at a time by the same clock [s]; counts are those since the start."""
         with self._lock:
-            latencies_s, interval_s = self._latencies_s, max(now_s - self._begun_s, 1e-9)
-            n_unusable = self._left_out[Reason.UNUSABLE] - self._unusable_told
-            self._latencies_s, self._begun_s = [], now_s
-            self._unusable_told += n_unusable
+            latencies_s, interval_s = self._latencies_s, max(now_s - self._start_s, 1e-9)
+            n_unusable = self._left_out[Reason.UNUSABLE] - self._unusable_reported
+            self._latencies_s, self._start_s = [], now_s
+            self._unusable_reported += n_unusable
             counts = {f"left out: {reason}": str(self._left_out[reason]) for reason in Reason}
             values = {"rate [Hz]": f"{len(latencies_s) / interval_s:.1f}", **_latencies(latencies_s)}
             values |= {"corrected": str(self._n_corrected), **counts}

@@ -95,7 +95,7 @@ class VoxDepthNode(Node):
         super().destroy_node()
 
     def _settings(self) -> Settings:
-        """Declare the parameters that nobody gave, and read all; one that the node does not have is told."""
+        """Declare the parameters that nobody gave, and read all; one that the node does not have is reported."""
         # 5000 is a number as well as 5000.0; a change while the node runs would have no effect.
         kind = ParameterDescriptor(dynamic_typing=True, read_only=True)
         defaults, given = Settings().model_dump(), self.get_parameters_by_prefix("")
@@ -178,9 +178,9 @@ class VoxDepthNode(Node):
             message=missing or report.summary,
             values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
         )
-        told = DiagnosticArray(status=[status])
-        told.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(told)
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
 
     def _published(self, name: str) -> list[str]:
         """Return the topics of others that have the type of one of ours."""

@@ -14,7 +14,7 @@ from pydantic import Field
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.model import Model, changed, explained
-from voxdepth.order import FrameOrder, Place, StampOrder
+from voxdepth.order import FrameOrder, StampOrder, StampStatus
 from voxdepth.ros import DEPTH_FIELDS, DepthFields, confidence_fields, depth_fields, frame_of, header_of, source_fields
 from voxdepth.types import ASSUMED_BASELINE_M, DepthCorrector, Intrinsics
 from voxdepth.units import Unit
@@ -27,9 +27,9 @@ MOST_WAITING = 5
 INTERVALS = 9
 """Intervals between images of a topic whose median is its period."""
 MANY_ALONE = 10
-"""Images without a partner that are told: a few of them are lost at a start."""
+"""Images without a partner that are reported: a few of them are lost at a start."""
 PATIENCE_S = 5.0
-"""Time after which topics without a message are told [s]."""
+"""Time after which topics without a message are reported [s]."""
 TYPICAL = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=80, baseline_m=ASSUMED_BASELINE_M)
 """A camera for which a corrector is made before that of the images is known."""
 
@@ -207,7 +207,7 @@ class Pairs:
 
     def _added(self, topic: int, image: Any) -> tuple[Any, Any] | None:
         stamp_ns, own, other = header_of(image).stamp_ns, self._topics[topic], self._topics[1 - topic]
-        if own.place(stamp_ns) is Place.RESTART:
+        if own.classify(stamp_ns) is StampStatus.RESTART:
             for each in self._topics:
                 each.drop(lambda waiting_ns: waiting_ns > stamp_ns)
         nearest_ns = min(other.waiting, key=lambda other_ns: abs(other_ns - stamp_ns), default=None)
@@ -238,15 +238,15 @@ class _Topic:
         self._last_ns = 0
         self._intervals_ns: deque[int] = deque(maxlen=INTERVALS)
 
-    def place(self, stamp_ns: int) -> Place:
+    def classify(self, stamp_ns: int) -> StampStatus:
         """Take note of the stamp of an image, and tell where it belongs."""
-        place = self._order.place(stamp_ns / 1e9)
-        if place is Place.NEXT and self.n:
+        status = self._order.classify(stamp_ns / 1e9)
+        if status is StampStatus.NEXT and self.n:
             self._intervals_ns.append(stamp_ns - self._last_ns)
-        if place is not Place.LATE:
+        if status is not StampStatus.LATE:
             self._last_ns = stamp_ns
         self.n += 1
-        return place
+        return status
 
     @property
     def is_periodic(self) -> bool:
@@ -291,10 +291,10 @@ class Arrivals:
         silent = [name for name in self.topics if waited_s[name] >= PATIENCE_S]
         never = [name for name in silent if name not in self._last_s]
         stopped = [name for name in silent if name in self._last_s and name not in self._once]
-        told = {"no message has come yet for": never, "no message has come any more for": stopped}
+        notices = {"no message has come yet for": never, "no message has come any more for": stopped}
         lines = [
             f"{text} {'; '.join(self._found(name, published(name)) for name in names)}"
-            for text, names in told.items()
+            for text, names in notices.items()
             if names
         ]
         return "; ".join(lines)

@@ -48,7 +48,7 @@ class Plot(NamedTuple):
 
 
 def plots_of(evaluation: Evaluation) -> list[Plot]:
-    """Return the plots of fills and of measured pixels of each sequence whose reliability can be told."""
+    """Return the plots of fills and of measured pixels of each sequence whose reliability can be reported."""
     fills, measured = _bins(evaluation, HIDDEN), _bins(evaluation, MEASURED)
     plots = [
         Plot(f"{name}: {words}", list(_curves(evaluation, name, bins)))
@@ -60,8 +60,8 @@ def plots_of(evaluation: Evaluation) -> list[Plot]:
 
 def untold(evaluation: Evaluation) -> list[str]:
     """Return the names of the sequences in which no method has enough fills to tell their reliability."""
-    told = selected(evaluation, Selector(OVERALL.said, HIDDEN, ALL, FILLED)).index.unique("sequence")
-    return [name for name in evaluation.sequences if name not in told]
+    reported = selected(evaluation, Selector(OVERALL.said, HIDDEN, ALL, FILLED)).index.unique("sequence")
+    return [name for name in evaluation.sequences if name not in reported]
 
 
 def _bins(evaluation: Evaluation, mask: str) -> list[tuple[pd.DataFrame, pd.DataFrame]]:
@@ -75,11 +75,11 @@ def _bins(evaluation: Evaluation, mask: str) -> list[tuple[pd.DataFrame, pd.Data
 
 def _curves(evaluation: Evaluation, sequence: str, bins: list[tuple[pd.DataFrame, pd.DataFrame]]) -> Iterator[Curve]:
     """Yield the curve of each method that has one."""
-    for place, method in enumerate(evaluation.methods):
+    for index, method in enumerate(evaluation.methods):
         at = sequence, method
         found = [(said.loc[at], right.loc[at]) for said, right in bins if at in said.index]
         total = sum(said["n"] for said, _ in found)
         points = [Point(said["value"], right["value"], int(said["n"]), said["n"] / total) for said, right in found]
         points = [point for point in points if point.n >= MIN_DRAWN]
         if points:
-            yield Curve(registry.title(method), COLORS[place % len(COLORS)], points)
+            yield Curve(registry.title(method), COLORS[index % len(COLORS)], points)

@@ -1,4 +1,4 @@
-"""The frames of a sequence, each with the depth that methods are judged by, and where they are judged."""
+"""The frames of a sequence, each with the depth that methods are evaluated against, and where they are evaluated."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,7 +19,7 @@ NEAR_M = 20.0
 """End of that range [m]."""
 RANGES = {"0-2 m": (0.0, 2.0), "2-5 m": (2.0, 5.0), "5-10 m": (5.0, 10.0), "10-20 m": (10.0, NEAR_M)}
 RANGES |= {"over 20 m": (NEAR_M, math.inf)}
-"""Parts of all ranges, by which the error of fills is told: first depth and end of each [m]."""
+"""Parts of all ranges, by which the error of fills is reported: first depth and end of each [m]."""
 HOLES = "holes"
 """Mask of the pixels that the sensor has no depth for."""
 MEASURED, OCCLUDED = "measured", "occluded"
@@ -28,7 +28,7 @@ MEASURED, OCCLUDED = "measured", "occluded"
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """What methods are judged by in a sequence."""
+    """What methods are evaluated against in a sequence."""
 
     name: str
     """Such as `the truth`."""
@@ -42,7 +42,7 @@ class Reference:
 
     @property
     def is_independent(self) -> bool:
-        """Whether measured pixels can be judged by it, too: it is not the measurement that methods are given."""
+        """Whether measured pixels can be evaluated against it, too: it is not what methods are given."""
         return self.hidden == HOLES
 
 
@@ -57,7 +57,7 @@ class EvaluationFrame:
     reference_m: FloatImage
     """True or measured depth [m], shape (H, W), float32; 0 = unknown, +inf = no surface."""
     hidden: MaskImage
-    """Pixels that methods are given no depth of and are judged by, shape (H, W)."""
+    """Pixels that methods are given no depth of and are evaluated on, shape (H, W)."""
     static: MaskImage
     """Pixels that show the same surface as in the frame before, shape (H, W)."""
     occluded: MaskImage | None = None
@@ -100,7 +100,7 @@ class FrameFile:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with suppress(OSError):  # What could not be written is told already, and nobody reads the rest.
+        with suppress(OSError):  # What could not be written is reported already, and nobody reads the rest.
             self._file.close()
 
     def fill(self, frames: Iterable[EvaluationFrame], progress: Callable[[int], None] = lambda count: None) -> None:

@@ -24,7 +24,7 @@ class Counts(NamedTuple):
     """Numbers of pixels of one method by frame and tile, shape (frames, TILES) each."""
 
     close: FloatArray
-    judged: FloatArray
+    evaluated: FloatArray
 
 
 class Interval(NamedTuple):
@@ -54,11 +54,11 @@ class Interval(NamedTuple):
 def drawn_shares(counts: Mapping[str, Counts]) -> pd.DataFrame:
     """Return the share of close pixels of the sample (first row) and of every resample, by method (columns).
 
-    All methods share the draws, so the difference of two columns is one of pairs. A method without judged pixels is
-    left out. There are no resamples if the judged pixels are in fewer than `MIN_TILES` tiles.
+    All methods share the draws, so the difference of two columns is one of pairs. A method without evaluated pixels is
+    left out. There are no resamples if the evaluated pixels are in fewer than `MIN_TILES` tiles.
     """
-    judged = sum((of.judged for of in counts.values()), np.zeros((1, 1)))
-    frames, tiles = judged.any(axis=1), judged.any(axis=0)
+    evaluated = sum((of.evaluated for of in counts.values()), np.zeros((1, 1)))
+    frames, tiles = evaluated.any(axis=1), evaluated.any(axis=0)
     is_enough = tiles.sum() >= MIN_TILES
     of_frames, of_tiles = (_weights(int(of.sum()), stream, is_enough) for stream, of in enumerate((frames, tiles)))
     shares = {}

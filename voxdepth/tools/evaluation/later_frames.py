@@ -15,7 +15,7 @@ from ...datasets import Dataset
 from ...geometry import back_project, transform
 from ...types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
 from .frames import Reference
-from .references import Referenced, References, steps
+from .references import EvaluatedFrame, References, steps
 
 LATER_FRAMES = 6
 """Number of later frames whose depth is moved to a frame."""
@@ -40,7 +40,7 @@ RIM_PX = 5
 """Window in which measurements are left out beside discontinuities and holes, where a matcher widens near surfaces."""
 
 
-class View(NamedTuple):
+class DescribedFrame(NamedTuple):
     """What the reference needs of a frame."""
 
     points_px: FloatImage
@@ -69,7 +69,7 @@ class LaterFrames(References):
         self._frames, self._intrinsics = len(dataset), dataset.intrinsics
         self._view = lru_cache(LATER_FRAMES + 1)(lambda index: view_of(dataset[index], dataset.intrinsics))
 
-    def of(self, index: int, depth_m: FloatImage) -> Referenced:
+    def of(self, index: int, depth_m: FloatImage) -> EvaluatedFrame:
         """See `References`."""
         target, moved = self._view(index), []
         for later in map(self._view, range(index + 1, min(index + LATER_FRAMES + 1, self._frames))):
@@ -78,7 +78,7 @@ class LaterFrames(References):
                 moved.append(moved_to(T_target_later, later, self._intrinsics))
         reference_m = agreed(moved, depth_m.shape)
         reference_m[reference_m > self._intrinsics.focal_baseline_px_m / MIN_DISPARITY_PX] = 0
-        return Referenced(depth_m, consistent(reference_m, depth_m), np.asarray(depth_m == 0))
+        return EvaluatedFrame(depth_m, consistent(reference_m, depth_m), np.asarray(depth_m == 0))
 
 
 class Moved(NamedTuple):
@@ -90,17 +90,17 @@ class Moved(NamedTuple):
     """The nearest of those that are not beside a discontinuity or a hole."""
 
 
-def view_of(frame: Frame, intrinsics: Intrinsics) -> View:
+def view_of(frame: Frame, intrinsics: Intrinsics) -> DescribedFrame:
     """Find the features and the reliable measurements of a frame."""
     points, descriptors = cv2.SIFT.create(FEATURES).detectAndCompute(frame.gray, None)
     points_px = np.array([point.pt for point in points], np.float32).reshape(-1, 2)
     edge = steps(frame.depth_m, intrinsics) | (frame.depth_m == 0)
     rim = cv2.dilate(edge.astype(np.uint8), np.ones((RIM_PX, RIM_PX), np.uint8)).astype(np.bool_)
     described = None if descriptors is None else np.asarray(descriptors, np.float32)
-    return View(points_px, described, frame.depth_m, rim)
+    return DescribedFrame(points_px, described, frame.depth_m, rim)
 
 
-def relative_pose(source: View, target: View, intrinsics: Intrinsics) -> FloatArray | None:
+def relative_pose(source: DescribedFrame, target: DescribedFrame, intrinsics: Intrinsics) -> FloatArray | None:
     """Find the pose `T_target_source` by matched features with depth, shape (4, 4); None if too few support one."""
     if source.descriptors is None or target.descriptors is None or len(target.descriptors) < 2:
         return None
@@ -121,7 +121,7 @@ def relative_pose(source: View, target: View, intrinsics: Intrinsics) -> FloatAr
     return T_target_source if known.any() and np.median(error) <= POSE_ERROR else None
 
 
-def moved_to(T_target_source: FloatArray, source: View, intrinsics: Intrinsics) -> Moved:
+def moved_to(T_target_source: FloatArray, source: DescribedFrame, intrinsics: Intrinsics) -> Moved:
     """Move the depth of a frame to another one: each measurement to the pixel that it is nearest to."""
     points_m = transform(T_target_source, back_project(source.depth_m, intrinsics))
     in_front = points_m[:, 2] > 0
@@ -168,7 +168,7 @@ def consistent(reference_m: FloatImage, depth_m: FloatImage) -> FloatImage:
     return reference_m if is_consistent else np.zeros_like(reference_m)
 
 
-def _points(view: View, chosen: npt.NDArray[np.intp], intrinsics: Intrinsics) -> FloatImage:
+def _points(view: DescribedFrame, chosen: npt.NDArray[np.intp], intrinsics: Intrinsics) -> FloatImage:
     """Return the points of some features in the frame's camera [m], shape (N, 3)."""
     z_m = view.at_points()[chosen]
     u_px, v_px = view.points_px[chosen].T

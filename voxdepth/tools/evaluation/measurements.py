@@ -8,7 +8,7 @@ import pandas as pd
 from .frames import NEAR
 
 FILLED, COMPLETED, AS_GIVEN = "filled", "completed", "as given"
-"""Values of `Measurement.on`."""
+"""Values of `MetricValue.on`."""
 FRAMES = "frames"
 """Mask, range and `on` of a measurement of whole frames, such as a latency."""
 MEASUREMENT_COLUMNS = ("sequence", "method", "metric", "mask", "range", "on", "value", "unit", "n", "error")
@@ -30,7 +30,7 @@ def of_frames(metric: str) -> Selector:
     return Selector(metric, FRAMES, FRAMES, FRAMES)
 
 
-class Measurement(NamedTuple):
+class MetricValue(NamedTuple):
     """One number with its unit and its sample size."""
 
     metric: str

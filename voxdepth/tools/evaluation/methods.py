@@ -25,7 +25,7 @@ from ...registry import (
 from ...types import CorrectedDepth, DepthCorrector, Intrinsics
 from ..errors import ToolError
 from .frames import EvaluationFrame, Frames, Reference
-from .measurements import Measurement, of_frames
+from .measurements import MetricValue, of_frames
 from .pictures import depth_pictures
 from .results import Scores
 from .scoring import Score
@@ -74,14 +74,14 @@ def find_method(name: str) -> Method:
     corrector, setting = parse_corrector(name)
     without = setting.pop("without", None) if corrector == DEFAULT else None
     config = resolve_config(corrector, setting) if setting else config_of(corrector)
-    told = None if config is None else config.model_dump(mode="json")
+    settings = None if config is None else config.model_dump(mode="json")
     make: CorrectorFactory = partial(create_corrector, corrector, config=config)
     if without is not None:
-        make, told = _made_without(str(without), config), {**(told or {}), "without": without}
+        make, settings = _made_without(str(without), config), {**(settings or {}), "without": without}
     return Method(
         name=name,
         make=make,
-        config=told,
+        config=settings,
         is_foreign=corrector not in CORRECTOR_NAMES,
         warm_up_frames=WARM_UP_FRAMES if config is None else config.warm_up_frames,
     )
@@ -101,7 +101,7 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
 
     Args:
         method: The method.
-        frames: The frames, at least one, with what they are judged by; they are gone through twice.
+        frames: The frames, at least one, with what they are evaluated against; they are gone through twice.
         reference: What the reference of the frames is.
         intrinsics: Intrinsics of the frames.
         pictured: Index of the frame whose depth is drawn.
@@ -128,19 +128,19 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s)),
         close=score.close,
-        judged=score.judged,
+        judged=score.evaluated,
         pictures=pictures,
     )
 
 
-def _latencies(times_s: Sequence[float], background_s: float) -> Iterator[Measurement]:
+def _latencies(times_s: Sequence[float], background_s: float) -> Iterator[MetricValue]:
     """Yield times per frame, and CPU times of other threads per frame."""
     n = len(times_s)
     percentiles_ms = [float(value) for value in 1e3 * np.percentile(times_s, (50, 95))]
     # The two clocks are read one after the other, so their difference may be negative.
     values_ms = (*percentiles_ms, max(0.0, 1e3 * background_s / n))
     for name, value_ms in zip(("p50", "p95", "background"), values_ms, strict=True):
-        yield Measurement(*of_frames(f"latency_{name}"), value_ms, "ms", n)
+        yield MetricValue(*of_frames(f"latency_{name}"), value_ms, "ms", n)
 
 
 def _other_threads_s() -> float:
@@ -153,8 +153,8 @@ def _method_errors(what: str) -> Iterator[None]:
     try:
         yield
     except (Exception, SystemExit) as error:
-        told = str(error) if isinstance(error, PluginError) else f"{what}: {type(error).__name__}: {error}"
-        raise MethodError(" ".join(told.split())) from error
+        text = str(error) if isinstance(error, PluginError) else f"{what}: {type(error).__name__}: {error}"
+        raise MethodError(" ".join(text.split())) from error
 
 
 @contextmanager

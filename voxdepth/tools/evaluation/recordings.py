@@ -21,31 +21,31 @@ from .references import Patches, References, Shadows, TrueHoles, WideShadows, mi
 
 SAME_GRAY = 3
 """Largest change of the smoothed gray value of a static pixel, where the truth is unknown."""
-Opened = Callable[[Path], Dataset]
+OpenRecording = Callable[[Path], Dataset]
 """Opens a recording."""
-Kind = Callable[[Dataset], References]
+MakeReferences = Callable[[Dataset], References]
 """Begins to find the references of one kind of pixels in a recording."""
-HELD_OUT: dict[str, Kind] = {each.reference.hidden: each for each in (Shadows, WideShadows, Patches)}
+HELD_OUT: dict[str, MakeReferences] = {each.reference.hidden: each for each in (Shadows, WideShadows, Patches)}
 """Kinds of measured pixels that are held out, which any recording has, by the name of their mask."""
 
 
-def kinds_of(folder: Path, opened: Opened) -> dict[str, Kind]:
-    """Return the kinds of pixels that methods can be judged by in a recording, by the name of their mask."""
+def kinds_of(folder: Path, opener: OpenRecording) -> dict[str, MakeReferences]:
+    """Return the kinds of pixels that methods can be evaluated against in a recording, by the name of their mask."""
     if true_depths(folder).files:
         return HELD_OUT | {HOLES: partial(TrueHoles, folder)}
     with suppress(VoxDepthError):
-        if len(opened(folder)) > 2:
+        if len(opener(folder)) > 2:
             return HELD_OUT | {HOLES: LaterFrames}
     return HELD_OUT
 
 
 class RecordedSource:
-    """A recording of any format without true poses, of which one kind of pixels is judged; see `FrameSource`."""
+    """A recording of any format without true poses, of which one kind of pixels is evaluated; see `FrameSource`."""
 
     seed: int | None = None
     code: Code = ()
 
-    def __init__(self, name: str, dataset: Dataset, kind: Kind) -> None:
+    def __init__(self, name: str, dataset: Dataset, kind: MakeReferences) -> None:
         self.name, self._dataset, self._references = name, dataset, kind(dataset)
         self.reference = self._references.reference
         self.intrinsics = mirrored(dataset.intrinsics) if self.reference.is_mirrored else dataset.intrinsics

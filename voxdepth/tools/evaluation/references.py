@@ -1,6 +1,6 @@
 """References of real recordings: measured pixels that are held out, or a true depth of the sensor's holes.
 
-Each kind of pixels is judged by itself: a method never gets an image with two kinds held out at once.
+Each kind of pixels is evaluated by itself: a method never gets an image with two kinds held out at once.
 """
 
 from abc import ABC, abstractmethod
@@ -26,7 +26,7 @@ MEDIAN_PX = 5
 VIRTUAL_WIDTH = 2
 """Width of the virtual camera's image in widths of the real one, because it looks further to the right."""
 PATCHES, TRIALS = 24, 1000
-"""Largest number of patches, and number of places that are tried for them."""
+"""Largest number of patches, and number of positions that are tried for them."""
 PATCH_PX, PATCH_IMAGE_PX = (10, 60), 640
 """Range of the diameters of patches in an image of that width; they grow with the width."""
 STEP_PX, STEP_SHARE = 1.0, 0.05
@@ -36,7 +36,7 @@ MEASURED_SHARE = 0.9
 SEED = 0
 
 
-class Referenced(NamedTuple):
+class EvaluatedFrame(NamedTuple):
     """What methods are given of a frame and what they are scored by; shape (H, W) each."""
 
     given_m: FloatImage
@@ -44,7 +44,7 @@ class Referenced(NamedTuple):
     reference_m: FloatImage
     """Measured or true depth [m]; 0 where it is unknown or does not count."""
     hidden: MaskImage
-    """Pixels of the kind that is judged."""
+    """Pixels of the kind that is evaluated."""
 
 
 class References(ABC):
@@ -57,7 +57,7 @@ class References(ABC):
     """SHA-256 of the files that references are read from, besides those of the frames."""
 
     @abstractmethod
-    def of(self, index: int, depth_m: FloatImage) -> Referenced:
+    def of(self, index: int, depth_m: FloatImage) -> EvaluatedFrame:
         """Return the reference of a frame by its index and its measured depth [m], shape (H, W); 0 = invalid."""
 
 
@@ -80,7 +80,7 @@ class Shadows(References):
         intrinsics = dataset.intrinsics
         self._intrinsics = replace(intrinsics, baseline_m=self.widening * (intrinsics.baseline_m or ASSUMED_BASELINE_M))
 
-    def of(self, index: int, depth_m: FloatImage) -> Referenced:
+    def of(self, index: int, depth_m: FloatImage) -> EvaluatedFrame:
         """See `References`."""
         hidden = shadows(depth_m, self._intrinsics)
         return _held_out(depth_m, hidden, hidden)
@@ -96,8 +96,8 @@ class WideShadows(Shadows):
 class Patches(References):
     """Ellipses on smooth surfaces, such as a stereo matcher loses where a wall is blank.
 
-    The places are drawn once, on the first frame, and stay the same in the image: depth is withheld there in every
-    frame, so that the memory of a camera at rest never sees it. A place is scored in the frames in which it lies on one
+    The patches are drawn once, on the first frame, and stay the same in the image: depth is withheld there in every
+    frame, so that the memory of a camera at rest never sees it. A patch is scored in the frames in which it lies on one
     measured surface.
     """
 
@@ -105,25 +105,25 @@ class Patches(References):
 
     def __init__(self, dataset: Dataset) -> None:
         self._intrinsics = dataset.intrinsics
-        self._places: list[MaskImage] = []
+        self._patches: list[MaskImage] = []
 
-    def of(self, index: int, depth_m: FloatImage) -> Referenced:
+    def of(self, index: int, depth_m: FloatImage) -> EvaluatedFrame:
         """See `References`."""
         measured: MaskImage = depth_m > 0
         step = steps(depth_m, self._intrinsics)
         if index == 0:
-            self._places = self._drawn(measured, step)
+            self._patches = self._drawn(measured, step)
         withheld, scored = np.zeros_like(measured), np.zeros_like(measured)
-        for place in self._places:
-            withheld |= place
-            if _is_smooth(place, measured, step):
-                scored |= place & measured
+        for patch in self._patches:
+            withheld |= patch
+            if _is_smooth(patch, measured, step):
+                scored |= patch & measured
         return _held_out(depth_m, withheld, scored)
 
     def _drawn(self, measured: MaskImage, step: MaskImage) -> list[MaskImage]:
-        """Draw places that lie on one surface and do not touch each other."""
+        """Draw patches that lie on one surface and do not touch each other."""
         rng = np.random.default_rng(SEED)
-        places: list[MaskImage] = []
+        patches: list[MaskImage] = []
         taken = np.zeros(measured.shape, np.bool_)
         smallest_px, largest_px = np.array(PATCH_PX) * measured.shape[1] / PATCH_IMAGE_PX
         margin = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(smallest_px) + 1,) * 2)
@@ -132,11 +132,11 @@ class Patches(References):
             diameter_px, flatness, angle_deg = rng.uniform((smallest_px, 0.6, 0), (largest_px, 1, 180)).tolist()
             axes = round(diameter_px / 2), round(flatness * diameter_px / 2)
             image = cv2.ellipse(np.zeros(measured.shape, np.uint8), center, axes, angle_deg, 0, 360, 1, -1)
-            place: MaskImage = image.astype(np.bool_)
-            if len(places) < PATCHES and _is_smooth(place, measured, step) and not (place & taken).any():
-                places.append(place)
+            patch: MaskImage = image.astype(np.bool_)
+            if len(patches) < PATCHES and _is_smooth(patch, measured, step) and not (patch & taken).any():
+                patches.append(patch)
                 taken |= cv2.dilate(image, margin).astype(np.bool_)
-        return places
+        return patches
 
 
 class TrueHoles(References):
@@ -149,10 +149,10 @@ class TrueHoles(References):
         digests = (sha256(read_bytes(path)).digest() for path in self._truths.files)
         self.digest = sha256(b"".join(digests)).hexdigest()
 
-    def of(self, index: int, depth_m: FloatImage) -> Referenced:
+    def of(self, index: int, depth_m: FloatImage) -> EvaluatedFrame:
         """See `References`."""
         truth_m = self._truths.of(index, self._dataset)
-        return Referenced(depth_m, np.zeros_like(depth_m) if truth_m is None else truth_m, np.asarray(depth_m == 0))
+        return EvaluatedFrame(depth_m, np.zeros_like(depth_m) if truth_m is None else truth_m, np.asarray(depth_m == 0))
 
 
 class TrueDepths(Protocol):
@@ -247,19 +247,19 @@ def steps(depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
     return np.asarray(largest_px - smallest_px > STEP_PX + STEP_SHARE * largest_px)
 
 
-def _held_out(depth_m: FloatImage, withheld: MaskImage, scored: MaskImage) -> Referenced:
+def _held_out(depth_m: FloatImage, withheld: MaskImage, scored: MaskImage) -> EvaluatedFrame:
     """Withhold the measured depth [m] of pixels, and score methods by some of them."""
     counted = (depth_m > 0) & (scored | ~withheld)
-    return Referenced(
+    return EvaluatedFrame(
         given_m=np.where(withheld, np.float32(0), depth_m),
         reference_m=np.where(counted, depth_m, np.float32(0)),
         hidden=scored,
     )
 
 
-def _is_smooth(place: MaskImage, measured: MaskImage, step: MaskImage) -> bool:
-    """Return whether enough of a place is measured, and none of it is beside a depth discontinuity."""
-    return not step[place].any() and bool(measured[place].mean() >= MEASURED_SHARE)
+def _is_smooth(patch: MaskImage, measured: MaskImage, step: MaskImage) -> bool:
+    """Return whether enough of a patch is measured, and none of it is beside a depth discontinuity."""
+    return not step[patch].any() and bool(measured[patch].mean() >= MEASURED_SHARE)
 
 
 def _median_px(depth_m: FloatImage, intrinsics: Intrinsics) -> FloatImage:

@@ -9,12 +9,12 @@ from ...metrics import BINS, Reliability
 from ...types import CorrectedDepth, Intrinsics, MaskImage, Source
 from . import tiles
 from .frames import ALL, MEASURED, EvaluationFrame, Reference
-from .measurements import FILLED, Measurement
+from .measurements import FILLED, MetricValue
 
 MIN_PIXELS = 1000
-"""Smallest number of pixels that a reliability is told of; they must lie in `MIN_TILES` tiles."""
+"""Smallest number of pixels that a reliability is reported of; they must lie in `MIN_TILES` tiles."""
 TOO_FEW = f"no method has {MIN_PIXELS:,} fills with a reference in {tiles.MIN_TILES} of the {tiles.TILES} tiles"
-"""Why none is told."""
+"""Why none is reported."""
 
 
 class OfPixels(NamedTuple):
@@ -58,14 +58,14 @@ class ConfidenceScore:
                 depth_m, corrected.confidence, frame.reference_m, counted, self._focal_baseline_px_m
             )
 
-    def measurements(self) -> Iterator[Measurement]:
+    def measurements(self) -> Iterator[MetricValue]:
         """Yield the reliability of each mask that has enough pixels in enough tiles."""
         for mask, sums in self._sums.items():
             if sums.n >= MIN_PIXELS and np.count_nonzero(self._tiles[mask]) >= tiles.MIN_TILES:
                 yield from _measured(mask, sums)
 
 
-def _measured(mask: str, sums: Reliability) -> Iterator[Measurement]:
+def _measured(mask: str, sums: Reliability) -> Iterator[MetricValue]:
     found = [(OVERALL.said, sums.said, sums.n), (OVERALL.right, sums.right_share, sums.n)]
     found.append((CALIBRATION_ERROR, sums.calibration_error, sums.n))
     shares = sums.believed, sums.believed_right
@@ -74,4 +74,4 @@ def _measured(mask: str, sums: Reliability) -> Iterator[Measurement]:
         if n:
             found += [(names.said, said / n, int(n)), (names.right, right / n, int(n))]
     for name, value, n in found:
-        yield Measurement(name, mask, ALL, FILLED, value, "share", n)
+        yield MetricValue(name, mask, ALL, FILLED, value, "share", n)

@@ -21,7 +21,7 @@ from .pictures import depth_scale, error_scale
 from .quantities import HIDDEN, QUANTITIES, Quantity, fitted, is_measured, numbers_of, selected
 from .reliability import TOO_FEW
 from .results import SequenceInfo
-from .shares import Kind, Shares
+from .shares import PixelKind, Shares
 from .suite import Evaluation
 from .verdict import verdict
 
@@ -62,7 +62,7 @@ def rendered(evaluation: Evaluation) -> str:
 
 
 def _untold(evaluation: Evaluation) -> list[str]:
-    """Say of which sequences no reliability can be told, if any."""
+    """Say of which sequences no reliability can be reported, if any."""
     names = untold(evaluation)
     return [f"No reliability can be told of {', '.join(names)}: {TOO_FEW}."] if names else []
 
@@ -95,9 +95,9 @@ def share_table(evaluation: Evaluation, shares: Shares) -> Table:
     return Table.of(f"{shares.recording}: {SHARES}", ["method", *texts], rows)
 
 
-def _share_texts(evaluation: Evaluation, sequence: str, kind: Kind) -> dict[str, str]:
-    """Return the share of each method, how much was judged, and which methods failed in a sequence."""
-    texts = dict(zip(JUDGED, (f"{100 * kind.judged_share:.1f}", f"{kind.judged:,}"), strict=True))
+def _share_texts(evaluation: Evaluation, sequence: str, kind: PixelKind) -> dict[str, str]:
+    """Return the share of each method, how much was evaluated, and which methods failed in a sequence."""
+    texts = dict(zip(JUDGED, (f"{100 * kind.evaluated_share:.1f}", f"{kind.evaluated:,}"), strict=True))
     texts |= {method: _interval_text(kind.share(method)) for method in kind.ranked}
     best, *others = kind.ranked or [""]
     if others and kind.share(best).value > kind.share(others[0]).value:
@@ -105,7 +105,7 @@ def _share_texts(evaluation: Evaluation, sequence: str, kind: Kind) -> dict[str,
     return texts | {result.method: FAILED for result in evaluation.failures if result.sequence == sequence}
 
 
-def _lead_texts(kind: Kind) -> dict[str, str]:
+def _lead_texts(kind: PixelKind) -> dict[str, str]:
     """Return the lead of each method over the best other one."""
     others = {method: kind.best_other(method) for method in kind.ranked}
     return {method: _interval_text(kind.lead(method, other)) for method, other in others.items() if other}
@@ -174,7 +174,7 @@ def summary_tables(evaluation: Evaluation) -> Iterator[Table]:
             yield _summary(evaluation, shares.recording, kinds, list(shares.kinds))
 
 
-def _summary(evaluation: Evaluation, of: str, kinds: Mapping[str, Kind], sequences: Sequence[str]) -> Table:
+def _summary(evaluation: Evaluation, of: str, kinds: Mapping[str, PixelKind], sequences: Sequence[str]) -> Table:
     """Return the shares of close pixels by method and kind, and the median time of a frame in some sequences."""
     failed = {result.method for result in evaluation.failures if result.sequence in sequences}
     columns = {title: dict.fromkeys(failed, FAILED) | _short_texts(kind) for title, kind in kinds.items()}
@@ -186,7 +186,7 @@ def _summary(evaluation: Evaluation, of: str, kinds: Mapping[str, Kind], sequenc
     return Table.of(f"{of}: hidden pixels within 5 % of the reference [%]", ["method", *texts], rows)
 
 
-def _short_texts(kind: Kind) -> dict[str, str]:
+def _short_texts(kind: PixelKind) -> dict[str, str]:
     """Return the share of each method without its interval, with a mark at the best one."""
     shares = {method: kind.share(method).value for method in kind.ranked}
     best = [method for method in kind.ranked[:1] if shares[method] > min(shares.values())]
@@ -229,7 +229,7 @@ def _sequence_table(evaluation: Evaluation) -> Table:
 
 
 def _unjudged(evaluation: Evaluation) -> list[str]:
-    """Say of which recordings only the first frames were judged, if any, and how to judge others."""
+    """Say of which recordings only the first frames were evaluated, if any, and how to evaluate others."""
     partly = {info.recording: info for info in evaluation.sequences.values() if info.frames < info.all_frames}
     if not partly:
         return []
@@ -241,5 +241,5 @@ def _unjudged(evaluation: Evaluation) -> list[str]:
 
 
 def _seconds(info: SequenceInfo) -> str:
-    """Return the time stamps of the first and of the last judged frame."""
+    """Return the time stamps of the first and of the last evaluated frame."""
     return " to ".join(f"{stamp_s:.2f}" for stamp_s in info.span_s)

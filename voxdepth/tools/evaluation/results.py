@@ -9,14 +9,14 @@ from pydantic import ConfigDict, TypeAdapter
 
 from ..files import as_tool_error, sealed_json, unsealed_json, write
 from .frames import Reference
-from .measurements import Measurement
+from .measurements import MetricValue
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scores:
     """What was measured of one method on one sequence."""
 
-    measurements: tuple[Measurement, ...] = ()
+    measurements: tuple[MetricValue, ...] = ()
     close: tuple[tuple[int, ...], ...] = ()
     """Number of hidden pixels within 20 m that are given a close depth, by frame and tile."""
     judged: tuple[tuple[int, ...], ...] = ()
@@ -31,12 +31,12 @@ class SequenceInfo:
 
     name: str
     recording: str
-    """Name of the recording, of which other sequences may judge other pixels."""
+    """Name of the recording, of which other sequences may evaluate other pixels."""
     frames: int
     all_frames: int
     """Number of frames that the recording has."""
     span_s: tuple[float, float]
-    """Time stamps of the first and of the last of the judged frames [s]."""
+    """Time stamps of the first and of the last of the evaluated frames [s]."""
     seed: int | None
     """Seed of a rendered sequence; None for a measured one."""
     size: str
@@ -45,11 +45,11 @@ class SequenceInfo:
     pixels: int
     """Number of pixels of all frames that have a reference."""
     hidden: int
-    """Number of pixels of all frames that methods are to fill and are judged by, with and without a reference.
+    """Number of pixels of all frames that methods are to fill and are evaluated against, with and without a reference.
 
     Those that are known to show no surface, such as the sky, are not among them."""
     pictured: int
-    """Index of the frame that is drawn: the middle one of those in which hidden pixels are judged."""
+    """Index of the frame that is drawn: the middle one of those in which hidden pixels are evaluated."""
     far_m: float
     """Depth at the blue end of the colours of its pictures."""
     pictures: tuple[str, ...]
@@ -57,7 +57,7 @@ class SequenceInfo:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Result(Scores):
+class MethodResult(Scores):
     """The result of one method on one sequence, as its file holds it."""
 
     __pydantic_config__ = ConfigDict(extra="forbid", ser_json_inf_nan="constants")
@@ -71,7 +71,7 @@ class Result(Scores):
     """Why there are no measurements; None if there are."""
 
 
-STORED = TypeAdapter(Result)
+STORED = TypeAdapter(MethodResult)
 SEQUENCE = "[sequence]"
 """What stands in the place of a method in the one result that keeps the description of its sequence."""
 
@@ -81,14 +81,14 @@ def path_of(out: Path, sequence: str, method: str) -> Path:
     return out / "results" / sequence / f"{method.replace(':', '-').replace('/', '-')}.json"
 
 
-def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> Result | None:
+def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> MethodResult | None:
     """Load a finished result; None if there is none with this key. A file that cannot be read is a `ToolError`.
 
     Args:
         out: Folder of all results.
         sequence: Name of the sequence.
         method: Name of the method, or `SEQUENCE`.
-        key: Everything else that the result depends on, see `Result.key`.
+        key: Everything else that the result depends on, see `MethodResult.key`.
     """
     path = path_of(out, sequence, method)
     with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValueError):
@@ -98,6 +98,6 @@ def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> Result |
     return None
 
 
-def store(out: Path, result: Result) -> None:
+def store(out: Path, result: MethodResult) -> None:
     """Write the file of a result in one step; a failure is a `ToolError`."""
     write(path_of(out, result.sequence, result.method), sealed_json(STORED.dump_json(result)))

@@ -10,7 +10,7 @@ from ...metrics import Flicker, Share, Sums, flying_share, ghost_share, is_close
 from ...types import CorrectedDepth, FloatImage, Intrinsics
 from . import tiles
 from .frames import ALL, MEASURED, NEAR, OCCLUDED, RANGES, EvaluationFrame, Reference
-from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector
+from .measurements import AS_GIVEN, COMPLETED, FILLED, MetricValue, Selector
 from .reliability import ConfidenceScore
 
 STATIC = "static"
@@ -50,7 +50,7 @@ class Score:
         self._settled: defaultdict[Selector, Sums] = defaultdict(Sums)
         self.close: tuple[tuple[int, ...], ...] = ()
         """Number of hidden pixels within 20 m that are given a close depth, by frame and tile."""
-        self.judged: tuple[tuple[int, ...], ...] = ()
+        self.evaluated: tuple[tuple[int, ...], ...] = ()
         """Number of all hidden pixels within 20 m with a reference, by frame and tile."""
 
     def add(self, frame: EvaluationFrame, corrected: CorrectedDepth) -> None:
@@ -66,21 +66,21 @@ class Score:
             self._of_ranges[name] += Sums.of(depth_m, frame.reference_m, frame.hidden & frame.within(name))
         self._confidence.add(frame, corrected)
 
-    def measurements(self) -> Iterator[Measurement]:
+    def measurements(self) -> Iterator[MetricValue]:
         """Yield everything that is known after the last frame; measurements of no pixel are left out."""
         for mask in (ALL, *self._sums[FILLED]):
             yield from self._measured_errors(mask)
         yield from self._range_errors()
         yield from self._confidence.measurements()
         if n := self._flicker.changes:
-            yield Measurement("flicker", STATIC, NEAR, FILLED, self._flicker.mean_change_m, "m", n)
+            yield MetricValue("flicker", STATIC, NEAR, FILLED, self._flicker.mean_change_m, "m", n)
         for selector, share in self._shares.items():
             if share.of:
-                yield Measurement(*selector, share.value, "share", share.of)
+                yield MetricValue(*selector, share.value, "share", share.of)
         for selector, sums in self._settled.items():
             value, unit = (sums.psnr_db(PEAK16_M), "dB") if selector == SETTLED_PSNR else (sums.rmse_m, "m")
             if sums.pixels:
-                yield Measurement(*selector, value if _is_complete(sums) else None, unit, sums.filled)
+                yield MetricValue(*selector, value if _is_complete(sums) else None, unit, sums.filled)
 
     def _add_sums(self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage) -> None:
         near = frame.near()
@@ -92,13 +92,13 @@ class Score:
 
     def _add_tiles(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Count in the tiles of the recording's own images, also where methods are given mirrored ones."""
-        judged = frame.hidden & frame.near()
+        evaluated = frame.hidden & frame.near()
         side = -1 if self._reference.is_mirrored else 1
         close, of = (
             tuple(tiles.count(mask[:, ::side]).tolist())
-            for mask in (judged & is_close(depth_m, frame.reference_m), judged)
+            for mask in (evaluated & is_close(depth_m, frame.reference_m), evaluated)
         )
-        self.close, self.judged = (*self.close, close), (*self.judged, of)
+        self.close, self.evaluated = (*self.close, close), (*self.evaluated, of)
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Count how the depth of a pixel changes; without the truth the depth itself, not its error, should stay."""
@@ -115,30 +115,30 @@ class Score:
 
     def _add_settled(self, frame: EvaluationFrame, completed_m: FloatImage) -> None:
         """Score the surfaces of a rendered frame within the paper's peak, and the occluded ones, after the warm-up."""
-        if frame.occluded is not None and len(self.judged) > SETTLED_FRAMES:
+        if frame.occluded is not None and len(self.evaluated) > SETTLED_FRAMES:
             in_16_bits = frame.known() & (frame.reference_m <= np.float32(PEAK16_M))
             self._settled[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
             self._settled[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, frame.occluded & frame.near())
 
-    def _measured_errors(self, mask: str) -> Iterator[Measurement]:
+    def _measured_errors(self, mask: str) -> Iterator[MetricValue]:
         parts = (MEASURED, self._reference.hidden) if mask == ALL else (mask,)
         for on, sums_of in self._sums.items():
             sums = sum((sums_of[part] for part in parts), Sums())
             if not sums.pixels:
                 continue
             if on == FILLED:
-                yield Measurement("coverage", mask, NEAR, on, sums.coverage, "share", sums.pixels)
-                yield Measurement("close", mask, NEAR, AS_GIVEN, sums.close / sums.pixels, "share", sums.pixels)
+                yield MetricValue("coverage", mask, NEAR, on, sums.coverage, "share", sums.pixels)
+                yield MetricValue("close", mask, NEAR, AS_GIVEN, sums.close / sums.pixels, "share", sums.pixels)
             for metric, (unit, value_of) in METRICS.items():
                 value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
-                yield Measurement(metric, mask, NEAR, on, value, unit, sums.filled)
+                yield MetricValue(metric, mask, NEAR, on, value, unit, sums.filled)
 
-    def _range_errors(self) -> Iterator[Measurement]:
+    def _range_errors(self) -> Iterator[MetricValue]:
         for name, sums in self._of_ranges.items():
             if sums.filled:
                 where = self._reference.hidden, name, FILLED
-                yield Measurement("mae", *where, sums.mae_m, "m", sums.filled)
-                yield Measurement("close", *where, sums.close / sums.filled, "share", sums.filled)
+                yield MetricValue("mae", *where, sums.mae_m, "m", sums.filled)
+                yield MetricValue("close", *where, sums.close / sums.filled, "share", sums.filled)
 
 
 def _is_complete(sums: Sums) -> bool:

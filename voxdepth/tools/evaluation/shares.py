@@ -1,4 +1,4 @@
-"""How much of the judged pixels of a recording each method fills right: of each kind of pixels, and of all of them."""
+"""Share of the evaluated pixels of a recording that each method fills right: of each kind, and of all of them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ import pandas as pd
 
 from .frames import HOLES, NEAR
 from .intervals import Counts, Interval, drawn_shares
-from .measurements import AS_GIVEN, Measurement
-from .results import Result
+from .measurements import AS_GIVEN, MetricValue
+from .results import MethodResult
 
 ALL_KINDS = "all kinds"
-"""Stands for a kind: all judged pixels of a recording, each kind with the weight of its judged pixels."""
+"""Stands for a kind: all evaluated pixels of a recording, each kind with the weight of its evaluated pixels."""
 CLOSE = ("close", "close_low", "close_high")
 """The share of all pixels within 5 % of the reference, and the ends of its interval."""
 LEAD = ("close_lead", "close_lead_low", "close_lead_high")
@@ -21,14 +21,14 @@ LEAD = ("close_lead", "close_lead_low", "close_lead_high")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kind:
+class PixelKind:
     """One kind of pixels of a recording, or all of them."""
 
     mask: str
     """Name of their mask, or `ALL_KINDS`."""
     pixels: int
     """Number of pixels of the kind, whether they have a reference or not; see `SequenceInfo.hidden`."""
-    judged: int
+    evaluated: int
     """Number of those within 20 m that have one."""
     draws: pd.DataFrame
     """See `drawn_shares`."""
@@ -39,9 +39,9 @@ class Kind:
         return "own holes" if self.mask == HOLES else self.mask.replace("-", " ")
 
     @property
-    def judged_share(self) -> float:
-        """Share of the pixels that is judged."""
-        return self.judged / max(1, self.pixels)
+    def evaluated_share(self) -> float:
+        """Share of the pixels that is evaluated."""
+        return self.evaluated / max(1, self.pixels)
 
     @cached_property
     def ranked(self) -> list[str]:
@@ -49,7 +49,7 @@ class Kind:
         return list(self.draws.iloc[0].sort_values(ascending=False, kind="stable").index)
 
     def share(self, method: str) -> Interval:
-        """Return the share of judged pixels that a method gives a close depth."""
+        """Return the share of evaluated pixels that a method gives a close depth."""
         return Interval.of(self.draws[method])
 
     def lead(self, method: str, other: str) -> Interval:
@@ -66,15 +66,15 @@ class Shares:
     """The shares of one recording."""
 
     recording: str
-    kinds: dict[str, Kind]
+    kinds: dict[str, PixelKind]
     """By the name of a sequence. If there are several, all of them together follow with the name of the recording."""
 
     @property
-    def overall(self) -> Kind:
-        """All judged pixels, which are those of the only kind if there is one."""
+    def overall(self) -> PixelKind:
+        """All evaluated pixels, which are those of the only kind if there is one."""
         return list(self.kinds.values())[-1]
 
-    def measurements(self) -> Iterator[tuple[str, str, Measurement]]:
+    def measurements(self) -> Iterator[tuple[str, str, MetricValue]]:
         """Yield each share with its interval, and its lead over the best other method, by sequence and method."""
         for sequence, kind in self.kinds.items():
             for method in kind.draws:
@@ -84,22 +84,26 @@ class Shares:
                 if other := kind.best_other(method):
                     found |= zip(LEAD, kind.lead(method, other), strict=True)
                 for metric, value in found.items():
-                    yield sequence, method, Measurement(metric, kind.mask, NEAR, AS_GIVEN, value, "share", kind.judged)
+                    yield (
+                        sequence,
+                        method,
+                        MetricValue(metric, kind.mask, NEAR, AS_GIVEN, value, "share", kind.evaluated),
+                    )
 
 
-def shares_of(results: Sequence[Result]) -> list[Shares]:
+def shares_of(results: Sequence[MethodResult]) -> list[Shares]:
     """Return the shares of each recording, of those of its sequences that could be opened.
 
     All kinds together have only the methods that failed in none of them.
     """
-    found: dict[str, dict[str, list[Result]]] = {}
+    found: dict[str, dict[str, list[MethodResult]]] = {}
     for result in results:
         if result.info is not None:
             found.setdefault(result.info.recording, {}).setdefault(result.sequence, []).append(result)
     return [_shares(recording, of_sequences) for recording, of_sequences in found.items()]
 
 
-def _shares(recording: str, of_sequences: dict[str, list[Result]]) -> Shares:
+def _shares(recording: str, of_sequences: dict[str, list[MethodResult]]) -> Shares:
     kinds, counts = {}, []
     for sequence, results in of_sequences.items():
         info = results[0].info
@@ -113,14 +117,14 @@ def _shares(recording: str, of_sequences: dict[str, list[Result]]) -> Shares:
     return Shares(recording=recording, kinds=kinds)
 
 
-def _kind(mask: str, pixels: int, counts: dict[str, Counts]) -> Kind:
-    judged = max((int(of.judged.sum()) for of in counts.values()), default=0)
-    return Kind(mask=mask, pixels=pixels, judged=judged, draws=drawn_shares(counts))
+def _kind(mask: str, pixels: int, counts: dict[str, Counts]) -> PixelKind:
+    evaluated = max((int(of.evaluated.sum()) for of in counts.values()), default=0)
+    return PixelKind(mask=mask, pixels=pixels, evaluated=evaluated, draws=drawn_shares(counts))
 
 
 def _sum(counts: list[Counts]) -> Counts:
-    return Counts(np.sum([of.close for of in counts], axis=0), np.sum([of.judged for of in counts], axis=0))
+    return Counts(np.sum([of.close for of in counts], axis=0), np.sum([of.evaluated for of in counts], axis=0))
 
 
-def _counts(result: Result) -> Counts:
+def _counts(result: MethodResult) -> Counts:
     return Counts(np.array(result.close, np.float64), np.array(result.judged, np.float64))

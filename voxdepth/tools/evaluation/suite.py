@@ -18,12 +18,12 @@ from .frames import FrameFile, Frames, FrameSource
 from .measurements import long_table
 from .methods import Method, MethodError, run
 from .pictures import depth_pictures, far_end_of, scene_pictures
-from .recordings import Kind, Opened, RecordedSource
-from .results import SEQUENCE, Result, SequenceInfo, load, store
+from .recordings import MakeReferences, OpenRecording, RecordedSource
+from .results import SEQUENCE, MethodResult, SequenceInfo, load, store
 from .shares import Shares, shares_of
 
 
-class Requested(Protocol):
+class EvaluationSequence(Protocol):
     """A sequence to compare methods on. No two in a plan may have the same name."""
 
     @property
@@ -32,7 +32,7 @@ class Requested(Protocol):
 
     @property
     def recording(self) -> str:
-        """The name of the recording, of which other sequences may judge other pixels of the same frames."""
+        """The name of the recording, of which other sequences may evaluate other pixels of the same frames."""
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
         """Open the first frames.
@@ -49,14 +49,14 @@ class Requested(Protocol):
 
 @dataclass(frozen=True)
 class RecordedPixels:
-    """One kind of pixels of an existing recording of any format; see `Requested`."""
+    """One kind of pixels of an existing recording of any format; see `EvaluationSequence`."""
 
     recording: str
     folder: Path
     mask: str
     """Name of the mask of the pixels."""
-    kind: Kind
-    opener: Opened
+    kind: MakeReferences
+    opener: OpenRecording
 
     @property
     def name(self) -> str:
@@ -64,7 +64,7 @@ class RecordedPixels:
         return f"{self.recording}-{self.mask}"
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> RecordedSource:
-        """See `Requested`."""
+        """See `EvaluationSequence`."""
         return RecordedSource(self.name, self.opener(self.folder), self.kind)
 
 
@@ -80,7 +80,7 @@ def name_of(folder: Path) -> str:
 class Plan:
     """What shall be compared, and where the results are kept."""
 
-    sequences: Sequence[Requested]
+    sequences: Sequence[EvaluationSequence]
     methods: Sequence[Method]
     frames: int
     """Number of the first frames of each sequence; a folder may have fewer, but not the flight of a shipped one."""
@@ -95,7 +95,7 @@ class Plan:
 class Evaluation:
     """The results of a plan."""
 
-    results: tuple[Result, ...]
+    results: tuple[MethodResult, ...]
     """Results by sequence, and by method within."""
     reused: int = 0
     """Number of results that had been finished before."""
@@ -129,7 +129,7 @@ class Evaluation:
         return list(dict.fromkeys(result.method for result in self.results))
 
     @property
-    def failures(self) -> list[Result]:
+    def failures(self) -> list[MethodResult]:
         """Results without measurements."""
         return [result for result in self.results if result.error is not None]
 
@@ -144,7 +144,7 @@ def evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
         ToolError: A result cannot be written.
     """
     _require_distinct(plan.sequences)
-    results: list[Result] = []
+    results: list[MethodResult] = []
     reused = 0
     busy = f"another evaluation writes to {plan.out}: wait until it has ended, or use another --out"
     with locked(plan.out, busy):
@@ -156,7 +156,9 @@ def evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
     return Evaluation(results=tuple(results), reused=reused)
 
 
-def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> Iterator[tuple[Result, bool]]:
+def _compared(
+    plan: Plan, requested: EvaluationSequence, tell: Callable[[str], None]
+) -> Iterator[tuple[MethodResult, bool]]:
     """Yield the result of each method on a sequence, and whether it had been finished before.
 
     Unless every result is finished, the frames are computed and described first.
@@ -178,16 +180,18 @@ def _compared(plan: Plan, requested: Requested, tell: Callable[[str], None]) -> 
             if info is None or len(finished) < len(keys):
                 frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
                 info = describe(requested.recording, source, frames)
-                store(plan.out, Result(sequence=name, method=SEQUENCE, key=of_sequence, info=info))
+                store(plan.out, MethodResult(sequence=name, method=SEQUENCE, key=of_sequence, info=info))
         except VoxDepthError as error:
             reason = " ".join(str(error).split())
-            yield from ((Result(sequence=name, method=method.name, error=reason), False) for method in plan.methods)
+            yield from (
+                (MethodResult(sequence=name, method=method.name, error=reason), False) for method in plan.methods
+            )
             return
         for method in plan.methods:
             tell(f"{name}, {method.name}")
             if (result := finished.get(method.name)) is None:
                 scores = _scores(source, method, frames, info.pictured)
-                result = Result(sequence=name, method=method.name, key=keys[method.name], **scores)
+                result = MethodResult(sequence=name, method=method.name, key=keys[method.name], **scores)
                 store(plan.out, result)
             yield replace(result, info=info), method.name in finished
 
@@ -208,15 +212,15 @@ def _scores(source: FrameSource, method: Method, frames: Frames, pictured: int) 
 
 def describe(recording: str, source: FrameSource, frames: Frames) -> SequenceInfo:
     """Describe the frames of a sequence of a recording, at least one."""
-    pixels, hidden, judged, stamps_s = 0, 0, [], []
+    pixels, hidden, evaluated, stamps_s = 0, 0, [], []
     for index, frame in enumerate(frames):
         known = frame.known()
         pixels += int(np.count_nonzero(known))
         hidden += int(np.count_nonzero(frame.hidden & (frame.reference_m < np.inf)))
-        judged += [index] * bool((frame.hidden & known).any())
+        evaluated += [index] * bool((frame.hidden & known).any())
         stamps_s.append(frame.frame.stamp_s)
-    judged = judged or list(range(len(stamps_s)))
-    pictured = judged[len(judged) // 2]
+    evaluated = evaluated or list(range(len(stamps_s)))
+    pictured = evaluated[len(evaluated) // 2]
     shown = next(islice(frames, pictured, None))
     return SequenceInfo(
         name=source.name,
@@ -235,7 +239,7 @@ def describe(recording: str, source: FrameSource, frames: Frames) -> SequenceInf
     )
 
 
-def _require_distinct(sequences: Sequence[Requested]) -> None:
+def _require_distinct(sequences: Sequence[EvaluationSequence]) -> None:
     """Require names that can be written, and that stand for one sequence or for one recording of several."""
     names = [requested.name for requested in sequences]
     names += {requested.recording for requested in sequences if requested.recording != requested.name}

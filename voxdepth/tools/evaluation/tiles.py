@@ -14,7 +14,7 @@ ROWS, COLUMNS = 4, 6
 TILES = ROWS * COLUMNS
 """Number of tiles of an image."""
 MIN_TILES = 6
-"""Smallest number of tiles with judged pixels from which something is concluded."""
+"""Smallest number of tiles with evaluated pixels from which something is concluded."""
 
 
 def count(mask: MaskImage) -> npt.NDArray[np.int64]:

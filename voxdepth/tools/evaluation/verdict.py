@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from ... import registry
 from .frames import HOLES
 from .intervals import Interval
-from .shares import ALL_KINDS, Kind, Shares
+from .shares import ALL_KINDS, PixelKind, Shares
 from .suite import Evaluation
 
-ALL_JUDGED = 0.995
-"""Share of judged pixels that is told as all."""
+ALL_EVALUATED = 0.995
+"""Share of evaluated pixels that is reported as all."""
 LEAST_LEAD = 0.0005
-"""A smaller difference of two shares is told as none: it would be written as 0.0 points."""
+"""A smaller difference of two shares is reported as none: it would be written as 0.0 points."""
 NOTHING = "No method has a result that could be compared."
 
 
@@ -26,9 +26,9 @@ def verdict(evaluation: Evaluation) -> list[str]:
 def _failed(evaluation: Evaluation) -> Iterator[str]:
     """Say which methods failed in how many sequences, if any: what follows is without them."""
     failed = Counter(result.method for result in evaluation.failures)
-    asked = Counter(result.method for result in evaluation.results)
+    attempted = Counter(result.method for result in evaluation.results)
     if failed:
-        of = [f"{registry.title(method)} in {n} of {asked[method]} sequences" for method, n in failed.items()]
+        of = [f"{registry.title(method)} in {n} of {attempted[method]} sequences" for method, n in failed.items()]
         yield f"Failed: {', '.join(of)}. A method that failed in a recording is not compared over all of its pixels."
 
 
@@ -43,12 +43,12 @@ def _of_recordings(compared: list[Shares]) -> Iterator[str]:
 
 
 def _of_recording(shares: Shares) -> str:
-    """Say which method fills most of all judged pixels right, where another one is ahead, and what was not judged."""
-    sentences = [*_best(shares.overall), *_ahead(shares), *_own_holes(shares), *_judged(shares)]
+    """Say which method fills most evaluated pixels right, where another one is ahead, and what was not evaluated."""
+    sentences = [*_best(shares.overall), *_ahead(shares), *_own_holes(shares), *_evaluated(shares)]
     return f"{shares.recording}: {' '.join(sentences)}"
 
 
-def _best(kind: Kind) -> Iterator[str]:
+def _best(kind: PixelKind) -> Iterator[str]:
     """Say which method is the best, which ones do not differ from it, and its lead over the next one."""
     best, equals = kind.ranked[0], _equals(kind)
     yield f"{registry.title(best)} gives {100 * kind.share(best).value:.1f} % of the judged pixels a depth within 5 %."
@@ -86,15 +86,15 @@ def _own_holes(shares: Shares) -> Iterator[str]:
             yield f"Of the sensor's own holes it gives {100 * kind.share(best).value:.1f} % such a depth, {than}."
 
 
-def _judged(shares: Shares) -> Iterator[str]:
-    """Say of which kinds not all pixels were judged: the others may be harder ones."""
-    kinds = [kind for kind in shares.kinds.values() if kind.mask != ALL_KINDS and kind.judged_share < ALL_JUDGED]
-    of = [f"{100 * kind.judged_share:.0f} % of the {kind.title}" for kind in kinds]
+def _evaluated(shares: Shares) -> Iterator[str]:
+    """Say of which kinds not all pixels were evaluated: the others may be harder ones."""
+    kinds = [kind for kind in shares.kinds.values() if kind.mask != ALL_KINDS and kind.evaluated_share < ALL_EVALUATED]
+    of = [f"{100 * kind.evaluated_share:.0f} % of the {kind.title}" for kind in kinds]
     if of:
         yield f"Only {_listed(of)} were judged."
 
 
-def _equals(kind: Kind) -> list[str]:
+def _equals(kind: PixelKind) -> list[str]:
     """Return the methods whose difference from the best one may be none: its interval contains 0, or it is as small.
 
     Two settings of one corrector may differ in some pixels, always in the same sense.
@@ -104,7 +104,7 @@ def _equals(kind: Kind) -> list[str]:
     return [o for o, lead in leads.items() if lead.is_known and (not lead.is_positive or lead.value < LEAST_LEAD)]
 
 
-def _winner(kind: Kind) -> str | None:
+def _winner(kind: PixelKind) -> str | None:
     """Return the method that is certainly better than each other one; None if there is none."""
     best, *others = kind.ranked
     return best if all(kind.lead(best, other).is_positive for other in others) else None
