@@ -151,7 +151,7 @@ class CostMap:
         return np.asarray(allowed_m_s[first] * directions[first])
 
     def _way_out(self, at_m: FloatArray) -> FloatArray:
-        """Return what a drone misses to its width at a position, as a vector (x, y) to a more open side if one is."""
+        """Return by how much the clearance at a position is too small, as a vector (x, y) towards a more open side."""
         here_m = self.clearance_m(at_m)
         missing_m = VOXEL_M * self._half_width - here_m
         if missing_m <= 0:

@@ -21,8 +21,8 @@ not trusted costs time."""
 MIN_TRUSTED_SHARE = 0.6
 """Share of the pixels of a cell that must be trusted; a cell with fewer proves no free space."""
 MAX_HIDDEN_M = 0.1
-"""Width of the part of a cell without trusted pixels up to which the cell is free: it may show the edge of a wall
-beside which the drone looks past, and is wider the farther away that is."""
+"""Largest width of the part of a cell without trusted pixels up to which the cell proves free space. Such a part may
+hide the edge of a wall; at a given angle it is wider the farther away it is, so that the limit ends the free range."""
 FREE_SHARE = 0.1
 """Quantile of the trusted depths up to which a cell is free, if it shows no surface before that; 0 would let one noisy
 pixel decide."""
@@ -53,8 +53,8 @@ class Evidence(NamedTuple):
 class InverseSensorModel:
     """Reads from the depth images of one camera what they prove: evidence for the voxels of an occupancy grid.
 
-    With `evidenced` holes, free space needs trusted depth. With `free` ones, every depth is trusted, and a hole is free
-    space, as a planner takes it that ray-casts a pixel without depth to its largest range (EGO-Planner, RA-L 2021).
+    With `evidenced` holes, only trusted depth proves free space. With `free` holes, every depth is trusted, and a pixel
+    without depth proves free space up to the largest range, as in EGO-Planner (RA-L 2021).
 
     Args:
         intrinsics: Camera of the images.

@@ -76,8 +76,8 @@ class Planner:
     def plan(self, at_m: FloatArray, target_m: FloatArray, before: PlannedPath | None = None) -> PlannedPath:
         """Return the cheapest path from a position to a target (x, y), or to the side of the map towards it.
 
-        The path that was chosen `before` is a little cheaper, so that a drone does not hesitate between two paths. That
-        of a drone beyond the map, where a storm may carry it, begins in the nearest cell.
+        The path that was chosen `before` is a little cheaper, so that a drone does not hesitate between two paths. For
+        a drone outside of the map, as strong wind may carry it, the path begins in the nearest cell of the map.
         """
         cost = COSTS[self._blocked]
         if before is not None:
@@ -119,8 +119,9 @@ class Planner:
 def _cheapest_path(cost: FloatArray, cost_to_go: FloatImage, row: int, col: int) -> Indices:
     """Return the cells (row, column) of the cheapest path from one, shape (n, 2), by Dijkstra's algorithm from its end.
 
-    A step costs the mean of its two cells, `cost` per side of a cell, and the end of the path what is left to go there:
-    it is a step from one more cell, whose cost is raised by 1, since steps must not be free.
+    A step costs the mean `cost` of its two cells for each side of a cell that it crosses. The cost that remains at the
+    end of the path is that of one more step, from an additional node; 1 is added to it, because the graph must not have
+    an edge of weight 0.
     """
     a, b, starts, length = _steps(*cost.shape)
     costs, left, beyond = cost.ravel(), cost_to_go.ravel(), cost.size

@@ -28,12 +28,12 @@ nor a surface, and blacklisted where a drone did not get on although it knew tha
 STATES = ("free", "unknown", "unobservable", "blacklisted", "occupied")
 """Names of the states, in the order of their numbers."""
 MAX_IMAGE_S = 0.1
-"""An image counts for the time since the one before, and for no more than this. So fast cameras live under the same
-rules as slow ones, whose images are errors of their own, and of which each counts in full."""
+"""Largest time for which one image counts; otherwise it counts for the time since the image before it. The images of a
+fast camera then add up to the same evidence as those of a slow one, of which each counts for this time."""
 HIT = 8
-"""A hit, an image that shows a surface in a voxel, adds its time to the occupancy, as many times as this; a miss, one
-that sees through it, takes its time away. Errors of images come in episodes, so that a surface outlasts more images
-that see through it than showed it."""
+"""Factor of a hit. An image that shows a surface in a voxel (a hit) adds its time to the occupancy, multiplied by this;
+an image that sees through the voxel (a miss) subtracts its time. A surface therefore survives several misses for each
+hit: wrong images come in episodes, and one such episode must not erase a wall."""
 OCCUPIED_MS = 900
 """Occupancy from which on a voxel is occupied. That is more than one image may add: two confirm a surface, and one
 alone in free space is an error of depth."""
@@ -65,8 +65,9 @@ class MapConfig(Model):
     passed_s: float = Field(default=0.3, gt=0, le=10)
     """Time for which images must see through a voxel until it is free: three images of a camera of 10 Hz."""
     vain_s: float = Field(default=0.5, gt=0, le=10)
-    """Time for which images show nothing in a nearby voxel, without a break, until it is unobservable: looking does not
-    help. Free space must be proven again then, unless images had seen through it for longer."""
+    """Time without a break for which images must have a nearby voxel in view and show nothing of it, until the voxel
+    counts as unobservable: looking longer does not help. A free voxel then stops being free, unless images had seen
+    through it for a longer time than that."""
     memory_s: float = Field(default=60.0, gt=0)
     """Time for which free space is remembered. Odometry drifts, and things move: less of it forgets both."""
 
@@ -317,7 +318,7 @@ class VoxelMap:
     def _add_unobserved(self, voxel: Indices, image_ms: int) -> None:
         """Add an image that had voxels in view from nearby, and neither hit nor missed them.
 
-        Free space does not outlast a view of nothing: as long a one as images had seen through it undoes them.
+        A free voxel stops being free once images have shown nothing of it for as long as they had seen through it.
         """
         unobserved_ms, passed_ms = self._unobserved_ms.ravel(), self._passed_ms.ravel()
         before_ms = unobserved_ms[voxel]
@@ -333,9 +334,9 @@ class VoxelMap:
         self._unobserved_ms.ravel()[voxel] = 0
 
     def _in_cylinders(self, centers_m: FloatArray, radius_m: float, half_height_m: float) -> tuple[Indices, ...]:
-        """Return the voxels whose middle is in one of some upright cylinders around centres of shape (n, 3).
+        """Return the voxels of upright cylinders around centres of shape (n, 3).
 
-        Layers count that a cylinder touches.
+        In x and y the middle of a voxel must be inside; in z it is enough that the cylinder touches the layer.
         """
         window = _window(ceil(half_height_m / VOXEL_M), *[ceil(radius_m / VOXEL_M)] * 2)
         center = centers_m[:, None, ::-1] - self.origin_m[::-1]

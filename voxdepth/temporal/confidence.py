@@ -36,7 +36,8 @@ UNANIMOUS_FILL = float32(0.9)
 REMEMBERED_FILL = float32(0.95)
 """The same if the memory is one of the supporters."""
 PRIOR_SHARE = 0.02
-"""Distance of an end, as a share of the width of the image, that weighs as much as the prior, that no vote is right."""
+"""Weight of the prior that no vote is right: that of a vote whose end is this far away, as a share of the width of the
+image."""
 
 
 @compiled_part(float32(float32, boolean))

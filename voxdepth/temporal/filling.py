@@ -152,9 +152,9 @@ UNANIMOUS = float32(0.999)
 class HoleFiller:
     """Fills the holes of disparity images of one size, and of the pixels of the frame beside them.
 
-    Holes are filled at the working resolution. If that is half of the frame's, the pixels of the frame that have no
-    depth and lie in or beside a measured working pixel are filled one by one, unless all votes agree: a measured pixel
-    does not speak for a hole among the other three of its working pixel.
+    Holes are filled at the working resolution. If that is half of the frame's, a working pixel with a depth may contain
+    pixels of the frame without one, whose surface may be another. Those pixels, and those beside such a working pixel,
+    are filled one by one, unless all votes agree.
 
     Args:
         resolution: That of the disparity images.

@@ -41,8 +41,8 @@ RELIABLE_WEIGHT = 4 * WEIGHT_UNIT
 """Weight from which the memory fills a hole or rejects a measurement. With less, moving objects leave ghosts where
 nothing is measured behind them."""
 FILLING_WEIGHT_PER_FRAME = float32(0.65 * WEIGHT_UNIT)
-"""Weight per frame of its age that a memory must have to fill a hole, up to `RELIABLE_WEIGHT`: less if it was first
-seen lately, since one sight is enough right after a jump of the camera."""
+"""Weight per frame of its age that a memory must have to fill a hole; `RELIABLE_WEIGHT` is always enough. A new memory
+needs less, so that a single measurement is enough right after the camera has jumped."""
 DECAY_OCCLUDED = WEIGHT_UNIT // 2
 """Weight that the memory loses per frame behind an occluding surface. It remembers a wall for a while."""
 DECAY_FREE_SPACE = 2 * WEIGHT_UNIT

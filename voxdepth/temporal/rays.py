@@ -73,8 +73,8 @@ def trace(
 ) -> None:
     """Find the ends of the rays before all pixels or, from the last row to the first, of those after them.
 
-    Each pixel passes the end of its ray on to the next one on every axis: the pixel itself if it is known, else the end
-    of its own ray, one step farther. So each row is visited once, whatever the length of the rays.
+    The end of a pixel's ray follows from its neighbour on the same axis: it is the neighbour if that has a depth, and
+    otherwise the end of the neighbour's ray, one step farther. So each row is visited once, however long the rays are.
 
     Args:
         known_px: Disparity, shape (h, w); 0 = unknown.
