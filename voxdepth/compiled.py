@@ -14,7 +14,6 @@ from functools import cache, update_wrapper
 from importlib import import_module
 from importlib.util import find_spec
 from io import BytesIO
-from os import cpu_count
 from pathlib import Path
 from subprocess import DEVNULL, Popen
 from threading import Lock
@@ -211,7 +210,7 @@ def _helpers(waiting: "Sequence[Compiled]") -> Iterator[None]:
 
     It takes from the folder what they left there, and does without them where they cannot start or import a module.
     """
-    n = min(cpu_count() or 1, len(waiting) // FUNCTIONS_PER_PROCESS, MAX_PROCESSES)
+    n = min(_usable_processors(), len(waiting) // FUNCTIONS_PER_PROCESS, MAX_PROCESSES)
     modules = list(dict.fromkeys(function.__module__ for function in waiting))
     processes = []
     for k in range(1, n if all(_folder(name.partition(".")[0]) for name in modules) else 0):
@@ -225,6 +224,16 @@ def _helpers(waiting: "Sequence[Compiled]") -> Iterator[None]:
         for process in processes:
             process.kill()
             process.wait()
+
+
+def _usable_processors() -> int:
+    """Return how many processors other interpreters may use, of which a container may allow fewer than there are.
+
+    A program that embeds Python has no interpreter that could be started.
+    """
+    if not sys.executable:
+        return 1
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 @contextmanager

@@ -283,3 +283,13 @@ def test_arguments_of_other_types_are_errors(T: object) -> None:
 def test_a_part_says_that_python_cannot_call_it() -> None:
     with pytest.raises(TypeError, match="the part disparity_of: decorate it with compiled"):
         disparity_of(1.0, 2.0)
+
+
+def test_as_many_processes_compile_as_this_one_may_use_and_none_where_python_is_embedded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if sys.platform == "linux":
+        monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 3, 5})
+        assert compiled._usable_processors() == 3
+    monkeypatch.setattr(sys, "executable", "")
+    assert compiled._usable_processors() == 1
