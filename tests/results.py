@@ -30,7 +30,7 @@ from scenarios.sensor_pictures import make_gallery
 from scenarios.sequences import GROUPS, load_sequence
 from scenarios.study.report import StudyAnalysis
 from scenarios.study.store import read_study
-from tests import calibrate, camera_errors, odometries, speeds
+from tests import calibrate, camera_errors, odometries
 from voxdepth.errors import no_such
 from voxdepth.temporal.ablations import ABLATIONS
 from voxdepth.tools.benchmark import FRAME, N_FRAMES, camera_of, measure
@@ -117,34 +117,6 @@ def performance(_: Data) -> Tables:
             f"Median time of each step of {WHOLE}",
             ["step", *(f"{size} [ms]" for size in sizes)],
             [[step, *row] for step, row in steps.items()],
-        ),
-    }
-
-
-def missions(_: Data) -> Tables:
-    """How fast missions, studies and learning environments are."""
-    stereo, flights, learners = (480, 270, 3), 6, 8
-    rows: list[list[Value]] = [
-        ["first 15 s of voxdepth run city --seed 2", _factor(speeds.flight_of_the_readme(recorded=False))],
-        ["the same, recorded", _factor(speeds.flight_of_the_readme(recorded=True))],
-        ["a mission with two threads", f"{speeds.two_threads_against_one(*stereo):.2f} times as fast as with one"],
-        ["a study of one drone, two workers", f"{speeds.flights_a_minute(1, flights):.1f} flights a minute"],
-        ["a study of eight drones, two workers", f"{speeds.flights_a_minute(8, flights):.1f} flights a minute"],
-        [f"{learners} learners in two processes", f"{speeds.steps_of_eight_worlds_in_two_processes():.0f} steps/s"],
-        ["a step of one of four worlds", f"{speeds.four_worlds_against_one():.2f} times that of one alone"],
-    ]
-    options = {"default: stereo, temporal": {}, "fitted": {"depth": "fitted"}, "fitted, raw": speeds.TRAINING}
-    environments = [
-        [name, f"{speeds.steps_of_one(**given).per_s:.0f}", f"{speeds.steps_of_several(2, **given):.0f}"]
-        for name, given in options.items()
-    ]
-    size = f"stereo of {stereo[0]}x{stereo[1]}, reduced to a third, and corrector temporal"
-    return {
-        "missions": Table.of(f"Speed of missions, {size}", ["workload", "speed"], rows),
-        "environments": Table.of(
-            "Steps per second of LeaderFollower-v0, hovering",
-            ["depth and corrector", "one process [1/s]", "two processes [1/s]"],
-            environments,
         ),
     }
 
@@ -271,7 +243,7 @@ def experiment_pictures(data: Data) -> dict[str, bytes]:
 
 
 OF_FRAMES = (performance, real, learned, ablations, calibration, rendered, experiments, odometry, cameras)
-OF_FLIGHTS = (missions, scenes, studies)
+OF_FLIGHTS = (scenes, studies)
 MAKERS: dict[str, Make] = {make.__name__: make for make in (*OF_FRAMES, *OF_FLIGHTS)}
 
 
@@ -289,10 +261,6 @@ PICTURES: dict[str, Callable[[Data], dict[str, bytes]]] = {
     "experiments": experiment_pictures,
 }
 """Figures by the name of a result."""
-
-
-def _factor(flown: speeds.Flown) -> str:
-    return f"{flown.real_time_factor:.2f} times real time"
 
 
 def _recorded(data: Data, names: Sequence[str]) -> list[EvaluationSequence]:

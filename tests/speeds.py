@@ -1,4 +1,4 @@
-"""How fast missions, studies and learning environments are: what `make bench` prints and `make results` writes down."""
+"""How fast missions, studies and learning environments are: what `make bench` prints."""
 
 import time
 from collections.abc import Callable

@@ -40,8 +40,11 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     command = ("--data", post, "--data", plain, "--methods", "raw,ip-basic", "--frames", "5")
     done = invoke("evaluate", *command, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
-    for words in ("the truth", "plain-shadows", "held-out patches", "later frames", "0 of them finished before"):
+    for words in ("plain: ", "wide", "patches", "own", "0 of them finished before"):
         assert words in done.output, words
+    page = (tmp_path / "out" / "report.html").read_text()
+    for words in ("the truth", "plain-shadows", "held-out patches", "later frames"):
+        assert words in page, words
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "results", "results.csv", "results.parquet", "report.html", "write.lock"
     }  # fmt: skip

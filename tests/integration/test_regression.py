@@ -314,7 +314,7 @@ class Mine:
 
 def commit(folder: Path, depth: str) -> None:
     (folder / "src").mkdir(exist_ok=True)
-    (folder / "src" / "my_corrector.py").write_text(dedent(MINE.replace("{depth}", depth)))
+    (folder / "src" / "revised_corrector.py").write_text(dedent(MINE.replace("{depth}", depth)))
     for arguments in (["init", "-q"], ["add", "src"], ["commit", "-q", "-m", depth]):
         subprocess.run(["git", *GIT, *arguments], cwd=folder, check=True)
 
@@ -340,7 +340,7 @@ def test_a_commit_of_the_users_own_checkout_is_measured_with_its_own_code(
     before = state_of(checkout)
 
     def regress(against: str) -> "subprocess.CompletedProcess[str]":
-        words = ("--corrector", "my_corrector:Mine", "--against", against, "--out", tmp_path / "out")
+        words = ("--corrector", "revised_corrector:Mine", "--against", against, "--out", tmp_path / "out")
         return voxdepth("regress", *words, cwd=checkout / "src")
 
     worse = regress("HEAD~2")

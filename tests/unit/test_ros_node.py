@@ -20,6 +20,7 @@ import pytest
 import yaml
 
 from tests.bags import S, camera_info, image, message
+from tests.signals import delivered
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import FrameError
 from voxdepth.interrupts import ENDING
@@ -477,7 +478,7 @@ def test_a_signal_while_the_node_is_imported_ends_it_with_0(number: int, monkeyp
 
     handlers = {each: signal.getsignal(each) for each in ENDING}
     monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
-    with pytest.raises(SystemExit) as exit:
+    with delivered(number), pytest.raises(SystemExit) as exit:
         import_module("voxdepth_ros.__main__").main()
     assert exit.value.code == 0
     for each, handler in handlers.items():

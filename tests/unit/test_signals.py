@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.signals import delivered
 from voxdepth.interrupts import ENDING
 from voxdepth.tools import __main__ as beginning
 from voxdepth.tools.signals import INTERRUPTED, interruptible
@@ -40,7 +41,7 @@ def test_a_signal_while_the_command_line_is_imported_ends_it_without_a_traceback
 ) -> None:
     monkeypatch.delitem(sys.modules, "voxdepth.tools.cli", raising=False)
     monkeypatch.setattr(sys, "meta_path", [Interrupting(number), *sys.meta_path])
-    with pytest.raises(SystemExit) as end:
+    with delivered(number), pytest.raises(SystemExit) as end:
         beginning.main()
     assert end.value.code == INTERRUPTED
 

@@ -23,7 +23,7 @@ from tests.temporal_scenes import (
     run,
     walk,
 )
-from voxdepth.temporal import method as temporal
+from voxdepth.temporal import steps
 from voxdepth.temporal.confidence import UNANIMOUS_FILL
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.types import CorrectedDepth, FloatArray, Frame, Source
@@ -126,7 +126,7 @@ class TestCoveredLens:
     def test_it_is_held_for_so_many_frames_and_no_more(
         self, longest: int, is_held: bool, decimation: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(temporal, "MAX_FEATURELESS_FRAMES", longest)
+        monkeypatch.setattr(steps, "MAX_FEATURELESS_FRAMES", longest)
         corrector = method(decimation=decimation)
         run(corrector, [*NOISY[:4], *self.SECOND[:5]])
         result = process(corrector, holed(frame_of(ROOM, PATH[5]), 46))
@@ -134,7 +134,7 @@ class TestCoveredLens:
         assert (result.source[INSIDE] == Source.MEMORY).any() == is_held
 
     def test_one_frame_that_shows_something_starts_the_count_anew(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(temporal, "MAX_FEATURELESS_FRAMES", 5)
+        monkeypatch.setattr(steps, "MAX_FEATURELESS_FRAMES", 5)
         corrector = method()
         frames = [*NOISY[:4], *self.SECOND[:4], NOISY[4], *self.SECOND[5:9]]
         run(corrector, [replace(frame, stamp_s=i / 30) for i, frame in enumerate(frames)])
