@@ -109,7 +109,7 @@ def test_a_memory_of_one_measurement_rejects_nothing() -> None:
 
 
 def test_the_look_of_a_surface_is_that_of_its_last_measurement() -> None:
-    """Lamps are switched on and shadows move: what is measured anew is remembered as it looks now."""
+    """Lamps are switched on and shadows move: what is measured again is remembered as it looks now."""
     _, memory = fuse(memory_of(image(10)), measurement_of(image(10.2), other_look()))
     np.testing.assert_array_equal(memory.gray, other_look())
     fused, _ = fuse(memory, measurement_of(with_block(0.0, 10.0), other_look()))
