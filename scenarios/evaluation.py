@@ -70,8 +70,8 @@ class Shipped:
 
 
 @dataclass(frozen=True)
-class Existing:
-    """An existing recording of the simulator with the truth, see `EvaluationSequence`."""
+class _Folder:
+    """A recording that has the name of its folder."""
 
     folder: Path
 
@@ -81,6 +81,10 @@ class Existing:
         return name_of(self.folder)
 
     recording = name
+
+
+class Existing(_Folder):
+    """An existing recording of the simulator with the truth, see `EvaluationSequence`."""
 
     @_as_our_errors()
     def open(self, out: Path, frames: int, tell: Tell) -> "SimulatedSource":
@@ -88,18 +92,8 @@ class Existing:
         return SimulatedSource(self.name, Recording.open(self.folder), None)
 
 
-@dataclass(frozen=True)
-class Measured:
+class Measured(_Folder):
     """A recording of a real camera with a true depth, whose holes count as occlusion; see `EvaluationSequence`."""
-
-    folder: Path
-
-    @property
-    def name(self) -> str:
-        """The name of the folder."""
-        return name_of(self.folder)
-
-    recording = name
 
     def open(self, out: Path, frames: int, tell: Tell) -> "HolesAreOccluded":
         """See `EvaluationSequence`."""

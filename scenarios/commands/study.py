@@ -118,7 +118,8 @@ def replay(
         list[str] | None,
         typer.Argument(
             metavar="KEY",
-            help="Keys of runs, or how they begin. Default: the runs with a collision that has no diagnosis yet.",
+            help="Keys of runs, or how they begin. Default: all that collided; without --record, those of them that "
+            "have no diagnosis yet.",
         ),
     ] = None,
     record: Annotated[
@@ -140,7 +141,7 @@ def replay(
     folder = _folder_of(out, data) / "replays" if record else None
     found: dict[str, list[Diagnosed]] = {}
     all_same = True
-    specs = chosen(data, keys or [])
+    specs = chosen(data, keys or [], undiagnosed=not record)
     if not specs:
         typer.echo("no run with a collision that has no diagnosis yet: name the runs to fly again by their keys")
     for spec in specs:
@@ -153,7 +154,7 @@ def replay(
         typer.echo("".join(f"  drone {one.drone} at {one.time_s:.1f} s: {one}\n" for one in collisions), nl=False)
         if collisions and is_same:
             diagnosed = Diagnosed(key=spec.key, collisions=tuple(collisions), versions=versions_of([spec]))
-            found.setdefault(spec.arm, []).append(diagnosed)
+            found.setdefault(spec.label, []).append(diagnosed)
             if out.is_dir() and spec.key in data.records:
                 add(out, diagnosed)
     if found:

@@ -52,16 +52,19 @@ def _is_same(name: str, before: object, now: object) -> bool:
     return before == now
 
 
-def chosen(data: StudyData, keys: Sequence[str]) -> list[RunSpec]:
-    """Return the runs whose keys begin as named; without names, those with a collision that has no diagnosis yet.
+def chosen(data: StudyData, keys: Sequence[str], *, undiagnosed: bool = False) -> list[RunSpec]:
+    """Return the runs whose keys begin as named; without names, those that ended in a collision, arm after arm.
+
+    With `undiagnosed`, runs whose collisions have a diagnosis already are among these no more.
 
     Raises:
         ScenarioError: No key or more than one key begins as one of the names.
     """
     if not keys:
         arms = [arm.name for arm in data.study.arms]
-        unknown = [spec for spec in data.flown if spec.key not in data.diagnoses]
-        collided = [spec for spec in unknown if data.records[spec.key].outcome is Outcome.COLLISION]
+        known = data.diagnoses if undiagnosed else {}
+        flown = [spec for spec in data.flown if spec.key not in known]
+        collided = [spec for spec in flown if data.records[spec.key].outcome is Outcome.COLLISION]
         return sorted(collided, key=lambda spec: arms.index(spec.arm))
     found = []
     for name in keys:

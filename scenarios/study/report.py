@@ -16,7 +16,7 @@ from ..figure import Picture
 from ..files import DATA
 from .analysis import SWARM_MEASURES, arms_of, compare_arms, gains, matched_arms, run_frame, thresholds
 from .causes import Diagnosed, cause_table
-from .design import ENDPOINTS, RunSpec, arm_label
+from .design import ENDPOINTS, RunSpec
 from .figures import all_figures
 from .store import StudyData
 from .tables import (
@@ -143,7 +143,7 @@ def diagnoses_by_arm(data: StudyData) -> dict[str, list[Diagnosed]]:
     found: dict[str, list[Diagnosed]] = {}
     for spec in data.specs:
         if spec.key in data.diagnoses:
-            found.setdefault(arm_label(spec.arm, spec.level), []).append(data.diagnoses[spec.key])
+            found.setdefault(spec.label, []).append(data.diagnoses[spec.key])
     return found
 
 

@@ -20,6 +20,7 @@ from scenarios.errors import ScenarioError
 from scenarios.study import replay
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
+from scenarios.study.store import read_study
 from swarm.types import Outcome
 from tests.commands import invoke
 from tests.integration.test_cli import ENVIRONMENT
@@ -175,6 +176,7 @@ def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was
     assert row in (out / "report.md").read_text(), "the study keeps what was found"
     assert "no run with a collision that has no diagnosis" in invoke("study", "replay", out).stdout
     assert "truth" not in collisions.stdout
+    assert [spec.seed for spec in replay.chosen(read_study(out), [])] == [0, 1], "with --record, all of them"
     key = next(key for key, record in results_of(out).items() if record.outcome is Outcome.COLLISION)
     again = invoke("study", "replay", out, key[:10], "--record")
     assert same in again.stdout
