@@ -2,7 +2,7 @@
 
 import platform
 
-from voxdepth.tools.provenance import ALL_SOURCES, CORRECTION, LIBRARY_SOURCES, code_digest, versions
+from voxdepth.tools.results.provenance import ALL_SOURCES, CORRECTION, LIBRARY_SOURCES, code_digest, versions
 
 SIMULATION = (*CORRECTION, "open3d", "pybullet")
 """Packages whose versions may change a rendered image or a flight."""

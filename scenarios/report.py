@@ -9,9 +9,9 @@ from rich.console import Console
 from swarm.mission import contact_text
 from swarm.types import DroneValue
 from voxdepth.tools.files import write
-from voxdepth.tools.page import render_page
-from voxdepth.tools.provenance import source_commit
-from voxdepth.tools.table import Column, Table
+from voxdepth.tools.results.page import render_page
+from voxdepth.tools.results.provenance import source_commit
+from voxdepth.tools.results.table import Column, Table
 from voxdepth.tools.viewer import RECORDING
 
 from .config import Run

@@ -16,7 +16,7 @@ import numpy as np
 from swarm.recorder import Recorder
 from voxdepth.interrupts import kept_back
 from voxdepth.tools.files import as_tool_error, to_toml, write
-from voxdepth.tools.provenance import machine, versions
+from voxdepth.tools.results.provenance import machine, versions
 from voxdepth.tools.viewer import PARTIAL_RECORDING, RECORDING
 
 from .config import Run

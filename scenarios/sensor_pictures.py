@@ -17,7 +17,7 @@ from sim.types import Capture, InvalidReason
 from sim.world import World
 from voxdepth.colors import FAR_M, colored
 from voxdepth.tools.output import CONFIDENCE, DEPTH, REPORT
-from voxdepth.tools.table import Column, Table, Value
+from voxdepth.tools.results.table import Column, Table, Value
 from voxdepth.types import FloatArray, GrayImage
 
 from .errors import ScenarioError

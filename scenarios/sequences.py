@@ -25,7 +25,7 @@ from sim.types import BodyPose, Capture, RenderedPair
 from sim.world import World
 from voxdepth.model import Model
 from voxdepth.tools.files import to_toml
-from voxdepth.tools.provenance import code_digest, versions
+from voxdepth.tools.results.provenance import code_digest, versions
 from voxdepth.types import FloatArray
 
 from .errors import ScenarioError

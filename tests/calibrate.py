@@ -33,7 +33,7 @@ from voxdepth.tools.evaluation.frames import HOLES
 from voxdepth.tools.evaluation.recordings import RecordedSource, kinds_of
 from voxdepth.tools.evaluation.suite import name_of
 from voxdepth.tools.recorded import Opener
-from voxdepth.tools.table import Table
+from voxdepth.tools.results.table import Table
 from voxdepth.types import DepthCorrector, Intrinsics
 
 PIXELS = 1000

@@ -16,7 +16,7 @@ from swarm.perception import frame_of
 from tests.odometries import captures
 from voxdepth.datasets import open_dataset
 from voxdepth.tools.evaluation.recordings import SAME_GRAY
-from voxdepth.tools.table import Column, Table
+from voxdepth.tools.results.table import Column, Table
 from voxdepth.types import FloatArray, FloatImage, Frame, Intrinsics
 
 FRAMES = 10

@@ -14,8 +14,8 @@ from voxdepth.baselines.single_frame import Raw
 from voxdepth.tools.evaluation.frames import TRUTH, EvaluationFrame, Reference
 from voxdepth.tools.evaluation.measurements import MetricValue
 from voxdepth.tools.evaluation.methods import Method
+from voxdepth.tools.evaluation.record import MethodResult, SequenceInfo
 from voxdepth.tools.evaluation.references import held_out
-from voxdepth.tools.evaluation.results import MethodResult, SequenceInfo
 from voxdepth.tools.evaluation.scoring import Score
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics, MaskImage

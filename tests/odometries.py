@@ -27,7 +27,7 @@ from voxdepth.paper.odometry import (
 )
 from voxdepth.temporal.method import TemporalCorrector
 from voxdepth.temporal.odometry import TrackingResult
-from voxdepth.tools.table import Table, Value
+from voxdepth.tools.results.table import Table, Value
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86.0)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from rich.console import Console
 
 from tests.environments import interpreter, new_environment
-from voxdepth.tools.table import Table
+from voxdepth.tools.results.table import Table
 
 ROOT = Path(__file__).parents[1]
 DIST = ROOT / "dist"

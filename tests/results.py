@@ -42,10 +42,10 @@ from voxdepth.tools.evaluation.report import method_table
 from voxdepth.tools.evaluation.shares import PixelKind
 from voxdepth.tools.evaluation.suite import Evaluation, EvaluationSequence, Plan, evaluate
 from voxdepth.tools.files import write
-from voxdepth.tools.provenance import Provenance, source_commit
 from voxdepth.tools.recorded import Opener, restrict_opencv
-from voxdepth.tools.table import Table, Value
-from voxdepth.tools.table import markdown as table_markdown
+from voxdepth.tools.results.provenance import Provenance, source_commit
+from voxdepth.tools.results.table import Table, Value
+from voxdepth.tools.results.table import markdown as table_markdown
 
 ROOT = Path(__file__).parents[1]
 RESULTS, STUDIES = ROOT / "docs/results", ROOT / "docs/study"

@@ -21,6 +21,8 @@ WHOLE, ARM = "noise", "one draw per object"
 THETAS, SEEDS, GROWTH = (0.3, 0.5, 0.7, 0.9, 1.0), 5, 8.0
 """Noise ratios of the small form, its seeds, and how many times as many collisions the paper has at 1 as at 0.5."""
 THETA, SHARE = "noise ratio theta", "runs with a collision [%]"
+FIT = ["exponent", "exponent, low", "exponent, high", "growth", "growth, low", "growth, high"]
+"""Columns of the fitted curve: its exponent, and its size at a ratio of 1 over that at 0.5."""
 
 
 def answer(experiment: Experiment) -> ExperimentResult:
@@ -57,16 +59,10 @@ def table_of(data: StudyData) -> pd.DataFrame:
     for (_, arm), collided in curves(data, runs, runs["outcome"] == Outcome.COLLISION).items():
         above = collided.loc[:, collided.columns > 0].astype(bool)
         exponent, growth = cloglog_curve(above.columns.to_numpy(float), above.to_numpy())
-        fit = {
-            "exponent": exponent.value,
-            "exponent, low": exponent.interval.low,
-            "exponent, high": exponent.interval.high,
-        }
-        fit |= {"growth": growth.value, "growth, low": growth.interval.low, "growth, high": growth.interval.high}
+        fit = dict(zip(FIT, (*exponent, *growth), strict=True))
         for theta, of in collided.items():
             k, n = int(of.sum()), len(of)
-            low, high = wilson(k, n)
-            shares = {SHARE: 100 * k / n, "low [%]": 100 * low, "high [%]": 100 * high}
+            shares = dict(zip((SHARE, "low [%]", "high [%]"), wilson(k, n).scaled(100), strict=True))
             rows.append({"arm": arm, THETA: float(theta), "collisions": k, "n runs": n, **shares, **fit})
     return pd.DataFrame(rows)
 
@@ -76,8 +72,8 @@ def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
     found: list[Claim] = []
     for arm, of in table.groupby("arm", sort=False):
         untold = f"{arm}: {of['collisions'].sum()} of {of['n runs'].sum()} runs collided, which fits any curve"
-        b, b_low, b_high = of[["exponent", "exponent, low", "exponent, high"]].iloc[0]
-        ratio, low, high = of[["growth", "growth, low", "growth, high"]].iloc[0]
+        b, b_low, b_high = of[FIT[:3]].iloc[0]
+        ratio, low, high = of[FIT[3:]].iloc[0]
         found += [
             Claim(
                 "collisions grow faster than linearly with the noise ratio, almost quadratically",

@@ -1,15 +1,15 @@
 """Runs experiments, writes the results of each into a folder of its own, and prints them."""
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from voxdepth.errors import no_such
 from voxdepth.tools.files import write
-from voxdepth.tools.provenance import Provenance
-from voxdepth.tools.table import Table, csv_of
+from voxdepth.tools.results.provenance import Provenance
+from voxdepth.tools.results.store import Records
+from voxdepth.tools.results.table import Table, csv_of
 
 from ..errors import ScenarioError
 from ..provenance import SIMULATION
@@ -18,6 +18,25 @@ from .experiment import Claim, Experiment, summary
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentRecord:
+    """What is kept of an experiment beside its table and figure."""
+
+    name: str
+    label: str
+    """Section, table or figure of the paper."""
+    question: str
+    command: str
+    options: dict[str, Any]
+    """The sequences, frames, width, seed and data by which it was answered."""
+    provenance: Provenance
+    claims: tuple[Claim, ...]
+    notes: tuple[str, ...]
+
+
+RECORDS = Records(ExperimentRecord)
 
 
 def find_experiment(name: str) -> Experiment:
@@ -41,18 +60,17 @@ def run(name: str, experiment: Experiment, command: str, console: "Console") -> 
     """
     findings = experiment.answer(experiment)
     claims = experiment.claims(findings.table)
-    result = {
-        "name": name,
-        "label": CATALOGUE[name].label,
-        "question": experiment.question,
-        "command": command,
-        **{key: getattr(experiment, key) for key in ("sequences", "frames", "width_px", "seed")},
-        "data": list(map(str, experiment.data)),
-        "provenance": vars(Provenance.here(SIMULATION)),
-        "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in claims],
-        "notes": experiment.notes,
-    }
-    files = {"table.csv": csv_of(findings.table), "result.json": f"{json.dumps(result, indent=1)}\n".encode()}
+    record = ExperimentRecord(
+        name=name,
+        label=CATALOGUE[name].label,
+        question=experiment.question,
+        command=command,
+        options={key: getattr(experiment, key) for key in ("sequences", "frames", "width_px", "seed", "data")},
+        provenance=Provenance.here(SIMULATION),
+        claims=claims,
+        notes=experiment.notes,
+    )
+    files = {"table.csv": csv_of(findings.table), "result.json": RECORDS.encode(record)}
     if findings.figure is not None:
         files["figure.png"] = findings.figure
     for file, content in files.items():

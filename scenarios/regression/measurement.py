@@ -1,14 +1,15 @@
 """The figures of a corrector on all clips, perhaps by turns with those of another one, and the file that keeps them."""
 
-import json
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
 
-from voxdepth.tools.files import as_tool_error, sealed_json, unsealed_json, write
-from voxdepth.tools.provenance import processor_name
+from voxdepth.tools.files import as_tool_error
+from voxdepth.tools.results.provenance import processor_name
+from voxdepth.tools.results.store import Records
 
 from ..errors import ScenarioError
 from .clips import Clip, Corrects, clips
@@ -74,17 +75,27 @@ def _frame(rows: Mapping[tuple[str, int], list[float]]) -> pd.DataFrame:
     return pd.DataFrame(list(rows.values()), index, COLUMNS, dtype=float)
 
 
+@dataclass(frozen=True, kw_only=True)
+class BaselineFile:
+    """A baseline as its file holds it."""
+
+    corrector: str
+    machine: str
+    made_of: dict[str, str]
+    figures: list[dict[str, str | int | float]]
+    """A row for each case and seed, with `COLUMNS`."""
+
+
+RECORDS = Records(BaselineFile)
+
+
 def save(path: Path, baseline: Baseline) -> None:
     """Write a baseline; a failure is a `ToolError`."""
-    values = baseline.figures.astype(object).where(baseline.figures.notna(), None)
-    rows = values.reset_index().to_dict("records")
-    content = {
-        "corrector": baseline.corrector,
-        "machine": baseline.machine,
-        "made_of": dict(baseline.made_of),
-        "figures": rows,
-    }
-    write(path, sealed_json(json.dumps(content)))
+    rows = baseline.figures.reset_index().to_dict("records")
+    kept = BaselineFile(
+        corrector=baseline.corrector, machine=baseline.machine, made_of=dict(baseline.made_of), figures=rows
+    )
+    RECORDS.write(path, kept)
 
 
 def read(path: Path) -> Baseline:
@@ -92,11 +103,10 @@ def read(path: Path) -> Baseline:
     with as_tool_error(f"cannot read {path}"):
         data = path.read_bytes()
     try:
-        content = json.loads(unsealed_json(data))
-        rows = {(str(row["case"]), int(row["seed"])): [row[name] for name in COLUMNS] for row in content["figures"]}
-        made_of = {str(title): str(digest) for title, digest in content["made_of"].items()}
-        return Baseline(str(content["corrector"]), _frame(rows), made_of, str(content["machine"]))
-    except (ValueError, TypeError, LookupError, AttributeError) as error:
+        kept = RECORDS.decode(data)
+        rows = {(str(row["case"]), int(row["seed"])): [float(row[name]) for name in COLUMNS] for row in kept.figures}
+        return Baseline(kept.corrector, _frame(rows), kept.made_of, kept.machine)
+    except (ValueError, LookupError) as error:
         raise ScenarioError(
             f"cannot read {path}: expected the figures that voxdepth regress --save writes, got "
             f"{type(error).__name__}: {error}; write it again with --save"

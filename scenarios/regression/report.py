@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from voxdepth.tools.table import Column, Table, Value
+from voxdepth.tools.results.table import Column, Table, Value
 
 from .judgement import TIME, Change, Judgement
 from .measurement import Baseline

@@ -10,12 +10,12 @@ import pandas as pd
 
 from swarm.ends import DroneEnd
 from swarm.types import DroneValue, MetricValue, Outcome
+from voxdepth.tools.results.interval import Interval
 from voxdepth.types import FloatArray
 
 from .design import ENDPOINTS, GAIN, EndpointName, RunSpec, Study, arm_label
 from .statistics import (
     IndexArray,
-    IntervalEstimate,
     Pairs,
     SeedStatistic,
     bootstrap_ratio,
@@ -171,7 +171,7 @@ class ArmRuns:
         """Return the number of runs that reached an endpoint."""
         return int(self.runs[endpoint].sum())
 
-    def estimate(self, measure: Measure) -> IntervalEstimate | None:
+    def estimate(self, measure: Measure) -> Interval | None:
         """Return a measure over the runs with its interval; None where no run has it."""
         return _estimate(self.runs["scenario"], self.runs[measure.count], self.runs[measure.per])
 
@@ -186,7 +186,7 @@ def arms_of(runs: pd.DataFrame) -> list[ArmRuns]:
     ]
 
 
-def _estimate(scenarios: pd.Series, *columns: pd.Series) -> IntervalEstimate | None:
+def _estimate(scenarios: pd.Series, *columns: pd.Series) -> Interval | None:
     """Return `bootstrap_ratio` of some columns, with the scenarios as strata."""
     rows = np.column_stack(columns)
     known = np.isfinite(rows).all(axis=1)
@@ -276,7 +276,7 @@ def _counted_by_scenario(pairs: RunPairs, endpoint: EndpointName) -> dict[str, P
     return {name: _counted((first[is_in[name]], second[is_in[name]]), endpoint) for name in names}
 
 
-def difference_of_means(pairs: RunPairs, measure: Measure) -> IntervalEstimate | None:
+def difference_of_means(pairs: RunPairs, measure: Measure) -> Interval | None:
     """Return the difference of a measure over pairs of runs, with a bootstrap over the seeds of each scenario."""
     columns = [runs[name] for runs in pairs for name in (measure.count, measure.per)]
     return _estimate(pairs[0]["scenario"], *columns)
@@ -343,7 +343,7 @@ class Gain(NamedTuple):
     second: str
     declared: bool
     seeds: int
-    estimate: IntervalEstimate | None
+    estimate: Interval | None
     """In the unit of the axis, positive if the first comes farther; None if one of them may leave the flown range."""
 
 
@@ -353,9 +353,9 @@ class Threshold(NamedTuple):
     scenario: str
     arm: str
     seeds: int
-    half_arrive: IntervalEstimate
+    half_arrive: Interval
     """Level at which half of the flights arrive."""
-    half_speed: IntervalEstimate | None
+    half_speed: Interval | None
     """Level at which half of the reference's goal speed is left; None without a reference."""
     levels: FloatArray
     """The levels that were flown."""
@@ -428,7 +428,7 @@ def _half_speed(speeds: pd.DataFrame, full: Mapping[int, float], seeds: Sequence
 
 def _gain(
     first: pd.DataFrame, second: pd.DataFrame, full: Mapping[int, float], seeds: Sequence[int]
-) -> IntervalEstimate | None:
+) -> Interval | None:
     """Return how much farther the first keeps half of the speed; None if one of them may do so beyond the levels."""
     level_of_first, level_of_second = (_half_speed(speeds, full, seeds) for speeds in (first, second))
     for level_of, speeds in ((level_of_first, first), (level_of_second, second)):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from swarm.map.voxel_map import STATES
-from voxdepth.tools.table import Table, Value
+from voxdepth.tools.results.table import Table, Value
 
 
 class Cause(StrEnum):

@@ -18,7 +18,7 @@ from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import VoxDepthError
 from voxdepth.model import Model
 from voxdepth.plugins import digest_of, source_of
-from voxdepth.tools.provenance import DIGEST_DIGITS
+from voxdepth.tools.results.provenance import DIGEST_DIGITS
 
 from ..config import Run, images_of, load_run
 from ..errors import ScenarioError

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from voxdepth.tools.results.interval import Interval
 from voxdepth.types import FloatArray
 
 from ..figure import Draw, Picture, encoded, line_color, panel_figure
 from .analysis import GOAL_SPEED, SWARM_MEASURES, ArmComparison, ArmRuns, headline
 from .design import ENDPOINTS, EndpointName, Study
-from .statistics import Interval, IntervalEstimate, wilson
+from .statistics import wilson
 from .tables import ENDPOINT_TITLES
 
 WIDTH_IN = 9.0
@@ -50,8 +51,7 @@ def all_figures(study: Study, arms: Sequence[ArmRuns], comparisons: Sequence[Arm
 def by_arm(scenario: str, arms: Sequence[ArmRuns], endpoint: EndpointName) -> Picture:
     """Draw how many runs of each arm reached an endpoint, and how many drones of a swarm were lost."""
     labels = [f"{arm.label}, n = {arm.n}" for arm in arms]
-    shares = [IntervalEstimate(arm.reached(endpoint) / arm.n, wilson(arm.reached(endpoint), arm.n)) for arm in arms]
-    percent = [IntervalEstimate(100 * one.value, Interval(*(100 * end for end in one.interval))) for one in shares]
+    percent = [wilson(arm.reached(endpoint), arm.n).scaled(100) for arm in arms]
     draws = [partial(_draw_estimates, labels, percent, f"{AXIS_LABELS[endpoint]} [%]")]
     lost = SWARM_MEASURES[0]
     of_swarms = [estimate for arm in arms if (estimate := arm.estimate(lost)) is not None]
@@ -82,12 +82,11 @@ def _draw_forest(comparisons: Sequence[ArmComparison], axes: Any) -> None:
     for one in comparisons:
         names[row] = f"{one.first} - {one.second}"
         for name, pairs in one.by_scenario.items():
-            value, interval = pairs.difference
+            found = pairs.difference.scaled(100)
             row += 1
             names[row] = f"{name}, n = {pairs.n}"
-            error = 100 * np.maximum(0.0, [[value - interval.low], [interval.high - value]])
             style = {"fmt": "D", "ms": 7, "color": "C3"} if name == "all" else {"fmt": "o", "ms": 4, "color": "C0"}
-            axes.errorbar([100 * value], [row], xerr=error, capsize=3, **style)
+            axes.errorbar([found.value], [row], xerr=_bars([found]), capsize=3, **style)
         row += 1
     axes.axvline(0, color="0.4", lw=1)
     axes.set_yticks(list(names), list(names.values()), fontsize=8)
@@ -96,17 +95,21 @@ def _draw_forest(comparisons: Sequence[ArmComparison], axes: Any) -> None:
     axes.grid(alpha=0.3, axis="x")
 
 
-def _draw_estimates(labels: Sequence[str], estimates: Sequence[IntervalEstimate], x_label: str, axes: Any) -> None:
+def _draw_estimates(labels: Sequence[str], estimates: Sequence[Interval], x_label: str, axes: Any) -> None:
     """Draw a row with its interval for each label, the first at the top."""
-    values = np.array([one.value for one in estimates])
-    ends = np.array([one.interval for one in estimates]).T
-    error = np.maximum(0.0, [values - ends[0], ends[1] - values])
-    axes.errorbar(values, range(len(values)), xerr=error, fmt="o", ms=6, capsize=3, color="C0")
+    values = [one.value for one in estimates]
+    axes.errorbar(values, range(len(values)), xerr=_bars(estimates), fmt="o", ms=6, capsize=3, color="C0")
     axes.set_yticks(range(len(labels)), labels)
     axes.set_ylim(len(labels) - 0.5, -0.5)
     axes.set_xlim(-3, 103)
     axes.set_xlabel(x_label)
     axes.grid(alpha=0.3, axis="x")
+
+
+def _bars(estimates: Sequence[Interval]) -> FloatArray:
+    """Return how far the intervals reach to the left and to the right of their estimates, shape (2, n)."""
+    values, lows, highs = np.array(estimates).T
+    return np.maximum(0.0, [values - lows, highs - values])
 
 
 def _draw_curves(
@@ -135,10 +138,10 @@ def _draw_curves(
 def _goal_speeds(arms: Sequence[ArmRuns]) -> FloatArray:
     """Return mean goal speeds [m/s] and the ends of their intervals, shape (3, arms)."""
     found = [estimate for arm in arms if (estimate := arm.estimate(GOAL_SPEED)) is not None]
-    return np.array([(one.value, *one.interval) for one in found]).T
+    return np.array(found).T
 
 
 def _shares(arms: Sequence[ArmRuns], endpoint: EndpointName) -> FloatArray:
     """Return shares of runs that reached an endpoint [%] and their Wilson bounds, shape (3, arms)."""
     counts = [(arm.reached(endpoint), arm.n) for arm in arms]
-    return 100 * np.array([(count / n, *wilson(count, n)) for count, n in counts]).T
+    return 100 * np.array([wilson(count, n) for count, n in counts]).T

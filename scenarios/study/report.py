@@ -9,8 +9,8 @@ import pandas as pd
 from pandas.api.types import infer_dtype
 
 from voxdepth.tools.files import write
-from voxdepth.tools.page import render_page
-from voxdepth.tools.table import Table, write_frame
+from voxdepth.tools.results.page import render_page
+from voxdepth.tools.results.table import Table, write_frame
 
 from ..figure import Picture
 from ..files import DATA

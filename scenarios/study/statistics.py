@@ -20,13 +20,12 @@ from typing import NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+from voxdepth.tools.results.interval import LEVEL, Interval
 from voxdepth.types import FloatArray, MaskImage
 
 IndexArray = npt.NDArray[np.intp]
 SeedStatistic = Callable[[IndexArray], FloatArray]
 """A statistic of seeds: it takes their numbers, shape (samples, n), and gives a value for each sample."""
-LEVEL = 0.95
-"""Confidence level of every interval."""
 RESAMPLES = 1000
 BOOTSTRAP_SEED = 20240601
 LAPSE = 0.02
@@ -36,20 +35,6 @@ N_POSITIONS, WIDTHS = 61, tuple(np.geomspace(0.01, 0.5, 12))
 
 EXPONENTS, LOG_A = np.linspace(0, 12, 121), np.linspace(-8, 4, 61)
 """The curves of a share that grows as a power, by its exponent and the logarithm of its factor."""
-
-
-class Interval(NamedTuple):
-    """A confidence interval."""
-
-    low: float
-    high: float
-
-
-class IntervalEstimate(NamedTuple):
-    """A value with its confidence interval."""
-
-    value: float
-    interval: Interval
 
 
 class Pairs(NamedTuple):
@@ -74,17 +59,17 @@ class Pairs(NamedTuple):
         return sum(self)
 
     @property
-    def difference(self) -> IntervalEstimate:
+    def difference(self) -> Interval:
         """Share of runs of the first that reached the endpoint minus that of the second, by Newcombe; n > 0."""
-        return IntervalEstimate((self.first_only - self.second_only) / self.n, newcombe(self))
+        return newcombe(self)
 
 
 def wilson(k: int, n: int) -> Interval:
-    """Return Wilson's score interval of a proportion `k / n` with n > 0 [1]."""
+    """Return a proportion `k / n` with Wilson's score interval [1]; n > 0."""
     from statsmodels.stats.proportion import proportion_confint
 
     low, high = proportion_confint(k, n, 1 - LEVEL, method="wilson")
-    return Interval(float(low), float(high))
+    return Interval(k / n, float(low), float(high))
 
 
 def mcnemar(b: int, c: int) -> float:
@@ -102,7 +87,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def newcombe(pairs: Pairs) -> Interval:
-    """Return Newcombe's interval of the difference of two paired proportions, method 10 [2]; n > 0."""
+    """Return the difference of two paired proportions with Newcombe's interval, method 10 [2]; n > 0."""
     n, first, second = pairs.n, pairs.both + pairs.first_only, pairs.both + pairs.second_only
     # The phi coefficient with continuity correction; 0 if one of the outcomes is constant.
     spread = first * (n - first) * second * (n - second)
@@ -114,14 +99,14 @@ def newcombe(pairs: Pairs) -> Interval:
     def combined(a: float, b: float) -> float:
         return math.sqrt(max(0.0, a * a - 2 * phi * a * b + b * b))
 
-    p1, p2 = first / n, second / n
-    w1, w2 = wilson(first, n), wilson(second, n)
+    one, other = wilson(first, n), wilson(second, n)
     difference = (pairs.first_only - pairs.second_only) / n
-    below, above = combined(p1 - w1.low, w2.high - p2), combined(w1.high - p1, p2 - w2.low)
-    return Interval(difference - below, difference + above)
+    below = combined(one.value - one.low, other.high - other.value)
+    above = combined(one.high - one.value, other.value - other.low)
+    return Interval(difference, difference - below, difference + above)
 
 
-def bootstrap_ratio(strata: Sequence[FloatArray]) -> IntervalEstimate:
+def bootstrap_ratio(strata: Sequence[FloatArray]) -> Interval:
     """Return a ratio of sums with the percentile interval of a bootstrap that draws within each stratum.
 
     A row of a stratum, none of which is empty, is a run: what is counted, and what it is counted per, which is 1 for a
@@ -135,7 +120,7 @@ def bootstrap_ratio(strata: Sequence[FloatArray]) -> IntervalEstimate:
         sums += n * rows[rng.integers(0, n, (RESAMPLES, max(n - 1, 1)))].mean(axis=1)
     value = _ratio(np.sum([rows.sum(axis=0) for rows in strata], axis=0))
     tail = 50 * (1 - LEVEL)
-    return IntervalEstimate(float(value), Interval(*np.percentile(_ratio(sums), [tail, 100 - tail]).tolist()))
+    return Interval(float(value), *np.percentile(_ratio(sums), [tail, 100 - tail]).tolist())
 
 
 def _ratio(sums: FloatArray) -> FloatArray:
@@ -144,21 +129,19 @@ def _ratio(sums: FloatArray) -> FloatArray:
     return np.asarray(ratios[..., 0] if ratios.shape[-1] == 1 else ratios[..., 0] - ratios[..., 1])
 
 
-def level_text(estimate: IntervalEstimate, levels: FloatArray) -> str:
+def level_text(estimate: Interval, levels: FloatArray) -> str:
     """Return a level of an axis as text, or that it may be beyond the levels that were flown: none is extrapolated."""
-    low, high = estimate.interval
     if is_beyond(estimate, levels):
         return f"may lie outside of {levels[0]:g} to {levels[-1]:g}"
-    return f"{estimate.value:.2f} [{low:.2f}, {high:.2f}]"
+    return estimate.text(".2f")
 
 
-def is_beyond(estimate: IntervalEstimate, levels: FloatArray) -> bool:
+def is_beyond(estimate: Interval, levels: FloatArray) -> bool:
     """Return whether a level may lie beyond the ends of an axis, which stand for what is there."""
-    low, high = estimate.interval
-    return bool(low <= min(levels) or high >= max(levels))
+    return bool(estimate.low <= min(levels) or estimate.high >= max(levels))
 
 
-def success_threshold(levels: FloatArray, arrived: MaskImage) -> IntervalEstimate:
+def success_threshold(levels: FloatArray, arrived: MaskImage) -> Interval:
     """Return the level at which half of the flights succeed, by maximum likelihood, with a bootstrap over seeds.
 
     The curves over the axis are logistic and fall, with a small share of lapses [6]. `arrived` has shape (seeds,
@@ -177,7 +160,7 @@ def success_threshold(levels: FloatArray, arrived: MaskImage) -> IntervalEstimat
     return over_seeds(len(arrived), likeliest)
 
 
-def cloglog_curve(levels: FloatArray, reached: MaskImage) -> tuple[IntervalEstimate, IntervalEstimate]:
+def cloglog_curve(levels: FloatArray, reached: MaskImage) -> tuple[Interval, Interval]:
     """Return the exponent b of `p = 1 - exp(-a level^b)`, and p at level 1 over p at level 0.5, by maximum likelihood.
 
     This is the complementary log-log model `log(-log(1 - p)) = log a + b log level` [8]. `reached` has shape (seeds,
@@ -193,10 +176,10 @@ def cloglog_curve(levels: FloatArray, reached: MaskImage) -> tuple[IntervalEstim
     best = np.array([np.argmax(k @ log_p + (n - k) @ failure) for k in counts])[inverse.ravel()]
     tells = (drawn.sum(axis=1) > 0) & (drawn.sum(axis=1) < n * len(levels))
     if not tells[0]:
-        return (IntervalEstimate(math.nan, Interval(math.nan, math.nan)),) * 2
+        return (Interval(math.nan, math.nan, math.nan),) * 2
     tail = 50 * (1 - LEVEL)
     exponent, growth = (
-        IntervalEstimate(float(value[0]), Interval(*np.nanpercentile(value, [tail, 100 - tail]).tolist()))
+        Interval(float(value[0]), *np.nanpercentile(value, [tail, 100 - tail]).tolist())
         for value in (np.where(tells, of[best], np.nan) for of in (exponents, grown))
     )
     return exponent, growth
@@ -213,14 +196,14 @@ def crossing(levels: FloatArray, values: FloatArray, height: float) -> float:
     return float(np.interp(-height, -falling, levels))
 
 
-def over_seeds(n: int, statistic: SeedStatistic) -> IntervalEstimate:
+def over_seeds(n: int, statistic: SeedStatistic) -> Interval:
     """Return a statistic of n seeds with the percentile interval of a bootstrap over them."""
     from scipy.stats import bootstrap
 
     seeds = np.arange(n)
     (value,) = statistic(seeds[None])
     if n == 1:
-        return IntervalEstimate(float(value), Interval(float(value), float(value)))
+        return Interval(float(value), float(value), float(value))
     drawn = bootstrap(
         (seeds,),
         lambda rows, axis: statistic(rows),
@@ -229,4 +212,4 @@ def over_seeds(n: int, statistic: SeedStatistic) -> IntervalEstimate:
         method="percentile",
         rng=BOOTSTRAP_SEED,
     )
-    return IntervalEstimate(float(value), Interval(*map(float, drawn.confidence_interval)))
+    return Interval(float(value), *map(float, drawn.confidence_interval))

@@ -11,17 +11,18 @@ import tarfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import Literal, Self, TypeVar
+from typing import Any, Literal, Self
 
 import pydantic
 
 from sim.types import Contact
 from swarm.types import Outcome
 from voxdepth.model import Model, problems
-from voxdepth.tools.files import locked, sealed_json, unsealed_json, write
-from voxdepth.tools.provenance import machine, source_commit
+from voxdepth.tools.files import locked
+from voxdepth.tools.results.provenance import machine, source_commit
+from voxdepth.tools.results.store import Records
 
 from ..config import Run
 from ..errors import ScenarioError
@@ -33,7 +34,6 @@ MANIFEST = "study.json"
 RUNS, FAILURES, DIAGNOSES = "runs", "failures", "diagnoses"
 """Folders of the files of runs, whose names are their keys."""
 
-OfRun = TypeVar("OfRun", "RunRecord", "Failure", "Diagnosed")
 FailureKind = Literal["error", "timeout", "died"]
 
 
@@ -152,8 +152,6 @@ class Cell:
 class Manifest(Model):
     """What a study was started with."""
 
-    format: Literal[1] = 1
-    """Version of the files."""
     study: Study
     machine: str
     cells: tuple[Cell, ...] = pydantic.Field(min_length=1)
@@ -177,6 +175,12 @@ class Manifest(Model):
         return [cell.spec(seed) for seed in seeds for cell in self.cells if seed in cell.keys]
 
 
+FOLDERS: dict[type, str] = {RunRecord: RUNS, Failure: FAILURES, Diagnosed: DIAGNOSES}
+RECORDS: dict[str, Records[Any]] = {folder: Records(kind) for kind, folder in FOLDERS.items()}
+MANIFESTS = Records(Manifest, extra="ignore")
+"""Settings that have become constants since a study was started are dropped."""
+
+
 @contextmanager
 def start_study(
     folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool, mixed: bool = False
@@ -198,7 +202,7 @@ def start_study(
     busy = f"another process is flying the study: wait for it, or look at it with {look}"
     with locked(folder, busy):
         if not (folder / MANIFEST).exists():
-            write(folder / MANIFEST, sealed_json(Manifest.of(study, specs).model_dump_json()))
+            MANIFESTS.write(folder / MANIFEST, Manifest.of(study, specs))
         data = read_study(folder)
         _require_same(folder, data, study, specs, mixed=mixed)
         if (data.records or data.failures) and not resume:
@@ -210,8 +214,8 @@ def start_study(
 
 def add(folder: Path, done: Completion | Diagnosed) -> None:
     """Store what is known of one run, so that a crash leaves its file whole or absent; failing is a `ToolError`."""
-    kind = {RunRecord: RUNS, Failure: FAILURES, Diagnosed: DIAGNOSES}[type(done)]
-    write(folder / kind / f"{done.key}.json", sealed_json(json.dumps(asdict(done), allow_nan=False)))
+    kind = FOLDERS[type(done)]
+    RECORDS[kind].write(folder / kind / f"{done.key}.json", done)
 
 
 def read_study(source: Path) -> StudyData:
@@ -226,14 +230,14 @@ def read_study(source: Path) -> StudyData:
     manifest = _manifest(source, files[MANIFEST])
     specs = manifest.specs
     keys = {spec.key for spec in specs}
-    records = _of_runs(source, files, RUNS, RunRecord, keys)
-    failures = _of_runs(source, files, FAILURES, Failure, keys)
+    records = _of_runs(source, files, RUNS, keys)
+    failures = _of_runs(source, files, FAILURES, keys)
     return StudyData(
         study=manifest.study,
         specs=specs,
         records=records,
         failures={key: failure for key, failure in failures.items() if key not in records},
-        diagnoses=_of_runs(source, files, DIAGNOSES, Diagnosed, keys),
+        diagnoses=_of_runs(source, files, DIAGNOSES, keys),
         machine=manifest.machine,
     )
 
@@ -253,9 +257,9 @@ def _files(source: Path) -> dict[str, bytes]:
 
 
 def _manifest(source: Path, text: bytes) -> Manifest:
-    """Decode the manifest of a study, without settings that have become constants since it was started."""
+    """Decode the manifest of a study."""
     try:
-        return Manifest.model_validate_json(unsealed_json(text), extra="ignore")
+        return MANIFESTS.decode(text)
     except ValueError as error:
         problem = problems(error, Manifest, "study") if isinstance(error, pydantic.ValidationError) else error
         raise ScenarioError(
@@ -264,14 +268,12 @@ def _manifest(source: Path, text: bytes) -> Manifest:
         ) from error
 
 
-def _of_runs(
-    source: Path, files: Mapping[str, bytes], kind: str, record: type[OfRun], keys: set[str]
-) -> dict[str, OfRun]:
+def _of_runs(source: Path, files: Mapping[str, bytes], kind: str, keys: set[str]) -> dict[str, Any]:
     """Decode the files of runs in one of the folders, by key."""
-    parse, found = pydantic.TypeAdapter(record).validate_json, {}
+    found = {}
     for name in (name for name in files if name.startswith(f"{kind}/")):
         try:
-            one = parse(unsealed_json(files[name]))
+            one = RECORDS[kind].decode(files[name])
             if one.key not in keys or f"{kind}/{one.key}.json" != name:
                 raise ValueError(f"the key {one.key} is that of another run")
         except ValueError as error:

@@ -7,7 +7,8 @@ from typing import Any
 import pandas as pd
 
 from swarm.ends import DroneEnd
-from voxdepth.tools.table import Column, Table, Value
+from voxdepth.tools.results.interval import LEVEL, Interval
+from voxdepth.tools.results.table import Column, Table, Value
 
 from .analysis import (
     DEPTH_MEASURES,
@@ -26,7 +27,7 @@ from .analysis import (
     headline,
 )
 from .design import EndpointName, arm_label
-from .statistics import LEVEL, Interval, IntervalEstimate, Pairs, level_text, wilson
+from .statistics import Pairs, level_text, wilson
 
 ENDPOINT_TITLES: dict[EndpointName, str] = {
     "arrived": "arrived without a collision",
@@ -90,8 +91,7 @@ def verdict(comparisons: Sequence[ArmComparison], endpoint: EndpointName) -> str
 def _verdict(found: ArmComparison, endpoint: EndpointName) -> str:
     what = ENDPOINT_TITLES[endpoint]
     pairs, p = found.pairs, found.p if found.p_holm is None else found.p_holm
-    difference, (low, high) = pairs.difference
-    points = f"{100 * difference:+.0f} points [{100 * low:.0f}, {100 * high:.0f}]"
+    points = pairs.difference.scaled(100).text("+.0f", "points")
     if p < 1 - LEVEL:
         return f"{found.first} against {found.second}: {what} {points}, by {pairs.n} pairs, p = {_p_text(p)}."
     return f"{pairs.n} pairs show no difference between {found.first} and {found.second} ({what}: {points})."
@@ -179,8 +179,8 @@ def mean_difference_table(
     return _table(title, rows, MEAN_DIFFERENCE_NOTE)
 
 
-def _differs(estimate: IntervalEstimate | None) -> bool:
-    return estimate is not None and any((estimate.value, *estimate.interval))
+def _differs(estimate: Interval | None) -> bool:
+    return estimate is not None and any(estimate)
 
 
 def effect_table(comparisons: Sequence[ArmComparison], endpoint: EndpointName) -> Table:
@@ -211,9 +211,9 @@ def comparison_table(comparisons: Sequence[ArmComparison], endpoint: EndpointNam
 
 
 def _pairs_row(pairs: Pairs) -> dict[str, Value]:
-    difference, interval = pairs.difference
+    difference = pairs.difference
     counts = {"pairs": pairs.n, "b": pairs.first_only, "c": pairs.second_only}
-    return counts | {"difference": difference, "95 % interval": _interval(interval, "+.3f")}
+    return counts | {"difference": difference.value, "95 % interval": difference.ends("+.3f")}
 
 
 def threshold_table(found: Iterable[Threshold], unit: str) -> Table:
@@ -255,19 +255,13 @@ def _table(title: str, rows: Sequence[Mapping[str, Any]], note: str) -> Table:
     return Table.of(title, columns, [list(row.values()) for row in rows], note=note)
 
 
-def _interval(interval: Interval, kind: str) -> str:
-    kind = kind if interval.high < 100 else ".3g"
-    return f"[{interval.low:{kind}}, {interval.high:{kind}}]"
-
-
-def _estimate(estimate: IntervalEstimate | None, kind: str = ".2f") -> str | None:
-    return None if estimate is None else f"{estimate.value:{kind}} {_interval(estimate.interval, kind)}"
+def _estimate(estimate: Interval | None, number: str = ".2f") -> str | None:
+    return None if estimate is None else estimate.text(number)
 
 
 def _percent(count: int, n: int) -> str:
     """Return a share in percent with its Wilson interval; n > 0."""
-    low, high = wilson(count, n)
-    return f"{100 * count / n:.0f} [{100 * low:.0f}, {100 * high:.0f}]"
+    return wilson(count, n).scaled(100).text(".0f")
 
 
 def _p_text(p: float) -> str:

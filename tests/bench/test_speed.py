@@ -27,7 +27,7 @@ from swarm.mission import Mission
 from tests import speeds
 from tests.helpers import camera_at
 from voxdepth import TemporalCorrector
-from voxdepth.tools.table import Column, Table
+from voxdepth.tools.results.table import Column, Table
 from voxdepth.types import Intrinsics
 
 pytestmark = pytest.mark.bench

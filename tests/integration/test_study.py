@@ -1,6 +1,5 @@
 """Studies as a user meets them: flown, killed, resumed, looked at."""
 
-import json
 import os
 import re
 import shutil
@@ -25,7 +24,7 @@ from swarm.types import Outcome
 from tests.commands import invoke
 from tests.integration.test_cli import ENVIRONMENT
 from tests.studies import PIDS, arm, fake, killable, results_of, study, unseen
-from voxdepth.tools.files import sealed_json, unsealed_json
+from voxdepth.tools.results.store import sealed_json, unsealed_json
 
 TINY = """
 name = "tiny"
@@ -182,9 +181,9 @@ def test_a_replay_says_whether_runs_ended_the_same_and_what_was_seen_of_what_was
     assert same in again.stdout
     assert len(list(out.glob("replays/*/run.rrd"))) == 1
     path = out / "runs" / f"{key}.json"
-    stored = json.loads(unsealed_json(path.read_bytes()))
+    stored = unsealed_json(path.read_bytes())
     stored |= {"outcome": "lost", "metrics": stored["metrics"] | {"min_clearance_m": 7.0}}
-    path.write_bytes(sealed_json(json.dumps(stored)))
+    path.write_bytes(sealed_json(stored))
     other = invoke("study", "replay", out, key)
     assert other.exit_code == 1
     assert "collision, in the study lost: NOT the same; other: outcome, min_clearance_m; other versions: none" in (

@@ -22,7 +22,7 @@ from tests.results import (
     with_tables,
 )
 from voxdepth.tools.errors import ToolError
-from voxdepth.tools.table import Column, Table
+from voxdepth.tools.results.table import Column, Table
 
 HASH = re.compile(r"\b(?=[0-9a-f]*[0-9])(?=[0-9a-f]*[a-f])[0-9a-f]{7,12}\b")
 TABLE = Table.of("Errors", ["name", Column("error", "m"), "kind"], [["a|b", 0.5, "x"], ["c", None, "y"]])

@@ -35,7 +35,8 @@ from voxdepth.networks import load
 from voxdepth.registry import create_corrector
 from voxdepth.tools.correction import Correction
 from voxdepth.tools.errors import ToolError
-from voxdepth.tools.files import sealed_json, to_toml, unsealed_json
+from voxdepth.tools.files import to_toml
+from voxdepth.tools.results.store import sealed_json, unsealed_json
 from voxdepth.tools.viewer import require_recording
 from voxdepth.types import Intrinsics
 
@@ -230,10 +231,10 @@ def test_another_word_or_number_of_a_run_is_not_taken_for_its_result(tmp_path: P
     "content", [{}, {"a": [1, 0.1 + 0.2, None, float("inf")], "b": {"ü": "ß\n"}}, {"n": {"1": -0.0}}]
 )
 def test_sealed_json_reads_back_and_older_files_as_they_are(content: dict[str, object]) -> None:
-    for text in (sealed_json(json.dumps(content)), json.dumps(content).encode()):
-        assert json.loads(unsealed_json(text)) == content
+    for text in (sealed_json(content), json.dumps(content).encode()):
+        assert unsealed_json(text) == content
     with pytest.raises(DamageError):
-        unsealed_json(sealed_json(json.dumps({**content, "more": 1})).replace(b'"more": 1', b'"more": 3'))
+        unsealed_json(sealed_json({**content, "more": 1}).replace(b'"more": 1', b'"more": 3'))
 
 
 def test_a_failure_that_tells_of_any_name_is_stored(tmp_path: Path) -> None:
@@ -242,11 +243,10 @@ def test_a_failure_that_tells_of_any_name_is_stored(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [b"[" * 100_000, b"\xff", b"", b"[1]"])
-def test_what_is_no_json_object_is_no_traceback(text: bytes) -> None:
-    try:
-        assert unsealed_json(text) == text
-    except ValueError as error:
-        require_line(error)
+def test_what_is_no_json_object_is_an_error_in_one_line(text: bytes) -> None:
+    with pytest.raises(ValueError) as refused:
+        unsealed_json(text)
+    require_line(refused.value)
 
 
 @damages

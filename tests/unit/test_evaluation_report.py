@@ -17,10 +17,10 @@ from tests.pages import require_self_contained
 from voxdepth.registry import title
 from voxdepth.tools.evaluation.measurements import MEASUREMENT_COLUMNS, MetricValue, Selector, of_frames
 from voxdepth.tools.evaluation.quantities import QUANTITIES, is_measured
+from voxdepth.tools.evaluation.record import MethodResult
 from voxdepth.tools.evaluation.report import method_table, print_results, rendered
-from voxdepth.tools.evaluation.results import MethodResult
 from voxdepth.tools.evaluation.suite import Evaluation
-from voxdepth.tools.table import Table, write_frame
+from voxdepth.tools.results.table import Table, write_frame
 
 NASTY = "<script>alert('x')</script>"
 

@@ -27,7 +27,7 @@ from voxdepth.tools.evaluation.methods import (
     find_methods,
     run,
 )
-from voxdepth.tools.evaluation.results import Scores
+from voxdepth.tools.evaluation.record import Scores
 from voxdepth.types import CorrectedDepth, Frame
 
 

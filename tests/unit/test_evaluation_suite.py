@@ -31,11 +31,12 @@ from voxdepth.tools.evaluate import requested_of
 from voxdepth.tools.evaluation import frames, suite
 from voxdepth.tools.evaluation.measurements import Selector, select
 from voxdepth.tools.evaluation.methods import Method, find_methods
+from voxdepth.tools.evaluation.record import RECORDS, MethodResult, load, path_of, store
 from voxdepth.tools.evaluation.recordings import HELD_OUT, RecordedSource
-from voxdepth.tools.evaluation.results import STORED, MethodResult, load, path_of, store
 from voxdepth.tools.evaluation.suite import Evaluation, Plan, evaluate
-from voxdepth.tools.files import locked, to_toml, unsealed_json
+from voxdepth.tools.files import locked, to_toml
 from voxdepth.tools.recorded import Opener
+from voxdepth.tools.results.store import unsealed_json
 
 GOOD = method("good")
 BAD = method("bad", lambda depth_m: depth_m[:-1])
@@ -110,7 +111,7 @@ def test_finished_results_are_taken_and_failed_ones_tried_again(
 
 
 def with_key(data: bytes, **changes: Any) -> bytes:
-    stored = json.loads(unsealed_json(data))
+    stored = unsealed_json(data)
     return json.dumps(stored | {"key": stored["key"] | changes}).encode()
 
 
@@ -122,7 +123,7 @@ def with_key(data: bytes, **changes: Any) -> bytes:
         lambda data: with_key(data, digest="0" * 64),
         lambda data: data[:300],
         lambda data: b"\xff",
-        lambda data: json.dumps({**json.loads(unsealed_json(data)), "colour": "red"}).encode(),
+        lambda data: json.dumps({**unsealed_json(data), "colour": "red"}).encode(),
         DAMAGES["a wrong byte in the middle"],
     ],
 )
@@ -134,7 +135,7 @@ def test_a_result_of_anything_else_or_damaged_or_of_another_layout_is_computed_a
     path.write_bytes(spoil(path.read_bytes()))
     again = run(tmp_path, recording, methods=(GOOD,))
     assert (again.reused, quality(again.results[0])) == (0, quality(result))
-    assert STORED.validate_json(unsealed_json(path.read_bytes())) == replace(again.results[0], info=None)
+    assert RECORDS.decode(path.read_bytes()) == replace(again.results[0], info=None)
 
 
 def test_other_sources_or_another_number_of_frames_are_another_result(

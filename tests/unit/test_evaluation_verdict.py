@@ -6,9 +6,9 @@ import pytest
 from tests.evaluation_clips import info_of, result_of
 from voxdepth.tools.evaluation.frames import TRUTH
 from voxdepth.tools.evaluation.measurements import Selector, select
+from voxdepth.tools.evaluation.record import MethodResult
 from voxdepth.tools.evaluation.references import held_out
 from voxdepth.tools.evaluation.report import share_table
-from voxdepth.tools.evaluation.results import MethodResult
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.tools.evaluation.tiles import TILES
 from voxdepth.tools.evaluation.verdict import verdict

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios import provenance
-from voxdepth.tools import provenance as tools
+from voxdepth.tools.results import provenance as tools
 
 
 def test_versions_are_those_that_are_installed() -> None:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from voxdepth.tools.table import Column, Table, write_frame
+from voxdepth.tools.results.table import Column, Table, write_frame
 
 
 def table() -> Table:

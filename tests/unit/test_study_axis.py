@@ -108,7 +108,7 @@ def test_the_interval_covers_the_level_at_which_half_succeed(level: float) -> No
     p = (1 - LAPSE) / (1 + np.exp((level - levels) / 0.3))
     for seed in range(20):
         found = success_threshold(levels, np.random.default_rng(seed).random((30, 9)) < p)
-        covered += found.interval.low <= level <= found.interval.high
+        covered += found.low <= level <= found.high
         assert found.value == pytest.approx(level, abs=0.5)
     assert covered >= 16
 
@@ -125,7 +125,7 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
     (gain,) = gains(data, run_frame(data))
     assert (gain.first, gain.second, gain.declared, gain.seeds) == ("b", "a", True, 8)
     assert gain.estimate.value == pytest.approx(0.7, abs=0.1)
-    assert gain.estimate.interval.low < 0.7 < gain.estimate.interval.high
+    assert gain.estimate.low < 0.7 < gain.estimate.high
     assert StudyAnalysis(data).verdict.startswith("b against a, by 8 seeds: half of the full goal speed is kept +0.7")
     a, b = thresholds(data, run_frame(data))
     for (_, _, seeds, half_arrive, half_speed, _), level in ((a, -1.7), (b, -2.4)):

@@ -124,5 +124,5 @@ def test_a_bar_of_the_effects_reaches_from_the_low_end_of_its_interval_to_the_hi
     pairs, axes = Pairs(5, 9, 1, 5), Figure().subplots()
     _draw_forest([ArmComparison("a", "b", True, True, {"here": pairs, "there": pairs}, pairs, 0.1, None)], axes)
     (ends,) = axes.containers[0].lines[2][0].get_segments()
-    low, high = pairs.difference.interval
+    _, low, high = pairs.difference
     np.testing.assert_allclose(ends[:, 0], [100 * low, 100 * high])

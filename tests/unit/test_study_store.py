@@ -16,7 +16,7 @@ from scenarios.study.store import Failure, RunRecord, add, read_study, start_stu
 from swarm.types import Outcome
 from tests.studies import HIT, arm, fake, noisy, record, study, unseen
 from voxdepth.tools.errors import ToolError
-from voxdepth.tools.files import unsealed_json
+from voxdepth.tools.results.store import unsealed_json
 
 AGAIN = {"resume": True}
 
@@ -51,7 +51,7 @@ def edited(name: str, **values: object) -> Damage:
 
     def edit(folder: Path) -> Path:
         path, text = next((path, path.read_text()) for path in sorted(folder.glob(name)))
-        path.write_text(json.dumps(json.loads(unsealed_json(text.encode())) | values) if values else text[:100])
+        path.write_text(json.dumps(unsealed_json(text.encode()) | values) if values else text[:100])
         return path
 
     return edit

@@ -24,7 +24,7 @@ from ..networks import has_runtime
 from ..paper.config import VoxDepthConfig
 from ..types import DepthCorrector, FloatArray, FloatImage, Frame, Intrinsics
 from .librealsense import SoftwareCamera
-from .table import Column, Table, Value
+from .results.table import Column, Table, Value
 
 N_IMAGES, RATE_HZ = 16, 30.0
 """Number of images, which are played forwards and backwards in turn, and their rate."""

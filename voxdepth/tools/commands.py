@@ -160,7 +160,7 @@ def _planned(
     from ..errors import printable
     from ..registry import config_of
     from .correction import Correction
-    from .provenance import CORRECTION, versions
+    from .results.provenance import CORRECTION, versions
 
     if len(dataset) < (frames or 1):
         raise ToolError(f"{folder} has {len(dataset)} frames, {frames or 1} were asked for")
@@ -216,8 +216,8 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     from rich.table import Table
 
     from ..registry import title
-    from .table import Column
-    from .table import Table as ResultTable
+    from .results.table import Column
+    from .results.table import Table as ResultTable
 
     made_by = title(report["corrector"])
     heading = f"{report['folder']}, {report['format']}: {report['frames']} frames, corrector {made_by}"
@@ -297,7 +297,7 @@ def bench(size: Annotated[str, typer.Option(help="Image size.")] = "640x360") ->
     from rich.console import Console
 
     from .benchmark import N_FRAMES, camera_of, measure, tables
-    from .provenance import CORRECTION, Provenance
+    from .results.provenance import CORRECTION, Provenance
 
     camera = camera_of(*parsed_size(size))
     made, console = Provenance.here(CORRECTION), Console()

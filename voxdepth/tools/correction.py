@@ -23,7 +23,7 @@ from ..units import median_m
 from .errors import ToolError
 from .files import atomic, resolved
 from .output import CONFIG, FRAMES, MCAP, REPORT, Output, open_output
-from .provenance import machine
+from .results.provenance import machine
 
 Progress = Callable[[int], None]
 """Receives the number of corrected frames."""

@@ -11,8 +11,8 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
 from ..devices import cuda_devices, has_warp
-from .provenance import NOT_INSTALLED, versions
 from .requirements import Requirement, first_word, requirements
+from .results.provenance import NOT_INSTALLED, versions
 from .system import missing_library
 
 EXTRAS = {

@@ -1,6 +1,5 @@
-"""Files: TOML, JSON with its digest, atomic writing, and folders that one process at a time writes to."""
+"""Files: TOML, atomic writing, and folders that one process at a time writes to."""
 
-import json
 import os
 import sys
 from collections.abc import Iterator, Mapping
@@ -10,9 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import tomli_w
-from pydantic_core import from_json
 
-from ..checksums import DamageError, digest_of
 from ..text import parsed_toml
 from .errors import ToolError
 
@@ -21,8 +18,6 @@ if TYPE_CHECKING:
 
 LOCK = "write.lock"
 """File on which `locked` holds its lock; it stays empty."""
-DIGEST = "sha256"
-"""The last key of JSON that is sealed."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -67,29 +62,6 @@ def require_end(path: Path, content: Mapping[str, Any], resolved: "BaseModel") -
 
 def _values(configuration: "BaseModel") -> dict[str, Any]:
     return configuration.model_dump(mode="json", exclude_none=True)
-
-
-def sealed_json(text: str | bytes) -> bytes:
-    """Return a JSON object with its digest under the last key."""
-    content = json.loads(text)
-    return f"{json.dumps(content | {DIGEST: _digest(content)}, indent=1)}\n".encode()
-
-
-def unsealed_json(data: bytes) -> bytes:
-    """Return JSON without its digest, or as it is if it has none.
-
-    Raises:
-        ValueError: It is no JSON, or has another digest.
-    """
-    content = from_json(data)
-    digest = content.pop(DIGEST, None) if isinstance(content, dict) else None
-    if digest not in (None, _digest(content)):
-        raise DamageError(f"its content is not that of its {DIGEST}")
-    return json.dumps(content).encode()
-
-
-def _digest(content: object) -> str:
-    return digest_of(json.dumps(content).encode())
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from scenarios.provenance import SENSOR_SOURCES, SIMULATION
 from voxdepth.errors import ConfigError
 from voxdepth.networks import load, read_card
 from voxdepth.tools.files import write
-from voxdepth.tools.provenance import code_digest, versions
+from voxdepth.tools.results.provenance import code_digest, versions
 
 from . import NAME, WEIGHTS
 from .clips import samples

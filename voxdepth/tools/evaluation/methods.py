@@ -27,7 +27,7 @@ from ..errors import ToolError
 from .frames import EvaluationFrame, Frames, Reference
 from .measurements import MetricValue, of_frames
 from .pictures import depth_pictures
-from .results import Scores
+from .record import Scores
 from .scoring import Score
 
 DEFAULT_FILLED = f"{DEFAULT}[fill=all]"

@@ -8,7 +8,7 @@ from typing import Literal
 import pandas as pd
 
 from ...metrics import BELIEVED
-from ..table import MISSING
+from ..results.table import MISSING
 from .frames import ALL, HOLES, MEASURED
 from .measurements import FILLED, Selector, of_frames, select
 from .recordings import HELD_OUT

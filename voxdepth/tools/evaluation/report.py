@@ -10,17 +10,17 @@ import pandas as pd
 from ... import registry
 from ...colors import ERROR_END
 from ..files import write
-from ..page import TEMPLATES, render_page
-from ..provenance import Provenance
-from ..table import MISSING, Table, write_frame
+from ..results.interval import Interval
+from ..results.page import TEMPLATES, render_page
+from ..results.provenance import Provenance
+from ..results.table import MISSING, Table, write_frame
 from .curves import plots_of, untold
 from .frames import RANGES
-from .intervals import Interval
 from .measurements import FILLED, Selector, of_frames
 from .pictures import depth_scale, error_scale
 from .quantities import HIDDEN, QUANTITIES, Quantity, fitted, is_measured, numbers_of, selected
+from .record import SequenceInfo
 from .reliability import TOO_FEW
-from .results import SequenceInfo
 from .shares import PixelKind, Shares
 from .suite import Evaluation
 from .verdict import verdict
@@ -98,7 +98,7 @@ def share_table(evaluation: Evaluation, shares: Shares) -> Table:
 def _share_texts(evaluation: Evaluation, sequence: str, kind: PixelKind) -> dict[str, str]:
     """Return the share of each method, how much was evaluated, and which methods failed in a sequence."""
     texts = dict(zip(JUDGED, (f"{100 * kind.evaluated_share:.1f}", f"{kind.evaluated:,}"), strict=True))
-    texts |= {method: _interval_text(kind.share(method)) for method in kind.ranked}
+    texts |= {method: _percent(kind.share(method)) for method in kind.ranked}
     best, *others = kind.ranked or [""]
     if others and kind.share(best).value > kind.share(others[0]).value:
         texts[best] += f" {BEST}"
@@ -108,12 +108,11 @@ def _share_texts(evaluation: Evaluation, sequence: str, kind: PixelKind) -> dict
 def _lead_texts(kind: PixelKind) -> dict[str, str]:
     """Return the lead of each method over the best other one."""
     others = {method: kind.best_other(method) for method in kind.ranked}
-    return {method: _interval_text(kind.lead(method, other)) for method, other in others.items() if other}
+    return {method: _percent(kind.lead(method, other)) for method, other in others.items() if other}
 
 
-def _interval_text(share: Interval) -> str:
-    value, low, high = (f"{100 * end:.1f}" for end in share)
-    return f"{value} ({low} to {high})" if share.is_known else value
+def _percent(share: Interval) -> str:
+    return share.scaled(100).text(".1f")
 
 
 def range_table(evaluation: Evaluation) -> Table:

@@ -7,10 +7,11 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from ..results.interval import Interval
+from .bootstrap import Counts, drawn_shares, interval_of
 from .frames import HOLES, NEAR
-from .intervals import Counts, Interval, drawn_shares
 from .measurements import AS_GIVEN, MetricValue
-from .results import MethodResult
+from .record import MethodResult
 
 ALL_KINDS = "all kinds"
 """Stands for a kind: all evaluated pixels of a recording, each kind with the weight of its evaluated pixels."""
@@ -50,11 +51,11 @@ class PixelKind:
 
     def share(self, method: str) -> Interval:
         """Return the share of evaluated pixels that a method gives a close depth."""
-        return Interval.of(self.draws[method])
+        return interval_of(self.draws[method])
 
     def lead(self, method: str, other: str) -> Interval:
         """Return how much more that is than the share of another method."""
-        return Interval.of(self.draws[method] - self.draws[other])
+        return interval_of(self.draws[method] - self.draws[other])
 
     def best_other(self, method: str) -> str | None:
         """Return the best method but one; None if there is no other."""

@@ -13,13 +13,13 @@ import pandas as pd
 from ...errors import VoxDepthError
 from ..errors import ToolError
 from ..files import locked
-from ..provenance import CORRECTION, EVALUATION_SOURCES, code_digest, processor_name, versions
+from ..results.provenance import CORRECTION, EVALUATION_SOURCES, code_digest, processor_name, versions
 from .frames import FrameFile, Frames, FrameSource
 from .measurements import long_table
 from .methods import Method, MethodError, run
 from .pictures import depth_pictures, far_end_of, scene_pictures
+from .record import SEQUENCE, MethodResult, SequenceInfo, load, store
 from .recordings import MakeReferences, OpenRecording, RecordedSource
-from .results import SEQUENCE, MethodResult, SequenceInfo, load, store
 from .shares import Shares, shares_of
 
 

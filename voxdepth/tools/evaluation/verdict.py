@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Iterator
 
 from ... import registry
+from ..results.interval import Interval
 from .frames import HOLES
-from .intervals import Interval
 from .shares import ALL_KINDS, PixelKind, Shares
 from .suite import Evaluation
 
@@ -111,9 +111,7 @@ def _winner(kind: PixelKind) -> str | None:
 
 
 def _points(lead: Interval) -> str:
-    """Write a lead with its interval, such as `7.0 points [5.1, 8.8]`."""
-    value, low, high = (100 * end for end in lead)
-    return f"{value:.1f} points" + (f" [{low:.1f}, {high:.1f}]" if lead.is_known else "")
+    return lead.scaled(100).text(".1f", "points")
 
 
 def _listed(words: list[str]) -> str:

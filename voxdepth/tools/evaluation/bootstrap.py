@@ -7,17 +7,18 @@ It is a little too wide rather than too narrow, and gives a single frame an inte
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from ...types import FloatArray
+from ..results.interval import LEVEL, Interval
 from .tiles import MIN_TILES
 
 SEED, RESAMPLES = 0, 2000
-ENDS = [0.025, 0.975]
-"""Quantiles at the ends of an interval of 95 %."""
+ENDS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
+"""Quantiles at the ends of an interval."""
 
 
 class Counts(NamedTuple):
@@ -27,28 +28,10 @@ class Counts(NamedTuple):
     evaluated: FloatArray
 
 
-class Interval(NamedTuple):
-    """A value with an interval of 95 %, whose ends are NaN where too little is known."""
-
-    value: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, draws: "pd.Series") -> Self:
-        """Return the value of the first draw, which is the sample itself, with the interval of the others."""
-        low, high = draws[1:].quantile(ENDS)
-        return cls(float(draws.iloc[0]), float(low), float(high))
-
-    @property
-    def is_positive(self) -> bool:
-        """Whether all of the interval is above 0."""
-        return self.low > 0
-
-    @property
-    def is_known(self) -> bool:
-        """Whether there is an interval."""
-        return not np.isnan(self.low)
+def interval_of(draws: pd.Series) -> Interval:
+    """Return the value of the first draw, which is the sample itself, with the interval of the others."""
+    low, high = draws[1:].quantile(ENDS)
+    return Interval(float(draws.iloc[0]), float(low), float(high))
 
 
 def drawn_shares(counts: Mapping[str, Counts]) -> pd.DataFrame:

@@ -7,7 +7,7 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
-from .files import write
+from ..files import write
 
 if TYPE_CHECKING:
     import pandas as pd

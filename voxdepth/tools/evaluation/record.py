@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import ConfigDict, TypeAdapter
-
-from ..files import as_tool_error, sealed_json, unsealed_json, write
+from ..files import as_tool_error
+from ..results.store import Records
 from .frames import Reference
 from .measurements import MetricValue
 
@@ -60,7 +59,6 @@ class SequenceInfo:
 class MethodResult(Scores):
     """The result of one method on one sequence, as its file holds it."""
 
-    __pydantic_config__ = ConfigDict(extra="forbid", ser_json_inf_nan="constants")
     sequence: str
     method: str
     key: dict[str, Any] = field(default_factory=dict)
@@ -71,7 +69,7 @@ class MethodResult(Scores):
     """Why there are no measurements; None if there are."""
 
 
-STORED = TypeAdapter(MethodResult)
+RECORDS = Records(MethodResult)
 SEQUENCE = "[sequence]"
 """What stands in the place of a method in the one result that keeps the description of its sequence."""
 
@@ -92,7 +90,7 @@ def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> MethodRe
     """
     path = path_of(out, sequence, method)
     with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValueError):
-        result = STORED.validate_json(unsealed_json(path.read_bytes()))  # It may be damaged, or of another version.
+        result = RECORDS.decode(path.read_bytes())  # It may be damaged, or of another version.
         if (result.method, result.key, result.error) == (method, key, None):
             return result
     return None
@@ -100,4 +98,4 @@ def load(out: Path, sequence: str, method: str, key: dict[str, Any]) -> MethodRe
 
 def store(out: Path, result: MethodResult) -> None:
     """Write the file of a result in one step; a failure is a `ToolError`."""
-    write(path_of(out, result.sequence, result.method), sealed_json(STORED.dump_json(result)))
+    RECORDS.write(path_of(out, result.sequence, result.method), result)

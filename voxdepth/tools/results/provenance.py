@@ -14,7 +14,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Self
 
-from ..devices import cuda_devices
+from ...devices import cuda_devices
 
 CORRECTION = ("voxdepth", "numpy", "opencv-python-headless", "warp-lang")
 """Packages whose versions may change a corrected depth."""
