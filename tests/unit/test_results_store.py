@@ -31,7 +31,7 @@ def test_a_file_of_another_version_is_refused_with_both_versions() -> None:
     newer = Records(Kept, version=3).encode(Kept(name="a", values=()))
     with pytest.raises(ValueError, match="its format is version 3, and this version of voxdepth reads 1"):
         KEPT.decode(newer)
-    with pytest.raises(ValueError, match="its format is version 1, .* reads 3"):
+    with pytest.raises(ValueError, match=r"its format is version 1, .* reads 3"):
         Records(Kept, version=3).decode(b'{"name": "a", "values": []}')
 
 
