@@ -1,23 +1,42 @@
-"""How fast missions, studies and learning environments are: what `make bench` prints."""
+"""How fast missions, studies and learning environments are: the result `missions` of `make results`."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from multiprocessing import get_context
 from multiprocessing.managers import SyncManager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import gymnasium
 
-from scenarios.config import images_of, load_run
+from scenarios.config import Run, images_of, load_run
 from scenarios.flight import fly
 from scenarios.runner import fly_and_write
 from scenarios.study.design import Study, expand
 from scenarios.study.executors import Processes
 from scenarios.study.store import RunRecord
+from sim.sensor import StereoSensor
+from swarm.mapping_pilot import MappingPilot
+from swarm.mission import Mission
+from voxdepth import TemporalCorrector
+from voxdepth.tools.results.table import Column, Table, Value
 
+TICK = (Mission, "tick")
+MAP = (MappingPilot, "fly")
+PARTS = {
+    "drawing": (StereoSensor, "render"),
+    "noise and matching": (StereoSensor, "capture"),
+    "correction": (TemporalCorrector, "process"),
+    "decisions of the drones": (Mission, "_decide"),
+    "physics": (Mission, "_move"),
+}
+"""Methods whose time is measured."""
+MAPS = "of the decisions: maps"
+CAMERAS: dict[str, dict[str, Any]] = {"160x120": images_of(160, 120), "320x180": images_of(320, 180), "480x270 / 3": {}}
 NAME = "swarm.gym:voxdepth/LeaderFollower-v0"
 STEPS = 100
 TRAINING = {"depth": "fitted", "corrector": "raw", "observation": "nearness"}
@@ -70,6 +89,48 @@ def flights_a_minute(drones: int, flights: int) -> float:
     return 60 * flights / (time.perf_counter() - start_s)
 
 
+def spent_ms(run: Run, calls: Mapping[str, tuple[type, str]]) -> dict[str, float]:
+    """Return the time of processors that methods take in a tick of a mission on one thread, where nothing overlaps."""
+    spent_s = dict.fromkeys(calls, 0.0)
+
+    def timed(part: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def measured(*arguments: Any, **options: Any) -> Any:
+            start = time.thread_time()
+            result = call(*arguments, **options)
+            spent_s[part] += time.thread_time() - start
+            return result
+
+        return measured
+
+    with ExitStack() as patches:
+        for part, (owner, name) in calls.items():
+            patches.enter_context(patch.object(owner, name, timed(part, getattr(owner, name))))
+        finished = fly(run, threads=1)
+    n_ticks = float(finished.result.metrics["sim_time_s"] or 0) * run.scenario.mission.control_hz
+    return {part: 1e3 * spent / n_ticks for part, spent in spent_s.items()}
+
+
+def parts_of_a_tick() -> Table:
+    """Return where the time of a mission of eight drones with the default goes, by the size of the images."""
+    profiles = {}
+    for camera, size in CAMERAS.items():
+        changes = {"corrector": "temporal", **size}
+        fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}), threads=1)
+        ms = spent_ms(
+            load_run("city", 0, changes | {"mission.duration_s": 5.0}),
+            {**PARTS, "a tick": TICK, MAPS: MAP},
+        )
+        profiles[camera] = ms | {"the rest": ms["a tick"] - sum(ms[part] for part in PARTS)}
+    columns = [Column(size, unit, number) for size in profiles for unit, number in (("ms", ".1f"), ("%", ".0f"))]
+    rows = [
+        [part, *(value for ms in profiles.values() for value in (ms[part], 100 * ms[part] / ms["a tick"]))]
+        for part in (*PARTS, MAPS, "the rest", "a tick")
+    ]
+    return Table.of(
+        "Time of one thread in a tick of eight drones, twenty of which are a second", ["part", *columns], rows
+    )
+
+
 class Stepped(NamedTuple):
     """The speed of a learning environment."""
 
@@ -79,6 +140,23 @@ class Stepped(NamedTuple):
     """Steps per second of the time of all processors."""
     reset_s: float
     """Time of a reset [s]."""
+
+
+def steps_of_environments() -> Table:
+    """Return how many steps of learners a second are computed, by their options and in one or several processes."""
+    kinds: dict[str, dict[str, Any]] = {
+        "default": {},
+        "`corrector='raw'`": {"corrector": "raw"},
+        "`others='same'`": {"others": "same"},
+        "`depth='fitted'`": {"depth": "fitted"},
+        "as the example trains": TRAINING,
+    }
+    rows: list[list[Value]] = [[name, *steps_of_one(**options)] for name, options in kinds.items()]
+    several = {"two processes, default": (2, {}), "two processes, as the example trains": (2, TRAINING)}
+    rows += [[name, steps_of_several(n, **options), None, None] for name, (n, options) in several.items()]
+    rows.append(["four worlds in each of two processes", steps_of_eight_worlds_in_two_processes(), None, None])
+    columns = [Column("steps a second", number=".0f"), Column("steps a second of processors", number=".0f")]
+    return Table.of("Steps of hovering learners", ["", *columns, Column("reset", "s")], rows)
 
 
 def steps_of_one(**options: Any) -> Stepped:
@@ -114,23 +192,6 @@ def steps_of_several(num_envs: int, **options: Any) -> float:
     return num_envs * STEPS / wall_s
 
 
-def four_worlds_against_one() -> float:
-    """Return the time of a step of one of four worlds in a process, in units of that of one alone, in turns."""
-    worlds, hover_all = _four_worlds()
-    one = gymnasium.make(NAME, **TRAINING)
-    one.reset(seed=1)
-    hover = one.action_space.sample() * 0
-    alone_s, together_s = [], []
-    for seed in range(5):
-        one.reset(seed=seed)
-        worlds.reset(seed=seed)
-        alone_s.append(_busy_s(lambda: one.step(hover), 40) / 40)
-        together_s.append(_busy_s(lambda: worlds.step(hover_all), 20) / 80)
-    one.close()
-    worlds.close()
-    return min(together_s) / min(alone_s)
-
-
 def steps_of_eight_worlds_in_two_processes() -> float:
     """Return the steps per second of four hovering learners in each of two processes."""
     with SyncManager(ctx=(spawn := get_context("spawn"))) as manager:
@@ -157,11 +218,3 @@ def _steps_per_second(ready: Any) -> float:
         worlds.step(hover)
         steps += 4
     return steps / (time.perf_counter() - start_s)
-
-
-def _busy_s(action: Callable[[], Any], repeats: int) -> float:
-    """Time of the processor [s]."""
-    start_s = time.process_time()
-    for _ in range(repeats):
-        action()
-    return time.process_time() - start_s

@@ -42,8 +42,8 @@ app = typer.Typer(
 )
 
 
-def _run(names: Iterable[str], out: Path, **given: Any) -> None:
-    """Run experiments one after the other."""
+def _run(names: Iterable[str], out: Path, given: dict[str, Any], *, resume: bool = False) -> None:
+    """Run experiments one after the other; `resume` takes the answers of those that are finished."""
     use_one_thread()
 
     import sys
@@ -51,7 +51,7 @@ def _run(names: Iterable[str], out: Path, **given: Any) -> None:
     import cv2
     from rich.console import Console
 
-    from ..experiments.runner import claim_table, find_experiment, run
+    from ..experiments.runner import answer, claim_table, find_experiment, kept, show
 
     cv2.setNumThreads(1)
     console, command = Console(), " ".join(["voxdepth", *sys.argv[1:]])
@@ -62,7 +62,9 @@ def _run(names: Iterable[str], out: Path, **given: Any) -> None:
             watched = experiment.with_options(
                 report=lambda what, name=name, status=status: status.update(f"{name}: {what}")
             )
-            claims += [(name, claim) for claim in run(name, watched, command, console)]
+            record = (kept(name, watched) if resume else None) or answer(name, watched, command)
+        show(record, out / name, console)
+        claims += [(name, claim) for claim in record.claims]
     if len(experiments) > 1:
         claim_table(claims).print(console)
 
@@ -88,7 +90,7 @@ def _command(name: str, entry: Entry) -> Callable[..., None]:
 
             raise ScenarioError(f"{name} reads no recordings: leave out --data")
         given = {"sequences": chosen, "frames": frames, "width_px": width, "seed": seed}
-        _run([name], out, **given, data=tuple(data) if data else None)
+        _run([name], out, given | {"data": tuple(data) if data else None})
 
     experiment.__doc__ = f"{entry.label}: {entry.claim}; {duration_text(entry.minutes)}."
     return experiment
@@ -100,8 +102,8 @@ for _name, _entry in CATALOGUE.items():
 
 @app.command(name="all")
 def all_(seed: Seed = None, out: Out = DEFAULT_OUT) -> None:
-    """All of them in the order of the paper, with their defaults."""
-    _run(CATALOGUE, out, seed=seed)
+    """All of them in the order of the paper, with their defaults; what an interrupted run finished is not repeated."""
+    _run(CATALOGUE, out, {"seed": seed}, resume=True)
 
 
 all_.__doc__ = f"{all_.__doc__} {duration_text(sum(entry.minutes for entry in CATALOGUE.values()))}."

@@ -1,18 +1,22 @@
-"""Runs experiments, writes the results of each into a folder of its own, and prints them."""
+"""Answers the questions of experiments, keeps each answer in a folder of its own, and prints it."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from voxdepth.errors import no_such
-from voxdepth.tools.files import write
-from voxdepth.tools.results.provenance import Provenance
+from voxdepth.tools.files import as_tool_error, write
+from voxdepth.tools.results.provenance import EVALUATION_SOURCES, Provenance, code_digest
 from voxdepth.tools.results.store import Records
 from voxdepth.tools.results.table import Table, csv_of
 
 from ..errors import ScenarioError
-from ..provenance import SIMULATION
+from ..provenance import FLIGHT_SOURCES, SENSOR_SOURCES, SIMULATION
 from .catalogue import CATALOGUE
 from .experiment import Claim, Experiment, summary
 
@@ -20,9 +24,19 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+EXPERIMENT_SOURCES = (
+    *EVALUATION_SOURCES,
+    *FLIGHT_SOURCES,
+    *SENSOR_SOURCES,
+    ("scenarios", "experiments/**/*.py"),
+)
+"""Packages and the patterns of those of their files that determine an answer."""
+TABLE, FIGURE, RESULT = "table.csv", "figure.png", "result.json"
+
+
 @dataclass(frozen=True, kw_only=True)
 class ExperimentRecord:
-    """What is kept of an experiment beside its table and figure."""
+    """What is kept of an answer beside its table and figure."""
 
     name: str
     label: str
@@ -32,6 +46,8 @@ class ExperimentRecord:
     options: dict[str, Any]
     """The sequences, frames, width, seed and data by which it was answered."""
     provenance: Provenance
+    code: str
+    """Digest of `EXPERIMENT_SOURCES`."""
     claims: tuple[Claim, ...]
     notes: tuple[str, ...]
 
@@ -47,8 +63,8 @@ def find_experiment(name: str) -> Experiment:
     return found
 
 
-def run(name: str, experiment: Experiment, command: str, console: "Console") -> tuple[Claim, ...]:
-    """Answer a question, write the results below `out` and print them; a file that cannot be written is a `ToolError`.
+def answer(name: str, experiment: Experiment, command: str) -> ExperimentRecord:
+    """Answer a question, and write the results below `out`; a file that cannot be written is a `ToolError`.
 
     See `Experiment.answer` for what else it raises.
 
@@ -56,32 +72,57 @@ def run(name: str, experiment: Experiment, command: str, console: "Console") -> 
         name: Name of the experiment in the catalogue, and of the folder of its results.
         experiment: The question, with the data and options by which it is answered.
         command: The command line, which is kept with the results.
-        console: Where the results are printed.
     """
     findings = experiment.answer(experiment)
-    claims = experiment.claims(findings.table)
     record = ExperimentRecord(
         name=name,
         label=CATALOGUE[name].label,
         question=experiment.question,
         command=command,
-        options={key: getattr(experiment, key) for key in ("sequences", "frames", "width_px", "seed", "data")},
+        options=_options(experiment),
         provenance=Provenance.here(SIMULATION),
-        claims=claims,
+        code=code_digest(EXPERIMENT_SOURCES),
+        claims=experiment.claims(findings.table),
         notes=experiment.notes,
     )
-    files = {"table.csv": csv_of(findings.table), "result.json": RECORDS.encode(record)}
+    files = {TABLE: csv_of(findings.table), RESULT: RECORDS.encode(record)}
     if findings.figure is not None:
-        files["figure.png"] = findings.figure
-    for file, content in files.items():
+        files = {FIGURE: findings.figure, **files}
+    for file, content in files.items():  # The last one is there if all are.
         write(experiment.out / name / file, content)
+    return record
+
+
+def kept(name: str, experiment: Experiment) -> ExperimentRecord | None:
+    """Return the answer that an interrupted run left, if it was made here by this code with the same options.
+
+    One that read data of the user is none: they may have changed.
+    """
+    path = experiment.out / name / RESULT
+    with as_tool_error(f"cannot read {path}"), suppress(FileNotFoundError, ValueError):
+        record = RECORDS.decode(path.read_bytes())  # It may be damaged, or of another version.
+        here = Provenance.here(SIMULATION)
+        same = (record.options, record.code) == (_options(experiment), code_digest(EXPERIMENT_SOURCES))
+        versions = record.provenance.versions, record.provenance.machine, record.provenance.python
+        if same and versions == (here.versions, here.machine, here.python) and not experiment.data:
+            return record
+    return None
+
+
+def show(record: ExperimentRecord, folder: Path, console: "Console") -> None:
+    """Print an answer whose files are in a folder."""
     plain: dict[str, Any] = {"sep": "\n", "markup": False, "highlight": False, "soft_wrap": True}
-    console.print(f"{name}, {CATALOGUE[name].label}: {experiment.question}", style="bold", **plain)
-    Table.of_frame("", findings.table).print(console)
-    folder = experiment.out / name
-    lines = (*map(str, claims), *(f"note:  {note}" for note in experiment.notes), f"{', '.join(files)} are in {folder}")
-    console.print(*lines, **plain)
-    return claims
+    console.print(f"{record.name}, {record.label}: {record.question}", style="bold", **plain)
+    Table.of_frame("", pd.read_csv(folder / TABLE)).print(console)
+    files = [file for file in (TABLE, FIGURE, RESULT) if (folder / file).exists()]
+    notes = [f"note:  {note}" for note in record.notes]
+    console.print(*map(str, record.claims), *notes, f"{', '.join(files)} are in {folder}", **plain)
+
+
+def _options(experiment: Experiment) -> dict[str, Any]:
+    options: dict[str, Any] = {key: list(getattr(experiment, key)) for key in ("sequences", "data")}
+    options = {key: list(map(str, values)) for key, values in options.items()}
+    return options | {key: getattr(experiment, key) for key in ("frames", "width_px", "seed")}
 
 
 def claim_table(found: Sequence[tuple[str, Claim]]) -> Table:

@@ -12,21 +12,18 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.config import Run, images_of, load_run
+from scenarios.config import images_of, load_run
 from scenarios.flight import fly
 from scenarios.sequences import load_sequence, record
 from sim.camera_noise import photon_noise
 from sim.render import create_renderer
 from sim.scenes import CitySpec
-from sim.sensor import RigConfig, StereoSensor
+from sim.sensor import RigConfig
 from sim.stereo import StereoConfig, StereoMatcher
 from sim.world import World
 from swarm.config import MissionConfig
-from swarm.mapping_pilot import MappingPilot
-from swarm.mission import Mission
 from tests import speeds
 from tests.helpers import camera_at
-from voxdepth import TemporalCorrector
 from voxdepth.tools.results.table import Column, Table
 from voxdepth.types import Intrinsics
 
@@ -69,88 +66,15 @@ def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
     show(what, f"real-time factor {finished.real_time_factor:6.2f}")
 
 
-@pytest.mark.parametrize("size", [(160, 120, 1), (320, 180, 1), (480, 270, 3)])
-def test_two_threads_against_one(size: tuple[int, int, int]) -> None:
-    what = f"mission, 8 drones, stereo {size[0]}x{size[1]} / {size[2]}, temporal, two threads"
-    show(what, f"{speeds.two_threads_against_one(*size):6.2f} times as fast")
-
-
-@pytest.mark.parametrize("recorded", [False, True], ids=["not recorded", "recorded"])
-def test_the_flight_of_the_readme(recorded: bool) -> None:
-    flown = speeds.flight_of_the_readme(recorded=recorded)
-    what = f"city, 8 drones, stereo 480x270 / 3 at 10 Hz, temporal, {'' if recorded else 'not '}recorded"
-    show(what, f"real-time factor {flown.real_time_factor:6.2f}, {flown.busy_s:.2f} s of processors a second")
-
-
-@pytest.mark.parametrize(("drones", "flights"), [(1, 6), (8, 2)])
-def test_flights_of_a_study(drones: int, flights: int) -> None:
-    figure = f"{speeds.flights_a_minute(drones, flights):6.1f} flights a minute"
-    show(f"study, {flights} flights of {drones} drones in the city, 2 workers", figure)
-
-
-TICK = (Mission, "tick")
-MAP = (MappingPilot, "fly")
-PARTS = {
-    "drawing": (StereoSensor, "render"),
-    "noise and matching": (StereoSensor, "capture"),
-    "correction": (TemporalCorrector, "process"),
-    "decisions of the drones": (Mission, "_decide"),
-    "physics": (Mission, "_move"),
-}
-
-
-def spent_ms(run: Run, calls: dict[str, tuple[type, str]], monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
-    """CPU time of methods per tick of a mission on one thread, where nothing overlaps."""
-    spent_s = dict.fromkeys(calls, 0.0)
-
-    def timed(part: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        def measured(*arguments: Any, **options: Any) -> Any:
-            start = time.thread_time()
-            result = call(*arguments, **options)
-            spent_s[part] += time.thread_time() - start
-            return result
-
-        return measured
-
-    with monkeypatch.context() as patch:
-        for part, (owner, name) in calls.items():
-            patch.setattr(owner, name, timed(part, getattr(owner, name)))
-        finished = fly(run, threads=1)
-    n_ticks = float(finished.result.metrics["sim_time_s"] or 0) * run.scenario.mission.control_hz
-    return {part: 1e3 * spent / n_ticks for part, spent in spent_s.items()}
-
-
-def test_profile_of_a_mission(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A table for docs/performance.md, of 8 drones with the corrector `temporal`."""
-    profiles, shares = {}, {}
-    cameras = {"160x120": images_of(160, 120), "320x180": images_of(320, 180), "480x270 / 3": {}}
-    for camera, size in cameras.items():
-        changes = {"corrector": "temporal", **size}
-        fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}), threads=1)
-        run = load_run("city", 0, changes | {"mission.duration_s": 5.0})
-        ms = spent_ms(run, {**PARTS, "a tick": TICK, "maps": MAP}, monkeypatch)
-        shares[camera] = ms.pop("maps") / ms["correction"]
-        profiles[camera] = ms | {"the rest": 2 * ms["a tick"] - sum(ms.values())}
-    columns = [Column(size, unit, number) for size in profiles for unit, number in (("ms", ".1f"), ("%", ".0f"))]
-    rows = [
-        [part, *(value for ms in profiles.values() for value in (ms[part], 100 * ms[part] / ms["a tick"]))]
-        for part in [*PARTS, "the rest", "a tick"]
-    ]
-    print("\n" + Table.of("profile of a mission", ["part of a mission", *columns], rows).markdown())
-    for camera, share in shares.items():
-        show(f"map and decision of a drone, {camera}, against the correction of its image", f"{share:6.2f}")
-
-
-def test_profile_by_number_of_drones(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A table for docs/performance.md, of true depth at 160x120."""
+def test_ticks_by_number_of_drones() -> None:
     rows = []
     for drones in (4, 8, 16, 32):
         changes = {"rig.depth": "truth", "corrector": "raw", **images_of(160, 120)}
         changes |= {"mission.duration_s": 3.0, "mission.drones": drones}
-        tick_ms = spent_ms(load_run("city", 0, changes), {"a tick": TICK}, monkeypatch)["a tick"]
+        tick_ms = speeds.spent_ms(load_run("city", 0, changes), {"a tick": speeds.TICK})["a tick"]
         rows.append([drones, tick_ms, tick_ms / drones])
     columns = ["drones", Column("a tick", "ms", ".1f"), Column("per drone", "ms")]
-    print("\n" + Table.of("ticks", columns, rows).markdown())
+    print("\n" + Table.of("ticks with true depth at 160x120", columns, rows).markdown())
 
 
 @pytest.mark.parametrize(("width", "height", "drones"), [(160, 120, 8), (320, 180, 8), (640, 360, 1)])

@@ -1,26 +1,24 @@
 """The tables in documents are those of their files, which say by which command and commit they were made."""
 
-import json
 import re
 from pathlib import Path
 
 import pytest
 
 from scenarios.experiments.catalogue import CATALOGUE
-from tests import results
-from tests.results import (
+from tests.results import documents
+from tests.results.data import Data
+from tests.results.documents import (
     DOCUMENTS,
-    MAKERS,
-    PICTURES,
     RESULTS,
     SHOWN,
-    Data,
-    markdown,
     pictures_shown,
-    study_pictures,
-    to_json,
+    read,
+    result_of,
+    tables_shown,
     with_tables,
 )
+from tests.results.makers import MAKERS
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.results.table import Column, Table
 
@@ -31,7 +29,7 @@ TABLE = Table.of("Errors", ["name", Column("error", "m"), "kind"], [["a|b", 0.5,
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_a_table_in_a_document_is_that_of_its_file(document: Path) -> None:
     text = document.read_text()
-    made = {found[1]: json.loads((RESULTS / f"{found[1]}.json").read_text()) for found in SHOWN.finditer(text)}
+    made = {found[1]: read(found[1]) for found in SHOWN.finditer(text)}
     assert with_tables(text, made) == text, "make results remakes them"
     assert len(re.findall(r"^<!-- (?:result|end)", text, re.MULTILINE)) == 2 * len(SHOWN.findall(text))
 
@@ -42,10 +40,12 @@ def test_only_tables_name_a_commit(document: Path) -> None:
 
 
 def test_each_figure_of_a_result_is_shown_and_can_be_made() -> None:
-    shown = {f"{name}-{key}.png" for name in PICTURES for key in pictures_shown(name)}
-    assert shown == {path.name for name in PICTURES for path in RESULTS.glob(f"{name}-*.png")}
-    assert pictures_shown("studies") <= study_pictures(Data(None)).keys()
+    shown = {f"{name}-{key}.png" for name in MAKERS for key in pictures_shown(name)}
+    assert shown == {path.name for path in RESULTS.glob("*.png")}
     assert pictures_shown("experiments") <= CATALOGUE.keys()
+    made = MAKERS["studies"].make(Data(None))
+    assert pictures_shown("studies") <= made.pictures.keys()
+    assert tables_shown("studies") <= made.tables.keys()
 
 
 def test_each_result_is_shown_and_can_be_made() -> None:
@@ -60,17 +60,17 @@ def test_a_document_shows_the_tables_that_it_names_and_a_result_holds_no_others(
     document.write_text(
         "Before\n\n<!-- result errors all -->\n<!-- end -->\n\nafter\n<!-- result other x -->\n<!-- end -->\n"
     )
-    monkeypatch.setattr(results, "DOCUMENTS", (document,))
-    made = to_json("errors", {"all": TABLE, "unseen": TABLE})
-    assert list(made["tables"]) == ["all"]
+    monkeypatch.setattr(documents, "DOCUMENTS", (document,))
+    made = result_of("errors", {"all": TABLE, "unseen": TABLE})
+    assert list(made.tables) == ["all"]
     text = with_tables(document.read_text(), {"errors": made})
     assert text.startswith(
         "Before\n\n<!-- result errors all -->\n\n| name | error [m] | kind |\n| --- | ---: | --- |\n"
     )
     assert "| a\\|b | 0.50 | x |\n| c | - | y |\n" in text
-    assert f"*Errors (`make results NAME=errors`, commit {made['commit']}, {made['date']}" in text
+    assert f"*Errors (`make results NAME=errors`, commit {made.commit}, {made.date}" in text
     assert text.endswith("<!-- result other x -->\n<!-- end -->\n")
     assert with_tables(text, {"errors": made}) == text
     with pytest.raises(ToolError, match="shows errors all, which is none of its tables: unseen"):
-        to_json("errors", {"unseen": TABLE})
-    assert markdown(made, "all") in text
+        result_of("errors", {"unseen": TABLE})
+    assert made.markdown("all") in text

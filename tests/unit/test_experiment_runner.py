@@ -13,9 +13,10 @@ from rich.console import Console
 
 from scenarios.errors import ScenarioError
 from scenarios.evaluation import with_truth
+from scenarios.experiments import runner
 from scenarios.experiments.catalogue import CATALOGUE, Entry, duration_text
 from scenarios.experiments.experiment import Claim, Experiment, ExperimentResult, all_hold, counted, most_hold, summary
-from scenarios.experiments.runner import find_experiment, run
+from scenarios.experiments.runner import find_experiment, kept, show
 from tests.commands import invoke
 
 TABLE = pd.DataFrame({"method": ["one", "two"], "time [ms]": [1.23456, None], "n": [3, 0]})
@@ -48,7 +49,8 @@ def stub(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def report(out: Path, experiment: Experiment = STUB, **given: Any) -> None:
-    run("stub", experiment.with_options(out=out, **given), "voxdepth experiment stub", Console(width=300))
+    asked = experiment.with_options(out=out, **given)
+    show(runner.answer("stub", asked, "voxdepth experiment stub"), out / "stub", Console(width=300))
 
 
 @pytest.mark.usefixtures("stub")
@@ -63,7 +65,7 @@ def test_the_table_is_printed_and_written_with_what_is_needed_to_repeat_it(
         "1.23",
         told_of_claim,
         "note:  a note",
-        "table.csv, result.json, figure.png are",
+        "table.csv, figure.png, result.json are",
     ):
         assert words in printed
     folder = tmp_path / "out" / "stub"
@@ -77,6 +79,22 @@ def test_the_table_is_printed_and_written_with_what_is_needed_to_repeat_it(
     assert stored["provenance"]["machine"] and "numpy" in stored["provenance"]["versions"]
     assert stored["notes"] == ["a note"]
     assert [claim["holds"] for claim in stored["claims"]] == [None]
+
+
+@pytest.mark.usefixtures("stub")
+def test_an_answer_is_kept_for_the_same_question_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = STUB.with_options(out=tmp_path, frames=4)
+    assert kept("stub", asked) is None
+    record = runner.answer("stub", asked, "voxdepth experiment stub")
+    assert kept("stub", asked) == record
+    assert kept("stub", asked.with_options(frames=3)) is None
+    assert kept("stub", replace(asked, sequences=(), data=(tmp_path,))) is None
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "code_digest", lambda sources: "other")
+        assert kept("stub", asked) is None
+    path = tmp_path / "stub" / "result.json"
+    path.write_bytes(path.read_bytes().replace(b"it takes 1.2 ms", b"it takes 1.3 ms"))
+    assert kept("stub", asked) is None
 
 
 def test_what_the_user_does_not_say_the_experiment_does() -> None:

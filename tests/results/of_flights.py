@@ -1,0 +1,70 @@
+"""Results about flights: how fast they are computed, how hard scenes are, and what studies found."""
+
+from pathlib import Path
+
+from scenarios.sensor_pictures import make_gallery
+from scenarios.study.report import StudyAnalysis
+from scenarios.study.store import read_study
+from tests import speeds
+from voxdepth.tools.results.table import Column, Table, Value
+
+from .data import ROOT, Data, Made
+
+STUDIES = ROOT / "docs/study"
+THREADED = ((160, 120, 1), (320, 180, 1), (480, 270, 3))
+"""Sizes of images, and by how much they are reduced after matching."""
+FLIGHTS = {1: 4, 8: 2}
+"""Flights of a study by the number of their drones."""
+
+
+def missions(_: Data) -> Made:
+    """How fast missions, studies and learning environments are."""
+    flown = {name: speeds.flight_of_the_readme(recorded=name == "yes") for name in ("no", "yes")}
+    readme = Table.of(
+        "The first 15 s of voxdepth run city --seed 2, eight drones with the default",
+        ["recorded", Column("simulated time by wall time"), Column("processors' time of a simulated second", "s")],
+        [[name, one.real_time_factor, one.busy_s] for name, one in flown.items()],
+    )
+    threads: list[list[Value]] = [
+        [f"{width_px}x{height_px} / {decimate}", speeds.two_threads_against_one(width_px, height_px, decimate)]
+        for width_px, height_px, decimate in THREADED
+    ]
+    studies: list[list[Value]] = [
+        [drones, speeds.flights_a_minute(drones, flights)] for drones, flights in FLIGHTS.items()
+    ]
+    return Made(
+        {
+            "flight": readme,
+            "threads": Table.of(
+                "How many times as fast two threads fly as one", ["images", Column("times as fast")], threads
+            ),
+            "parts": speeds.parts_of_a_tick(),
+            "studies": Table.of(
+                "Flights of a study with two workers, their start included",
+                ["drones", Column("flights a minute", number=".1f")],
+                studies,
+            ),
+            "environments": speeds.steps_of_environments(),
+        }
+    )
+
+
+def scenes(data: Data) -> Made:
+    """How hard each kind of scene is to fly through."""
+    data.out.mkdir(parents=True, exist_ok=True)
+    return Made({"traversability": make_gallery(1, data.out / "scenes.jpg")})
+
+
+def studies(_: Data) -> Made:
+    """What the studies found whose stores are in docs/study."""
+    tables: dict[str, Table] = {}
+    pictures: dict[str, bytes] = {}
+    for path in sorted(STUDIES.glob("*.tar.xz")):
+        name, analysis = _name(path), StudyAnalysis(read_study(path))
+        tables |= {f"{name}-{key}": table for key, table in analysis.tables.items() if len(table)}
+        pictures |= {f"{name}-{figure.name}": figure.png for figure in analysis.figures}
+    return Made(tables, pictures)
+
+
+def _name(path: Path) -> str:
+    return path.name.partition(".")[0]
