@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 ROS := build/ros
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast fuzz bounds matrix ros lint portable bench results profile acceptance picture sequences regress docs release clean
+.PHONY: help setup demo test fast fuzz bounds matrix ros lint portable bench results acceptance picture sequences regress docs release clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -83,9 +83,6 @@ bench: setup     ## measure and print the speed of correctors and simulator
 
 results: setup   ## remake the tables in the documents, all or NAME, with the recordings of real cameras in RECORDINGS
 	$(BIN)/python -m tests.results $(if $(RECORDINGS),--recordings $(RECORDINGS)) $(NAME)
-
-profile: setup   ## measure where the time of a mission goes and print a table
-	$(BIN)/pytest tests/bench -m bench -s -q -p no:xdist -k profile
 
 acceptance: setup ## fly every scenario's acceptance check over 20 seeds
 	$(BIN)/voxdepth accept --seeds 20

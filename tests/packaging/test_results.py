@@ -1,6 +1,7 @@
 """The tables in documents are those of their files, which say by which command and commit they were made."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,11 @@ from tests.results.makers import MAKERS
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.results.table import Column, Table
 
+NUMBER = re.compile(
+    r"(?<![\w.])(\d+(?:\.\d+)?)\s(%|ms|s|min|minutes|hours|points|times|MB|GB|dB|frames/s|steps/s)(?![\w%])"
+)
+"""A number with a unit in which something can be measured."""
+NOT_MEASURED = Path(__file__).with_name("numbers.toml")
 HASH = re.compile(r"\b(?=[0-9a-f]*[0-9])(?=[0-9a-f]*[a-f])[0-9a-f]{7,12}\b")
 TABLE = Table.of("Errors", ["name", Column("error", "m"), "kind"], [["a|b", 0.5, "x"], ["c", None, "y"]])
 
@@ -37,6 +43,20 @@ def test_a_table_in_a_document_is_that_of_its_file(document: Path) -> None:
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_only_tables_name_a_commit(document: Path) -> None:
     assert HASH.findall(SHOWN.sub("", document.read_text())) == []
+
+
+def numbers_of(document: Path) -> list[str]:
+    """The numbers of a document outside of results, and of what a reader types."""
+    prose = re.sub(r"```.*?```|`[^`]*`", "", SHOWN.sub("", document.read_text()), flags=re.DOTALL)
+    return sorted({f"{found[1]} {found[2]}" for found in NUMBER.finditer(prose)})
+
+
+def test_what_is_measured_stands_in_a_result_and_not_in_prose() -> None:
+    found = {path.name: numbers for path in DOCUMENTS if (numbers := numbers_of(path))}
+    listed = tomllib.loads(NOT_MEASURED.read_text())
+    assert found == {name: sorted(of) for name, of in listed.items()}, (
+        f"a number that was measured belongs to a result, which remakes it; one that was not, to {NOT_MEASURED.name}"
+    )
 
 
 def test_each_figure_of_a_result_is_shown_and_can_be_made() -> None:

@@ -3,6 +3,7 @@
 import os
 import re
 import subprocess
+import sys
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,6 +31,7 @@ def installation(_: Data) -> Made:
         for extra in EXTRAS:
             added = sum(_sizes(_installed(environment / extra, f"[{extra}]")).values()) - whole
             rows.append([f"`{extra}`", f"+{added:.0f}"])
+        rows.append(["`all` and `dev`, as `make setup` installs them", sum(_sizes(Path(sys.executable)).values())])
         largest = sorted(packages, key=lambda name: -packages[name])[:4]
         first = [["on a new machine", _first_frame_s(alone, environment)]]
         first.append(["in a new process", _first_frame_s(alone, environment)])
