@@ -26,16 +26,16 @@ from voxdepth import TemporalCorrector
 from voxdepth.tools.results.table import Column, Table, Value
 
 TICK = (Mission, "tick")
-MAP = (MappingPilot, "fly")
 PARTS = {
     "drawing": (StereoSensor, "render"),
     "noise and matching": (StereoSensor, "capture"),
     "correction": (TemporalCorrector, "process"),
-    "decisions of the drones": (Mission, "_decide"),
+    "maps and pilots": (MappingPilot, "fly"),
+    "other parts of decisions": (Mission, "_decide"),
     "physics": (Mission, "_move"),
+    "the rest": TICK,
 }
 """Methods whose time is measured."""
-MAPS = "of the decisions: maps"
 CAMERAS: dict[str, dict[str, Any]] = {"160x120": images_of(160, 120), "320x180": images_of(320, 180), "480x270 / 3": {}}
 NAME = "swarm.gym:voxdepth/LeaderFollower-v0"
 STEPS = 100
@@ -90,14 +90,20 @@ def flights_a_minute(drones: int, flights: int) -> float:
 
 
 def spent_ms(run: Run, calls: Mapping[str, tuple[type, str]]) -> dict[str, float]:
-    """Return the time of processors that methods take in a tick of a mission on one thread, where nothing overlaps."""
-    spent_s = dict.fromkeys(calls, 0.0)
+    """Return the time of the processor that methods take in a tick of a mission on one thread.
+
+    The time of a method is without that of those that it calls, if they are among them, too.
+    """
+    spent_s, inner_s = dict.fromkeys(calls, 0.0), [0.0]
 
     def timed(part: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def measured(*arguments: Any, **options: Any) -> Any:
-            start = time.thread_time()
+            inner_s.append(0.0)
+            start_s = time.thread_time()
             result = call(*arguments, **options)
-            spent_s[part] += time.thread_time() - start
+            whole_s = time.thread_time() - start_s
+            spent_s[part] += whole_s - inner_s.pop()
+            inner_s[-1] += whole_s
             return result
 
         return measured
@@ -116,19 +122,16 @@ def parts_of_a_tick() -> Table:
     for camera, size in CAMERAS.items():
         changes = {"corrector": "temporal", **size}
         fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}), threads=1)
-        ms = spent_ms(
-            load_run("city", 0, changes | {"mission.duration_s": 5.0}),
-            {**PARTS, "a tick": TICK, MAPS: MAP},
-        )
-        profiles[camera] = ms | {"the rest": ms["a tick"] - sum(ms[part] for part in PARTS)}
+        profiles[camera] = spent_ms(load_run("city", 0, changes | {"mission.duration_s": 5.0}), PARTS)
     columns = [Column(size, unit, number) for size in profiles for unit, number in (("ms", ".1f"), ("%", ".0f"))]
-    rows = [
-        [part, *(value for ms in profiles.values() for value in (ms[part], 100 * ms[part] / ms["a tick"]))]
-        for part in (*PARTS, MAPS, "the rest", "a tick")
-    ]
-    return Table.of(
-        "Time of one thread in a tick of eight drones, twenty of which are a second", ["part", *columns], rows
-    )
+    rows: list[list[Value]] = []
+    for part in PARTS:
+        rows.append([part])
+        for ms in profiles.values():
+            rows[-1] += [ms[part], 100 * ms[part] / sum(ms.values())]
+    rows.append(["a tick", *(value for ms in profiles.values() for value in (sum(ms.values()), 100.0))])
+    title = "Time of one thread in a tick of eight drones, of which a second has twenty"
+    return Table.of(title, ["part", *columns], rows)
 
 
 class Stepped(NamedTuple):
