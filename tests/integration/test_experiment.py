@@ -132,7 +132,8 @@ def test_quality_is_reported_beside_the_paper_s_and_recordings_are_kept(out: Pat
     assert len(list((out / "recordings").iterdir())) == 1, "all experiments share the recording"
     folder = out / "quality"
     stored = json.loads((folder / "result.json").read_text())
-    assert (stored["name"], stored["frames"], stored["sequences"]) == ("quality", FRAMES, [SEQUENCE])
+    options = stored["options"]
+    assert (stored["name"], options["frames"], options["sequences"]) == ("quality", FRAMES, [SEQUENCE])
     assert 10_000 < (folder / "figure.png").stat().st_size < 500_000
     table = pd.read_csv(folder / "table.csv")
     assert table["VD (paper)"].tolist()[0] == 17.10 and table["VD (paper)"][1:].isna().all()
