@@ -1,6 +1,6 @@
 """An experiment: a question of the paper, the frames that it is about, and the functions that answer it."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -11,6 +11,7 @@ from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.tools.evaluation.frames import FrameSource
+from voxdepth.tools.evaluation.measurements import Selector, select
 from voxdepth.tools.evaluation.methods import find_methods
 from voxdepth.tools.evaluation.suite import EvaluationSequence, Plan, evaluate
 from voxdepth.types import Frame
@@ -137,13 +138,30 @@ class Experiment:
                 )
             yield requested.name, source
 
-    def evaluate(self, methods: Iterable[str]) -> pd.DataFrame:
-        """Return the measurements of methods, see `Evaluation`; the first failure is a `ScenarioError`."""
-        plan = Plan(sequences=self.requested, methods=find_methods(list(methods)), frames=self.frames, out=self.out)
+    def evaluate(self, methods: Mapping[Any, str], *selectors: Selector) -> list[pd.DataFrame]:
+        """Return the columns `value` and `n` of each quantity by sequence and method, with a row for every pair.
+
+        What was not measured is NaN, of 0 pixels; the first failure is a `ScenarioError`.
+
+        Args:
+            methods: Methods by the labels that they have in the index.
+            *selectors: The quantities.
+        """
+        labels = {method: label for label, method in methods.items()}
+        plan = Plan(sequences=self.requested, methods=find_methods(list(labels)), frames=self.frames, out=self.out)
         evaluation = evaluate(plan, lambda what, results: self.report(f"{what}; {results} of {len(plan)} done"))
         for failed in evaluation.failures:
             raise ScenarioError(f"{failed.method} failed on {failed.sequence}: {failed.error}")
-        return evaluation.measurements
+        names = [sequence.name for sequence in self.requested]
+        everyone = pd.MultiIndex.from_product([names, methods], names=["sequence", "method"])
+        measured = (
+            select(evaluation.measurements, selector).rename(index=labels, level="method") for selector in selectors
+        )
+        return [found.reindex(everyone).fillna({"n": 0}).astype({"n": int}) for found in measured]
+
+    def of_each(self, measure: Callable[[str], pd.DataFrame]) -> pd.DataFrame:
+        """Return what is measured of each sequence, one below the other; its name and the index become columns."""
+        return pd.concat({name: measure(name) for name in self.sequences}, names=["sequence"]).reset_index()
 
 
 def listed(values: Mapping[Any, float] | pd.Series, number: str, unit: str = "") -> str:

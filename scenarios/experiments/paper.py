@@ -53,3 +53,9 @@ def dataset(sequence: str) -> str:
 def beside(printed: pd.DataFrame, sequences: pd.Index) -> pd.DataFrame:
     """Return the rows of a printed table for the sequences that stand for its datasets, NaN for others."""
     return printed.reindex(sequences.map(dataset)).set_axis(sequences)
+
+
+def leads(of: pd.DataFrame) -> pd.Series:
+    """Return whether VD is higher than RS and GS, by sequence; sequences without all three are left out."""
+    known = of[list(METHODS[:3])].dropna()
+    return known["VD"] > known[["RS", "GS"]].max(axis="columns")

@@ -42,9 +42,8 @@ def answer(_: Experiment) -> ExperimentResult:
     table = pd.DataFrame(rows, columns=["percentage", "as", PRINTED, COMPUTED])
     shown = table.set_index(table["percentage"] + ": " + table["as"])[[COMPUTED, PRINTED]][:-1]
     panel = plotted(shown[::-1], "", "%", "", kind="barh")
-    return ExperimentResult(
-        table=table, figure=picture("Percentages of the paper's text", [panel], panel_in=(9.0, 4.5))
-    )
+    figure = picture("Percentages of the paper's text", [panel], panel_in=(9.0, 4.5))
+    return ExperimentResult(table=table, figure=figure)
 
 
 def fewer_switches() -> dict[tuple[str, ...], float]:

@@ -1,6 +1,6 @@
 """Panels of the figures of experiments: one line or group of bars for each column of a frame."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -53,6 +53,27 @@ def bars(frame: pd.DataFrame, title: str, y: str, number: str) -> Draw:
         for group in axes.containers:
             axes.bar_label(group, fmt=number, fontsize=6, padding=1)  # type: ignore[arg-type]
         axes.margins(y=0.15)
+
+    return draw
+
+
+def curves(of: Mapping[Hashable, pd.DataFrame], title: str, x: str, y: str) -> Draw:
+    """Return a panel with the columns of each of several frames in its colour: the first as a line, others dotted.
+
+    Args:
+        of: A frame by its name in the legend; its rows are the points along its index, the axis x.
+        title: Title of the panel.
+        x: Label of the axis x, with its unit.
+        y: Label of the axis y, with its unit.
+    """
+
+    def draw(axes: Axes) -> None:
+        for k, (name, frame) in enumerate(of.items()):
+            for dotted, column in enumerate(frame):
+                looks = {"ls": ":"} if dotted else {"label": name}
+                axes.plot(frame.index, frame[column], marker=MARKERS[k], ms=4, color=f"C{k}", **looks)
+        labelled(axes, title, x, y)
+        axes.legend(fontsize=7)
 
     return draw
 

@@ -2,75 +2,40 @@
 
 import pandas as pd
 
-from voxdepth.paper.epochs import Phase
-from voxdepth.registry import create_bare, title
-from voxdepth.tools.evaluation.frames import FrameSource
-from voxdepth.tools.evaluation.measurements import select
+from voxdepth.registry import title
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR, SETTLED_RMSE
 
-from .experiment import Claim, Experiment, ExperimentResult, counted, most_hold
-from .paper import M_RMSE, METHODS, OURS, PSNR_DB, SEQUENCES, beside
+from .experiment import Claim, Experiment, ExperimentResult, counted, most_hold, pivot
+from .measures.epochs import corrected_percent
+from .paper import M_RMSE, METHODS, OURS, PSNR_DB, SEQUENCES, beside, leads
 from .plots import bars, picture
 
 PSNR, MASKED, CORRECTED = "PSNR [dB]", "masked RMSE [m]", "frames corrected by a template [%]"
-SELECTORS = {PSNR: SETTLED_PSNR, MASKED: SETTLED_RMSE}
 
 
 def answer(experiment: Experiment) -> ExperimentResult:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
     shares = {name: corrected_percent(source, experiment.frames) for name, source in experiment.sources()}
-    measured, names, blocks = experiment.evaluate(OURS.values()), list(shares), {}
-    for metric, selector in SELECTORS.items():
-        found = select(measured, selector).unstack("method").reindex(names)
-        ours = found["value"].reindex(columns=OURS.values()).set_axis(OURS, axis="columns")
-        printed = beside(PSNR_DB if metric == PSNR else PSNR_DB.iloc[:0], ours.index)
-        blocks[metric] = ours.join(printed.add_suffix(" (paper)")).assign(
-            n=found["n"].max(axis="columns").fillna(0).astype(int)
-        )
-    blocks[CORRECTED] = pd.DataFrame.from_dict(shares, orient="index").assign(n=experiment.frames)
+    psnrs_db, masked_m = map(_by_method, experiment.evaluate(OURS, SETTLED_PSNR, SETTLED_RMSE))
+    blocks = {
+        PSNR: psnrs_db.join(beside(PSNR_DB, psnrs_db.index).add_suffix(" (paper)")),
+        MASKED: masked_m,
+        CORRECTED: pd.DataFrame.from_dict(shares, orient="index").assign(n=experiment.frames),
+    }
     table = pd.concat(blocks, names=["metric", "sequence"]).reset_index()
+    table["n"] = table.pop("n")  # is the last column
     return ExperimentResult(table=table, figure=draw(table))
 
 
-def corrected_percent(source: FrameSource, frames: int) -> dict[str, float]:
-    """Return the share of the frames that a template corrected [%], as printed and as the authors' code has it."""
-    methods = {name: create_bare(OURS[name], source.intrinsics) for name in ("VD", "VD-code")}
-    phases = [
-        {name: method.process(frame.frame).diagnostics.phase for name, method in methods.items()}  # type: ignore[union-attr]
-        for frame in source.frames(min(frames, len(source)))
-    ]
-    return dict(100.0 * (pd.DataFrame(phases) != Phase.PASSTHROUGH).mean())
-
-
-def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """Return the claims about where VD is ahead of RS and GS, beside the paper's tables."""
-    ours = {
-        metric: own.set_index("sequence")[list(METHODS[:3])].astype(float) for metric, own in table.groupby("metric")
-    }
-    return _lead("the highest PSNR", ours[PSNR], PSNR_DB), _lead("the lowest masked error", -ours[MASKED], -M_RMSE)
-
-
-def leads(of: pd.DataFrame) -> pd.Series:
-    """Return whether VD is higher than RS and GS, by sequence; sequences without all three are left out."""
-    known = of[list(METHODS[:3])].dropna()
-    return known["VD"] > known[["RS", "GS"]].max(axis="columns")
-
-
-def _lead(what: str, found: pd.DataFrame, printed: pd.DataFrame) -> Claim:
-    """Return where VD is ahead here, and in the paper's table of those datasets that the sequences stand for."""
-    ours, theirs = leads(found), leads(beside(printed, found.index))
-    known = ours.index.intersection(theirs.index, sort=False)
-    return Claim(
-        f"of VD, RS and GS, VD has {what} in {counted(theirs)}",
-        f"VD has it in {counted(ours)}",
-        most_hold(ours[known] == theirs[known]),
-        "VD leads or lags as in the paper in more than half of the datasets that the paper has, too",
-    )
+def _by_method(measured: pd.DataFrame) -> pd.DataFrame:
+    """Return the values by sequence, a column for each method, and the largest `n` of all methods."""
+    values = pivot(measured.reset_index(), "sequence", "method", "value")
+    return values.assign(n=measured.groupby("sequence")["n"].max())
 
 
 def draw(table: pd.DataFrame) -> bytes:
     """Return the figure as PNG. A PSNR has no zero that bars could begin at, so that gains over raw depth are shown."""
-    psnrs_db, masked_m = (table[table["metric"] == name].set_index("sequence")[list(OURS)] for name in SELECTORS)
+    psnrs_db, masked_m = (table[table["metric"] == name].set_index("sequence")[list(OURS)] for name in (PSNR, MASKED))
     gains_db = psnrs_db.drop(columns="raw").sub(psnrs_db["raw"], axis="index")
     gains_db.index = [f"{name}\nraw: {value:.1f} dB" for name, value in psnrs_db["raw"].items()]
     better = "PSNR of all surfaces: how much higher than that of the depth as measured? Higher is better"
@@ -86,6 +51,26 @@ def draw(table: pd.DataFrame) -> bytes:
         columns=1,
         panel_in=(10.0, 3.4),
         shared_legend=True,
+    )
+
+
+def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
+    """Return the claims about where VD is ahead of RS and GS, beside the paper's tables."""
+    ours = {
+        metric: own.set_index("sequence")[list(METHODS[:3])].astype(float) for metric, own in table.groupby("metric")
+    }
+    return _lead("the highest PSNR", ours[PSNR], PSNR_DB), _lead("the lowest masked error", -ours[MASKED], -M_RMSE)
+
+
+def _lead(what: str, found: pd.DataFrame, printed: pd.DataFrame) -> Claim:
+    """Return where VD is ahead here, and in the paper's table of those datasets that the sequences stand for."""
+    ours, theirs = leads(found), leads(beside(printed, found.index))
+    known = ours.index.intersection(theirs.index, sort=False)
+    return Claim(
+        f"of VD, RS and GS, VD has {what} in {counted(theirs)}",
+        f"VD has it in {counted(ours)}",
+        most_hold(ours[known] == theirs[known]),
+        "VD leads or lags as in the paper in more than half of the datasets that the paper has, too",
     )
 
 

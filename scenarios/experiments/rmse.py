@@ -5,26 +5,20 @@ from typing import Any
 
 import pandas as pd
 
-from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import Sums
-from voxdepth.registry import create_bare
-from voxdepth.tools.evaluation.frames import FrameSource
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES
 
-from .authors_metrics import UNRELATED, millimetres, stretched_psnr_db, wrapped_rmse
 from .experiment import Claim, Experiment, ExperimentResult, counted, pivot
-from .paper import M_RMSE, METHODS, OURS, SEQUENCES, beside
+from .measures.authors_metrics import METRES, UNRELATED, WRAPPED, occluded_errors
+from .paper import M_RMSE, METHODS, OURS, SEQUENCES, beside, leads
 from .plots import picture, plotted
-from .quality import leads
 
 SATURATED, CLOSE = 175.0, 5.0
 """A wrapped score above this is nearly that of unrelated images, and how near to it scores say nothing."""
-METRES, WRAPPED, STRETCHED = "masked RMSE [m]", "in 16 bits", "stretched PSNR [dB]"
 
 
 def answer(experiment: Experiment) -> ExperimentResult:
     """Correct every sequence by every method, and compute the metrics on the occluded pixels."""
-    table = pd.DataFrame(row for name, source in experiment.sources() for row in _rows(name, source, experiment))
+    table = pd.DataFrame(_rows(experiment))
     printed = beside(M_RMSE, pd.Index(table["sequence"].unique())).stack().rename(f"{WRAPPED}, paper")
     panels = [
         plotted(pivot(table, "sequence", "method", name), name, "", name, kind="bar") for name in (METRES, WRAPPED)
@@ -33,19 +27,12 @@ def answer(experiment: Experiment) -> ExperimentResult:
     return ExperimentResult(table=table.join(printed, on=["sequence", "method"]), figure=figure)
 
 
-def _rows(name: str, source: FrameSource, experiment: Experiment) -> Iterator[dict[str, Any]]:
-    """Yield a row for each method on a sequence."""
-    for label, method in OURS.items():
-        experiment.report(f"{name}, {method}")
-        corrector, sums, scores = create_bare(method, source.intrinsics), Sums(), []
-        for index, frame in enumerate(source.frames(min(experiment.frames, len(source)))):
-            depth_m, hidden = corrector.process(frame.frame).depth_m, frame.occluded
-            if index >= SETTLED_FRAMES and hidden is not None and hidden.any():
-                sums += Sums.of(fill_from_nearest(depth_m), frame.reference_m, hidden & frame.near())
-                depth_mm, truth_mm = millimetres(depth_m), millimetres(frame.reference_m)
-                scores.append((wrapped_rmse(depth_mm, truth_mm, hidden), stretched_psnr_db(depth_mm, truth_mm)))
-        means = pd.DataFrame(scores, columns=[WRAPPED, STRETCHED]).mean()
-        yield {"sequence": name, "method": label, METRES: sums.rmse_m, **means, "n pixels": sums.pixels}
+def _rows(experiment: Experiment) -> Iterator[dict[str, Any]]:
+    """Yield a row for each method on each sequence."""
+    for name, source in experiment.sources():
+        for label, method in OURS.items():
+            experiment.report(f"{name}, {method}")
+            yield {"sequence": name, "method": label, **occluded_errors(method, source, experiment.frames)}
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:

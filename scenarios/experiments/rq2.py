@@ -4,37 +4,37 @@ import pandas as pd
 
 from voxdepth.paper.config import VoxDepthConfig
 from voxdepth.registry import PAPER
-from voxdepth.tools.evaluation.measurements import select
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR
 
 from .experiment import Claim, Experiment, ExperimentResult, all_hold, listed, pivot
-from .image_motion import GRAY, TIME, UNMOVED, by_registration, score_pairs
+from .measures.image_motion import UNMOVED, by_registration
+from .measures.pairs import DISTANCE, GRAY, TIME, Pairs, score_pairs
 from .plots import picture, plotted
 
+SIZES_PX = (100, 150, 200, 300, 400, 600)
 CHOSEN, LARGEST = "200", "600"
 """The paper's choice, and the largest size."""
-SIZES_PX = (100, 150, 200, 300, 400, 600)
-METHODS = {f"{PAPER}[registration_px={size}]": str(size) for size in SIZES_PX}
-DISTANCE, MAX_PAIRS = 10, 10
-"""Frames between the two images of a pair, and pairs of a sequence."""
+PAIRS = Pairs(distances_frames=(10,), at_most=10)
 SIZE, CORRECTED = "size [px]", "corrected PSNR [dB]"
 
 
 def answer(experiment: Experiment) -> ExperimentResult:
     """Register pairs of frames and correct whole sequences at each size."""
-    corrected_db = select(experiment.evaluate(METHODS), SETTLED_PSNR)["value"]
-    scores = {}
-    for name in experiment.sequences:
-        shape = experiment.recording(name).intrinsics.shape
-        sizes = {str(px): by_registration(VoxDepthConfig(registration_px=px), shape) for px in SIZES_PX}
-        pairs = score_pairs(experiment, name, UNMOVED | sizes, DISTANCE, MAX_PAIRS)
-        scores[name] = pairs.assign(**{CORRECTED: corrected_db[name].rename(METHODS)})
-    table = pd.concat(scores, names=["sequence", SIZE]).reset_index()
+    correctors = {str(px): f"{PAPER}[registration_px={px}]" for px in SIZES_PX}
+    (corrected,) = experiment.evaluate(correctors, SETTLED_PSNR)
+    registrations = {str(px): by_registration(VoxDepthConfig(registration_px=px)) for px in SIZES_PX}
+
+    def measured(name: str) -> pd.DataFrame:
+        scores = score_pairs(experiment, name, PAIRS, UNMOVED | registrations).droplevel(DISTANCE).rename_axis(SIZE)
+        return scores.assign(**{CORRECTED: corrected["value"][name]})
+
+    table = experiment.of_each(measured)
     panels = [
         plotted(pivot(table, SIZE, "sequence", values).drop(list(UNMOVED)), title, SIZE, values)
         for values, title in ((GRAY, "registration"), (CORRECTED, "corrected depth"), (TIME, "time of registration"))
     ]
-    return ExperimentResult(table=table, figure=picture(f"RQ2: size of frames, n = up to {MAX_PAIRS} pairs", panels))
+    figure = picture(f"RQ2: size of frames, n = up to {PAIRS.at_most} pairs", panels)
+    return ExperimentResult(table=table, figure=figure)
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:

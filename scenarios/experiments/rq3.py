@@ -1,83 +1,28 @@
 """RQ3: methods that make the sparse projection of the fused cloud dense."""
 
-import time
-from collections.abc import Iterator
-from typing import Any
-
-import numpy as np
 import pandas as pd
 
-from swarm.perception import frame_of
-from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import Sums
 from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.paper.method import Inpaint, create_grid, fuse_window
-from voxdepth.paper.odometry import PhotometricOdometry
-from voxdepth.paper.registration import OrbRegistration
-from voxdepth.tools.evaluation.frames import NEAR_M
-from voxdepth.tools.evaluation.scoring import PEAK16_M
-from voxdepth.types import FloatImage
+from voxdepth.paper.method import Inpaint
 
 from .experiment import Claim, Experiment, ExperimentResult, all_hold, listed, pivot
-from .inpainting import INPAINTINGS, dilation
+from .measures.inpainting import INPAINTINGS
+from .measures.templates import PSNR, TIME, template_scores
 from .paper import INPAINTING
 from .plots import picture, plotted
 
-CONFIG, REPETITIONS = VoxDepthConfig(), 5
-"""Timed repetitions of each method on each window."""
-PSNR, TIME, FILLED = "PSNR completed [dB]", "median time [ms]", "filled [%]"
+WINDOW_FRAMES = VoxDepthConfig().window_frames
+METHODS: dict[str, Inpaint] = {"as projected": lambda sparse_m: sparse_m.copy(), **INPAINTINGS}
 
 
 def answer(experiment: Experiment) -> ExperimentResult:
     """Make templates of the same windows with every method."""
-    scores = {name: _measured(experiment, name) for name in experiment.sequences}
-    table = pd.concat(scores, names=["sequence", "method"]).reset_index()
+    scores = experiment.of_each(
+        lambda name: template_scores(experiment.recording(name).intrinsics, experiment.captures(name), METHODS)
+    )
+    table = scores.join(pd.DataFrame(INPAINTING, ["PSNR, paper [dB]", "time, paper [ms]"]).T, on="method")
     panel = plotted(pivot(table, "method", "sequence", PSNR), "", "", PSNR, ls="")
     return ExperimentResult(table=table, figure=picture(f"RQ3: templates of {experiment.frames} frames", [panel]))
-
-
-def _measured(experiment: Experiment, name: str) -> pd.DataFrame:
-    """Return a row for each method on the windows of a sequence."""
-    scores = pd.DataFrame(score for window in _windows(experiment, name) for score in _scored(*window))
-    by_method = scores.groupby("method", sort=False)
-    sums = by_method[["near", "completed"]].sum()
-    return pd.DataFrame(
-        {
-            FILLED: 100 * sums["near"].map(lambda near: near.coverage),
-            "MAE filled [m]": sums["near"].map(lambda near: near.mae_m),
-            "too far [%]": 100 * sums["near"].map(lambda near: near.too_far_share),
-            PSNR: sums["completed"].map(lambda completed: completed.psnr_db(PEAK16_M)),
-            TIME: by_method["ms"].median(),
-            "n pixels": sums["near"].map(lambda near: near.pixels),
-        }
-    ).join(pd.DataFrame(INPAINTING, ["PSNR, paper [dB]", "time, paper [ms]"]).T)
-
-
-def _scored(sparse_m: FloatImage, truth_m: FloatImage) -> Iterator[dict[str, Any]]:
-    """Yield the errors of each method on one window near and after completion, and its median time [ms]."""
-    methods: dict[str, Inpaint] = {"as projected": lambda sparse_m: sparse_m.copy(), **INPAINTINGS}
-    for method, fill in methods.items():
-        template_m, times_s = fill(sparse_m), []
-        for _ in range(REPETITIONS):
-            start = time.perf_counter()
-            fill(sparse_m)
-            times_s.append(time.perf_counter() - start)
-        near = Sums.of(template_m, truth_m, truth_m <= np.float32(NEAR_M))
-        completed = Sums.of(fill_from_nearest(template_m), truth_m, truth_m <= np.float32(PEAK16_M))
-        yield {"method": method, "near": near, "completed": completed, "ms": 1000 * float(np.median(times_s))}
-
-
-def _windows(experiment: Experiment, name: str) -> Iterator[tuple[FloatImage, FloatImage]]:
-    """Yield the sparse projection of each window [m], and the true depth of its last frame [m]; both (H, W)."""
-    camera = experiment.recording(name).intrinsics
-    grid, odometry = create_grid(CONFIG.device, CONFIG.voxels, camera), PhotometricOdometry(camera)
-    registration, window = OrbRegistration(CONFIG, camera.shape), []
-    for capture in experiment.captures(name):
-        window.append(frame_of(capture))
-        if len(window) == CONFIG.window_frames:
-            features = registration.describe(window[-1].gray)
-            yield fuse_window(window, features, grid, odometry, dilation).projection_m, capture.depth_true_m
-            window = []
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
@@ -114,12 +59,12 @@ EXPERIMENT = Experiment(
     answer=answer,
     claims=claims,
     notes=(
-        f"Windows of {CONFIG.window_frames} frames that do not overlap; the PSNR is of surfaces within 65.5 m with "
+        f"Windows of {WINDOW_FRAMES} frames that do not overlap; the PSNR is of surfaces within 65.5 m with "
         "the peak 65535 mm, after completion by the nearest valid, all else of those within 20 m. All methods look at "
         "5 x 5 pixels, on one thread. Convex is our network, and not that of the paper, whose weights are not public.",
     ),
     sequences=("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"),
     frames=30,
-    least_frames=CONFIG.window_frames,
+    least_frames=WINDOW_FRAMES,
     width_px=640,
 )

@@ -5,41 +5,36 @@ import pandas as pd
 from voxdepth.paper.config import VoxDepthConfig
 
 from .experiment import Claim, Experiment, ExperimentResult, all_hold, listed, most_hold, pivot
-from .image_motion import DEPTH, TIME, UNMOVED, by_flow, by_registration, score_pairs
-from .optical_flow import FLOWS
+from .measures.image_motion import UNMOVED, by_flow, by_registration
+from .measures.optical_flow import FLOWS
+from .measures.pairs import DEPTH, DISTANCE, TIME, Pairs, score_pairs
 from .paper import FLOW_S
 from .plots import picture, plotted
 
-DISTANCES, MAX_PAIRS = (1, 3, 10, 25), 4
-"""Frames between the earlier and the later image, and pairs of each distance in a sequence."""
-REGISTRATION, DIS, DISTANCE = "registration", "DIS flow", "distance [frames]"
+PAIRS = Pairs(distances_frames=(1, 3, 10, 25), at_most=4)
+REGISTRATION, DIS = "registration", "DIS flow"
+ESTIMATORS = {**UNMOVED, REGISTRATION: by_registration(VoxDepthConfig()), **{of: by_flow(FLOWS[of]) for of in FLOWS}}
 BUDGET_MS = 50.0
 """The paper's limit for a frame: 20 frames per second."""
 
 
 def answer(experiment: Experiment) -> ExperimentResult:
     """Warp a perfect template, which is the true depth of a frame, to later frames with every method."""
-    scores = {}
-    for name in experiment.sequences:
-        registration = by_registration(VoxDepthConfig(), experiment.recording(name).intrinsics.shape)
-        estimators = UNMOVED | {REGISTRATION: registration} | {flow: by_flow(FLOWS[flow]) for flow in FLOWS}
-        for distance in (distance for distance in DISTANCES if distance < experiment.frames):
-            scores[name, distance] = score_pairs(experiment, name, estimators, distance, MAX_PAIRS)
-    table = pd.concat(scores, names=["sequence", DISTANCE, "method"]).reset_index()
+    table = experiment.of_each(lambda name: score_pairs(experiment, name, PAIRS, ESTIMATORS))
     panels = [
         plotted(pivot(of, DISTANCE, "method", DEPTH), f"{name}, surfaces within 20 m", DISTANCE, DEPTH, logy=True)
         for name, of in table.groupby("sequence", sort=False)
     ]
     times_ms = _times_ms(table).T
     panels.append(plotted(times_ms, "median; the paper's limit is 50 ms", "", "time [ms]", kind="bar", logy=True))
-    return ExperimentResult(
-        table=table, figure=picture("RQ4: a perfect template warped to later frames", panels, columns=2)
-    )
+    figure = picture("RQ4: a perfect template warped to later frames", panels, columns=2)
+    return ExperimentResult(table=table, figure=figure)
 
 
 def _times_ms(table: pd.DataFrame) -> pd.DataFrame:
     """Return the times at the shortest distance, by sequence and method: they do not depend on it."""
-    return pivot(table[table[DISTANCE] == DISTANCES[0]], "sequence", "method", TIME).drop(columns=list(UNMOVED))
+    nearest = table[table[DISTANCE] == table[DISTANCE].min()]
+    return pivot(nearest, "sequence", "method", TIME).drop(columns=list(UNMOVED))
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:

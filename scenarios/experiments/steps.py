@@ -1,92 +1,31 @@
 """The paper's central figures: the steps of one epoch, and the frame that it corrects beside every rival."""
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
-
-import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from swarm.perception import frame_of
-from voxdepth import VoxDepth
 from voxdepth.colors import colored, far_end_m
-from voxdepth.metrics import Sums
-from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.registry import DEFAULT, create_bare
-from voxdepth.tools.evaluation.frames import NEAR_M
-from voxdepth.types import FloatImage
 
-from ..errors import ScenarioError
 from ..figure import Draw, image_shown
 from .experiment import Claim, Experiment, ExperimentResult, all_hold, pivot
-from .paper import OURS
+from .measures.epoch_images import CONFIG, FILLED, PROJECTION, TEMPLATE, Step, epoch_steps
 from .plots import picture
 
-CONFIG = VoxDepthConfig(fusion_lag_frames=0)
-"""Fusing waits, so that a template is of the frame in which it appears."""
-PROJECTION, TEMPLATE, FILLED, DENSE = "sparse projection", "template", "with depth [%]", 95.0
-
-
-class Step(NamedTuple):
-    """Gray values or a depth [m], shape (H, W), and the true depth of the same frame [m]."""
-
-    name: str
-    frame: int
-    image: npt.NDArray[Any]
-    truth_m: FloatImage
-
-    @property
-    def row(self) -> dict[str, Any]:
-        """What is known of the surfaces within 20 m."""
-        sums = Sums.of(self.image, self.truth_m, self.truth_m < np.float32(NEAR_M))
-        filled = None if sums.coverage is None else 100 * sums.coverage
-        return {"step": self.name, "frame": self.frame, FILLED: filled, "MAE [m]": sums.mae_m, "n pixels": sums.filled}
-
-    @property
-    def drawn(self) -> Draw:
-        """Its panel."""
-        is_gray = self.image.dtype == np.uint8
-        image = self.image if is_gray else colored(self.image, far_end_m([self.truth_m]))[..., ::-1]
-        return image_shown(f"{self.name} ({self.frame})", image, cmap="gray", interpolation="nearest")
+DENSE = 95.0
+"""From which share of the pixels on we call a template dense [%]."""
 
 
 def answer(experiment: Experiment) -> ExperimentResult:
     """Follow the last frame of each sequence that a template corrects back to the window of the template."""
-    found = [(name, step) for name in experiment.sequences for step in steps(experiment, name)]
-    table = pd.DataFrame([{"sequence": name, **step.row} for name, step in found if step.image.dtype != np.uint8])
+    found = [(name, step) for name in experiment.sequences for step in epoch_steps(experiment, name)]
+    table = pd.DataFrame([{"sequence": name, **step.errors} for name, step in found if not step.is_gray])
     title = "The steps of one epoch, and the frame that it corrects as every method gives it; in brackets its number"
-    return ExperimentResult(
-        table=table, figure=picture(title, [step.drawn for _, step in found], columns=5, panel_in=(2.4, 1.7))
-    )
+    figure = picture(title, [drawn(step) for _, step in found], columns=5, panel_in=(2.4, 1.7))
+    return ExperimentResult(table=table, figure=figure)
 
 
-def steps(experiment: Experiment, name: str) -> Iterator[Step]:
-    """Yield the images of a sequence in the order of the paper's figures; a `ScenarioError` if none is corrected."""
-    camera, captures = experiment.recording(name).intrinsics, list(experiment.captures(name))
-    frames = list(map(frame_of, captures))
-    results = list(map(VoxDepth(camera, CONFIG).process, frames))
-    states: list[Any] = [result.diagnostics for result in results]
-    at = max((k for k, state in enumerate(states) if state.warped_template_m is not None), default=None)
-    if at is None:
-        raise ScenarioError(f"no template fits a frame of {name}: ask for more --frames, or another sequence")
-    template = states[at].template
-    last = next(k for k, state in enumerate(states) if state.template is template)
-    first = last - CONFIG.window_frames + 1
-    images = [
-        ("first of the window", first, frames[first].gray),
-        ("its depth", first, frames[first].depth_m),
-        (PROJECTION, last, template.projection_m),
-        (TEMPLATE, last, template.depth_m),
-        ("frame", at, frames[at].gray),
-        ("aligned template", at, states[at].warped_template_m),
-        ("result", at, results[at].depth_m),
-        ("truth", at, captures[at].depth_true_m),
-    ]
-    yield from (Step(*image, captures[image[1]].depth_true_m) for image in images)
-    for label, method in {**dict(reversed(OURS.items())), DEFAULT: DEFAULT}.items():
-        *_, rival = map(create_bare(method, camera).process, frames[: at + 1])
-        shown = label if label == method else f"{label}: {method}"
-        yield Step(shown, at, rival.depth_m, captures[at].depth_true_m)
+def drawn(step: Step) -> Draw:
+    """Return the panel of a step."""
+    image = step.image if step.is_gray else colored(step.image, far_end_m([step.truth_m]))[..., ::-1]
+    return image_shown(f"{step.name} ({step.frame})", image, cmap="gray", interpolation="nearest")
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:

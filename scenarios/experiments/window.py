@@ -3,13 +3,13 @@
 import pandas as pd
 
 from voxdepth.registry import PAPER
-from voxdepth.tools.evaluation.measurements import of_frames, select
+from voxdepth.tools.evaluation.measurements import of_frames
 from voxdepth.tools.evaluation.scoring import SETTLED_FRAMES, SETTLED_PSNR
 
 from .experiment import Claim, Experiment, ExperimentResult, all_hold, pivot
 from .plots import picture, plotted
 
-SIZES = {f"{PAPER}[window_frames={size}]": size for size in (2, 4, 6, 8, 10, 12)}
+SIZES = (2, 4, 6, 8, 10, 12)
 """Frames in a window by the method. After `SETTLED_FRAMES` every window has made its first template."""
 CHOSEN, LARGEST, SIMILAR_DB = 10, 12, 0.1
 """The paper's choice, what it compares it with, and below which difference we call similar what it calls so."""
@@ -19,18 +19,14 @@ TIMES = {"median latency [ms]": of_frames("latency_p50"), "fusing per frame [ms]
 
 def answer(experiment: Experiment) -> ExperimentResult:
     """Correct the same frames with every window size."""
-    measured = experiment.evaluate(SIZES)
-    quality = select(measured, SETTLED_PSNR)
-    table = pd.DataFrame(
-        {PSNR: quality["value"], **{name: select(measured, of)["value"] for name, of in TIMES.items()}}
-    )
+    methods = {size: f"{PAPER}[window_frames={size}]" for size in SIZES}
+    quality, *times = experiment.evaluate(methods, SETTLED_PSNR, *TIMES.values())
+    table = pd.DataFrame({PSNR: quality["value"], **{name: of["value"] for name, of in zip(TIMES, times, strict=True)}})
     table[TIME] = table[list(TIMES)].fillna(0.0).sum(axis="columns")
-    table = table.assign(**{"n pixels": quality["n"]}).rename(index=SIZES, level="method").sort_index(level="method")
-    table = table.loc[list(experiment.sequences)].rename_axis(["sequence", SIZE]).reset_index()
+    table = table.assign(**{"n pixels": quality["n"]}).rename_axis(["sequence", SIZE]).reset_index()
     panels = [plotted(pivot(table, SIZE, "sequence", values), "", SIZE, values) for values in (PSNR, TIME)]
-    return ExperimentResult(
-        table=table, figure=picture(f"Fusion window, {experiment.frames} frames of each sequence", panels)
-    )
+    figure = picture(f"Fusion window, {experiment.frames} frames of each sequence", panels)
+    return ExperimentResult(table=table, figure=figure)
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:

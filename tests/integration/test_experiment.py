@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.experiments import collide
 from scenarios.experiments.catalogue import CATALOGUE
 from scenarios.experiments.experiment import Experiment
+from scenarios.experiments.measures import collisions
 from scenarios.experiments.runner import find_experiment
 from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
@@ -26,8 +26,8 @@ from voxdepth.networks import has_runtime
 SEQUENCE, FRAMES, WIDTH_PX = "sim-MB", 18, 160
 FEWER: dict[str, dict[str, Any]] = {
     "fps": {"RUNS": 1},
-    "rq2": {"SIZES_PX": (200, 600), "METHODS": {f"voxdepth[registration_px={px}]": str(px) for px in (200, 600)}},
-    "window": {"SIZES": {f"voxdepth[window_frames={size}]": size for size in (10, 12)}},
+    "rq2": {"SIZES_PX": (200, 600)},
+    "window": {"SIZES": (10, 12)},
 }
 """Repetitions and settings that say nothing more in a test."""
 DEEP_SMOOTH = ["DS"] if has_runtime() else []
@@ -78,14 +78,14 @@ def test_collisions_are_read_from_a_store_or_flown_and_then_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flown: list[str] = []
-    monkeypatch.setattr(collide, "Processes", lambda *_: Serial(lambda spec: flown.append(spec.key) or fake(spec)))
+    monkeypatch.setattr(collisions, "Processes", lambda *_: Serial(lambda spec: flown.append(spec.key) or fake(spec)))
     experiment = find_experiment("collide").with_options(out=tmp_path, frames=2, report=unseen)
     first = experiment.answer(experiment).table
     assert len(flown) == 10 and list(first["n runs"]) == [2] * 5
     pd.testing.assert_frame_equal(experiment.answer(experiment).table, first)
     assert len(flown) == 10, "what is stored is not flown again"
     store = tmp_path / "store"
-    run_study(collide.small_study(3), store, Serial(fake), unseen)
+    run_study(collisions.small_study(3), store, Serial(fake), unseen)
     stored = experiment.with_options(data=(store,))
     assert list(stored.answer(stored).table["n runs"]) == [3] * 5
     with pytest.raises(ScenarioError, match="expected one store of the study noise, got 2"):
@@ -132,7 +132,8 @@ def test_quality_is_reported_beside_the_paper_s_and_recordings_are_kept(out: Pat
     assert len(list((out / "recordings").iterdir())) == 1, "all experiments share the recording"
     folder = out / "quality"
     stored = json.loads((folder / "result.json").read_text())
-    assert (stored["name"], stored["frames"], stored["sequences"]) == ("quality", FRAMES, [SEQUENCE])
+    options = stored["options"]
+    assert (stored["name"], options["frames"], options["sequences"]) == ("quality", FRAMES, [SEQUENCE])
     assert 10_000 < (folder / "figure.png").stat().st_size < 500_000
     table = pd.read_csv(folder / "table.csv")
     assert table["VD (paper)"].tolist()[0] == 17.10 and table["VD (paper)"][1:].isna().all()

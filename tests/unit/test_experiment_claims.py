@@ -19,9 +19,10 @@ from scenarios.experiments import (
     window,
 )
 from scenarios.experiments.experiment import Claim
-from scenarios.experiments.image_motion import DEPTH, GRAY, TIME
-from scenarios.experiments.optical_flow import FLOWS
-from scenarios.experiments.paper import M_RMSE, PSNR_DB
+from scenarios.experiments.measures import collisions
+from scenarios.experiments.measures.optical_flow import FLOWS
+from scenarios.experiments.measures.pairs import DEPTH, GRAY, TIME
+from scenarios.experiments.paper import M_RMSE, PSNR_DB, leads
 from scenarios.study.design import expand, load_study
 from tests.studies import LETTERS, contents_of, noisy, study
 
@@ -59,8 +60,8 @@ def test_a_recording_that_stands_for_no_dataset_leaves_the_claims_open() -> None
 
 
 def test_the_paper_s_own_tables_say_where_its_method_leads() -> None:
-    assert list(quality.leads(PSNR_DB)) == [True, True, False, True, True, True]
-    assert list(quality.leads(-M_RMSE)) == [True, False, True, True, True, False]
+    assert list(leads(PSNR_DB)) == [True, True, False, True, True, True]
+    assert list(leads(-M_RMSE)) == [True, False, True, True, True, False]
     assert (M_RMSE > 175).sum(axis=None) == 13, "nearly those of unrelated images"
 
 
@@ -112,7 +113,7 @@ def test_inpaintings_are_ordered_as_in_the_paper() -> None:
 
 def test_flow_is_judged_by_its_time_and_error() -> None:
     methods = ["unmoved", rq4.REGISTRATION, *FLOWS]
-    table = pd.DataFrame({"sequence": "sim-LN", rq4.DISTANCE: rq4.DISTANCES[0], "method": methods})
+    table = pd.DataFrame({"sequence": "sim-LN", rq4.DISTANCE: rq4.PAIRS.distances_frames[0], "method": methods})
     slow = table.assign(**{DEPTH: [5, 4, 3, 3, 3], TIME: [0, 1, 60, 70, 80.0]})
     assert verdicts(rq4.claims(slow)) == ["agrees", "agrees"]
     assert verdicts(rq4.claims(table.assign(**{DEPTH: [5, 2, 3, 1, 1], TIME: [0, 1, 6, 70, 80.0]}))) == [
@@ -173,7 +174,7 @@ def test_percentages_follow_or_do_not() -> None:
     assert values["masked RMSE, LN, KTS, KTC and PLF", "1 - VD / best other"] == pytest.approx(18.32, abs=0.01)
 
 
-def collisions(*letters: str) -> pd.DataFrame:
+def collision_table(*letters: str) -> pd.DataFrame:
     """The table of a study of an arm at several noise ratios; a letter tells how each seed ended."""
     thetas = (0.0, 0.3, 0.5, 0.7, 1.0)
     ends = {
@@ -181,29 +182,29 @@ def collisions(*letters: str) -> pd.DataFrame:
         for theta, of in zip(thetas, letters, strict=True)
         for seed, end in enumerate(of)
     }
-    return collide.table_of(contents_of(study(noisy("noise", *thetas), seeds=len(letters[0])), ends))
+    return collisions.collision_table(contents_of(study(noisy("noise", *thetas), seeds=len(letters[0])), ends))
 
 
 def test_collisions_grow_as_the_runs_of_a_store_say() -> None:
-    table = collisions("o" * 20, "x" + 19 * "o", "x" * 3 + "o" * 17, "x" * 9 + "o" * 11, "x" * 19 + "o")
+    table = collision_table("o" * 20, "x" + 19 * "o", "x" * 3 + "o" * 17, "x" * 9 + "o" * 11, "x" * 19 + "o")
     assert list(table["collisions"]) == [0, 1, 3, 9, 19]
     exponent, low, high = table[["exponent", "exponent, low", "exponent, high"]].iloc[0]
     assert 2 < low < exponent < high < 8
     shape, size = collide.claims(table)
     assert (shape.verdict, size.verdict) == ("agrees", "agrees") and "noise: as theta^" in shape.found
-    steady = collisions("o" * 6, *["xxxooo"] * 4)
+    steady = collision_table("o" * 6, *["xxxooo"] * 4)
     assert verdicts(collide.claims(steady)) == ["differs", "differs"]
 
 
 @pytest.mark.parametrize("end", "ox")
 def test_runs_that_all_end_alike_tell_no_exponent(end: str) -> None:
-    claims = collide.claims(collisions(*[end * 4] * 5))
+    claims = collide.claims(collision_table(*[end * 4] * 5))
     assert verdicts(claims) == ["open", "open"]
     assert claims[0].found == f"noise: {20 * (end == 'x')} of 20 runs collided, which fits any curve"
 
 
 def test_the_small_study_of_collisions_flies_few_runs_of_the_whole_one() -> None:
     whole = {spec.key for spec in expand(load_study("noise"))}
-    small = expand(collide.small_study(2))
-    assert len(small) == 2 * len(collide.THETAS) and {spec.key for spec in small} <= whole
-    assert {spec.seed for spec in expand(collide.small_study(2, 5))} == {605, 606}, "the seeds of --seed 5"
+    small = expand(collisions.small_study(2))
+    assert len(small) == 2 * len(collisions.THETAS) and {spec.key for spec in small} <= whole
+    assert {spec.seed for spec in expand(collisions.small_study(2, 5))} == {605, 606}, "the seeds of --seed 5"

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from scenarios.experiments.authors_metrics import UNRELATED, millimetres, stretched_psnr_db, wrapped_rmse
-from scenarios.experiments.image_motion import pair_starts
-from scenarios.experiments.inpainting import INPAINTINGS, bilinear, dilation, erosion
-from scenarios.experiments.optical_flow import FLOWS, followed
+from scenarios.experiments.measures.authors_metrics import UNRELATED, millimetres, stretched_psnr_db, wrapped_rmse
+from scenarios.experiments.measures.inpainting import INPAINTINGS, bilinear, dilation, erosion
+from scenarios.experiments.measures.optical_flow import FLOWS, followed
+from scenarios.experiments.measures.pairs import Pairs
 from tests.frames import textured
 from tests.unit.test_paper_steps import by_windows, sparse
 
@@ -69,8 +69,9 @@ def test_convex_fills_a_scene_twice_as_far_twice_as_far() -> None:
 
 
 def test_pairs_are_spread_and_the_last_one_ends_with_the_sequence() -> None:
-    assert pair_starts(30, 10, 4) == [0, 6, 13, 19]
-    assert pair_starts(12, 10, 4) == [0, 1]
+    pairs = Pairs(distances_frames=(10, 20), at_most=4)
+    assert pairs.starts(30) == {10: [0, 6, 13, 19], 20: [0, 3, 6, 9]}
+    assert pairs.starts(12) == {10: [0, 1]}, "too short for the larger distance"
 
 
 def ramp_mm(largest_mm: float) -> np.ndarray:

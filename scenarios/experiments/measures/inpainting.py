@@ -14,7 +14,7 @@ from voxdepth.types import FloatImage
 
 WINDOW_PX, MULTIPLE_PX = 5, 32
 """Window of all methods, and what the sides of the network's images are multiples of."""
-NETWORKS = Path(__file__).parents[1] / "data" / "networks"
+NETWORKS = Path(__file__).parents[2] / "data" / "networks"
 
 
 def dilation(sparse_m: FloatImage) -> FloatImage:
