@@ -14,10 +14,12 @@ from .sample import recording
 
 if TYPE_CHECKING:
     from .evaluation.recordings import OpenRecording
-    from .evaluation.suite import EvaluationSequence, Plan
+    from .evaluation.suite import Evaluation, EvaluationSequence, Plan
 
 OUTER_COMMA = r",(?![^\[]*\])"
 """A comma that is not within the brackets of a setting."""
+WORST = "worst"
+"""Folder of the recordings of the worst frames, below that of the results."""
 
 
 def evaluate(
@@ -63,6 +65,15 @@ def evaluate(
     within: Within = 20.0,
     units_per_m: UnitsPerM = None,
     baseline: Baseline = None,
+    record: Annotated[
+        bool,
+        typer.Option(
+            "--record",
+            help="Write a Rerun recording of the worst frame of each recording, and of those around it, into worst in "
+            "DIR: the frame in which the best method gives the smallest share of judged pixels a close depth, beside "
+            "the best other method. These methods correct all frames before it again.",
+        ),
+    ] = False,
 ) -> None:
     """Compare all methods on the same frames: errors, coverage, flicker, latency; tables and a report.
 
@@ -74,14 +85,22 @@ def evaluate(
     from voxdepth.tools.recorded import Opener, restrict_opencv
 
     require_installed("pyarrow")
+    if record:
+        require_installed("rerun")
     restrict_opencv()
     _require_later(start, sequences or [], data or [])
     opener = Opener(baseline, within, start, units_per_m=units_per_m, depth_topic=depth_topic, gray_topic=gray_topic)
-    _compare(_planned(sequences or [], data or [], opener, methods, frames, seed, out))
+    plan = _planned(sequences or [], data or [], opener, methods, frames, seed, out)
+    evaluation = _compare(plan)
+    if record:
+        _record_worst(plan, evaluation, start)
+    if evaluation.failures:
+        typer.echo(f"{len(evaluation.failures)} of {len(evaluation.results)} results failed", err=True)
+        raise typer.Exit(1)
 
 
-def _compare(plan: "Plan") -> None:
-    """Compute all results, write and print them, and exit with 1 if a method failed."""
+def _compare(plan: "Plan") -> "Evaluation":
+    """Compute all results, write and print them."""
     from rich.console import Console
 
     from voxdepth.tools.evaluation.report import print_results, write_report
@@ -98,9 +117,25 @@ def _compare(plan: "Plan") -> None:
     print_results(console, evaluation)
     typer.echo(f"{len(evaluation.results)} results, {evaluation.reused} of them finished before")
     typer.echo(f"results.csv, results.parquet and report.html are in {out}")
-    if evaluation.failures:
-        typer.echo(f"{len(evaluation.failures)} of {len(evaluation.results)} results failed", err=True)
-        raise typer.Exit(1)
+    return evaluation
+
+
+def _record_worst(plan: "Plan", evaluation: "Evaluation", first: int) -> None:
+    """Record the worst frame of each recording that has one, and say which it is; `first` is the number of the first.
+
+    What was compared is written before: an error leaves it as it is.
+    """
+    from rich.console import Console
+
+    from voxdepth.tools.evaluation.replay import record_worst
+    from voxdepth.tools.evaluation.worst import worst_frames
+
+    for worst in worst_frames(evaluation):
+        path = plan.out / WORST / f"{worst.info.recording}.rrd"
+        with counter(Console(), f"recording {worst.info.name}", worst.shown.stop) as update:
+            record_worst(path, plan, worst, first, update)
+        typer.echo(worst.sentence(first))
+        typer.echo(f"look at it with: voxdepth view {path}")
 
 
 def _require_later(start: int, sequences: Sequence[str], data: Sequence[Path]) -> None:

@@ -151,6 +151,18 @@ def log_frame(log: Log, gray: GrayImage, raw_m: FloatImage, corrected: Corrected
     """
     log("gray", jpeg(gray))
     log_depth(log, "raw", raw_m, far_m)
+    log_corrected(log, raw_m, corrected, far_m)
+
+
+def log_corrected(log: Log, raw_m: FloatImage, corrected: CorrectedDepth, far_m: float = FAR_M) -> None:
+    """Record what a corrector made of a frame.
+
+    Args:
+        log: Takes the path of an entity, and what is recorded of it.
+        raw_m: Measured depth, shape (H, W); 0 = invalid.
+        corrected: The result, images of shape (H, W).
+        far_m: Depth from which on the colours are blue.
+    """
     log_depth(log, "corrected", corrected.depth_m, far_m)
     log("source", rr.SegmentationImage(labels_of(raw_m, corrected.source)))
     log("confidence", rr.EncodedImage(contents=encode(confidence_levels(corrected.confidence)), media_type="image/png"))

@@ -58,6 +58,11 @@ def plots_of(evaluation: Evaluation) -> list[Plot]:
     return [plot for plot in plots if plot.curves]
 
 
+def color_of(index: int) -> str:
+    """Return the colour of the curves of a method by its index among all of them, such as `#d62728`."""
+    return COLORS[index % len(COLORS)]
+
+
 def untold(evaluation: Evaluation) -> list[str]:
     """Return the names of the sequences in which no method has enough fills to tell their reliability."""
     reported = selected(evaluation, Selector(OVERALL.said, HIDDEN, ALL, FILLED)).index.unique("sequence")
@@ -82,4 +87,4 @@ def _curves(evaluation: Evaluation, sequence: str, bins: list[tuple[pd.DataFrame
         points = [Point(said["value"], right["value"], int(said["n"]), said["n"] / total) for said, right in found]
         points = [point for point in points if point.n >= MIN_DRAWN]
         if points:
-            yield Curve(registry.title(method), COLORS[index % len(COLORS)], points)
+            yield Curve(registry.title(method), color_of(index), points)

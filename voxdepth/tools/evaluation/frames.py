@@ -9,6 +9,7 @@ from tempfile import TemporaryFile
 from typing import Any, Protocol, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from ...types import FloatImage, Frame, Intrinsics, MaskImage
 from ..files import as_tool_error
@@ -39,6 +40,10 @@ class Reference:
 
     is_mirrored: bool = False
     """Whether methods are given mirrored images, in which left and right are exchanged."""
+
+    def flipped(self, image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return an image of the recording as methods are given it, or one of theirs as the recording has it."""
+        return np.ascontiguousarray(image[:, :: -1 if self.is_mirrored else 1])
 
     @property
     def is_independent(self) -> bool:

@@ -1,8 +1,8 @@
 """The methods that are compared, and how one is run: warm-up, time per frame, validation of its output, and scores."""
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -131,6 +131,20 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
         judged=score.evaluated,
         pictures=pictures,
     )
+
+
+def corrected(
+    methods: Sequence[Method], frames: Iterable[EvaluationFrame], intrinsics: Intrinsics
+) -> Iterator[tuple[EvaluationFrame, list[CorrectedDepth]]]:
+    """Yield each frame with what new instances of the methods make of it, as `run` does; nothing is measured.
+
+    Raises:
+        MethodError: A method raised an exception or gave no valid depth; the message names the frame.
+    """
+    with ExitStack() as until_done:
+        correctors = {each.name: until_done.enter_context(_instance(each, intrinsics)) for each in methods}
+        for index, frame in enumerate(frames):
+            yield frame, [_processed(corrector, frame, index)[0] for corrector in correctors.values()]
 
 
 def _latencies(times_s: Sequence[float], background_s: float) -> Iterator[MetricValue]:

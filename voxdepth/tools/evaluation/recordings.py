@@ -6,11 +6,9 @@ from contextlib import suppress
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from ...datasets import Dataset
 from ...errors import VoxDepthError
@@ -64,12 +62,11 @@ class RecordedSource:
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
         """Read the first frames with their references; a missing or damaged one is a `DatasetError`."""
-        side = -1 if self.reference.is_mirrored else 1
         gray_before: GrayImage | None = None
         for index in range(frames):
             frame = self._dataset[index]
-            images: tuple[npt.NDArray[Any], ...] = (frame.gray, *self._references.of(index, frame.depth_m))
-            gray, given_m, reference_m, hidden = (np.ascontiguousarray(image[:, ::side]) for image in images)
+            images = frame.gray, *self._references.of(index, frame.depth_m)
+            gray, given_m, reference_m, hidden = (self.reference.flipped(image) for image in images)
             smooth = cv2.blur(gray, (5, 5)).astype(np.uint8)
             change = cv2.absdiff(smooth, smooth if gray_before is None else gray_before)
             yield EvaluationFrame(

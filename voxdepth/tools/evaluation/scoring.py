@@ -93,9 +93,8 @@ class Score:
     def _add_tiles(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Count in the tiles of the recording's own images, also where methods are given mirrored ones."""
         evaluated = frame.hidden & frame.near()
-        side = -1 if self._reference.is_mirrored else 1
         close, of = (
-            tuple(tiles.count(mask[:, ::side]).tolist())
+            tuple(tiles.count(self._reference.flipped(mask)).tolist())
             for mask in (evaluated & is_close(depth_m, frame.reference_m), evaluated)
         )
         self.close, self.evaluated = (*self.close, close), (*self.evaluated, of)
