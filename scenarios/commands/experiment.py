@@ -37,8 +37,8 @@ app = typer.Typer(
     cls=Experiments,
     no_args_is_help=True,
     help="Repeat the paper's experiments on rendered sequences, each with its claims and what is found. "
-    "Writes table.csv, figure.png and result.json into DIR/NAME; missing recordings are made first, at 0.1 to 0.5 s a "
-    "frame.",
+    "Times are of two quiet cores with recordings that exist: missing ones are made first, at 0.1 to 0.5 s a frame. "
+    "Each writes table.csv, figure.png and result.json into DIR/NAME. docs/results.md has all results.",
 )
 
 
@@ -74,11 +74,17 @@ def _command(name: str, entry: Entry) -> Callable[..., None]:
 
     def experiment(
         sequences: Annotated[
-            str | None, typer.Option(metavar="A,B,C", help="Shipped sequences. Default: what the experiment needs.")
+            str | None,
+            typer.Option(
+                metavar="A,B,C", help="Shipped sequences. Default: what the experiment needs.", hidden=not entry.images
+            ),
         ] = None,
-        frames: Annotated[int | None, typer.Option(min=1, help="How many of the first frames of each.")] = None,
+        frames: Annotated[
+            int | None, typer.Option(min=1, help="How many of the first frames of each.", hidden=not entry.images)
+        ] = None,
         width: Annotated[
-            int | None, typer.Option(metavar="PX", help="Width of the images; the height follows.")
+            int | None,
+            typer.Option(metavar="PX", help="Width of the images; the height follows.", hidden=not entry.images),
         ] = None,
         data: Annotated[list[Path] | None, typer.Option(metavar="PATH", help=entry.data, hidden=not entry.data)] = None,
         seed: Seed = None,

@@ -40,16 +40,22 @@ def answer(experiment: Experiment) -> ExperimentResult:
 
 
 def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
-    """Return the claims about the gain of the pipeline, and about the order of the methods."""
+    """Return the claims about the gain of the pipeline, the rate, and the order of the methods."""
     medians = pivot(table, "method", "sequence", MEDIAN)
     gain = 100 * (medians.loc["VD"] / medians.loc["VD-Nopipe"] - 1)
     orders = {name: ", ".join(of[["RS", "VD", "GS"]].sort_values()[::-1].index) for name, of in medians.items()}
     return (
         Claim(
-            "pipelining makes it 21 % faster (26.71 and 21.91 frames/s: 21.9 %), and 26.7 frames/s exceed 20",
-            f"{listed(gain, '+.1f', '%')}; {listed(medians.loc['VD'], '.1f', 'frames/s')}",
-            all(alike(of, PIPELINED_PERCENT) for of in gain) and bool((medians.loc["VD"] >= TARGET).all()),
-            f"{WITHIN}, and there are {TARGET:g} frames/s, in every sequence",
+            "pipelining makes it 21 % faster (26.71 and 21.91 frames/s: 21.9 %)",
+            listed(gain, "+.1f", "%"),
+            all(alike(of, PIPELINED_PERCENT) for of in gain),
+            f"{WITHIN}, in every sequence",
+        ),
+        Claim(
+            "it corrects more than 20 frames/s (26.71)",
+            listed(medians.loc["VD"], ".1f", "frames/s"),
+            bool((medians.loc["VD"] >= TARGET).all()),
+            "it does in every sequence",
         ),
         Claim(
             "RS is faster than VD, and VD than GS (39.52, 26.71 and 16.89 frames/s)",

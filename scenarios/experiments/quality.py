@@ -81,7 +81,8 @@ EXPERIMENT = Experiment(
     notes=(
         f"The first {SETTLED_FRAMES} frames, in which the first template is made, are left out. The paper's numbers "
         "were measured on other data. PSNR (peak 65535 mm, surfaces within that) and masked RMSE (occluded pixels "
-        "within 20 m) are after completion by the nearest valid, and n is pixels.",
+        "within 20 m) are after completion by the nearest valid, and n is pixels. The paper's masked RMSE has no unit: "
+        "`rmse` is about it.",
     ),
     sequences=SEQUENCES,
     frames=100,

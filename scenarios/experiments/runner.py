@@ -127,5 +127,6 @@ def _options(experiment: Experiment) -> dict[str, Any]:
 
 def claim_table(found: Sequence[tuple[str, Claim]]) -> Table:
     """Return the verdicts on the claims of several experiments, each with the name of its experiment."""
-    rows = [(name, claim.paper, claim.found, claim.verdict) for name, claim in found]
-    return Table.of(summary([claim for _, claim in found]), ("experiment", "the paper claims", "here", "verdict"), rows)
+    headings = ("experiment", "the paper claims", "here", "it agrees if", "verdict")
+    rows = [(name, claim.paper, claim.found, claim.agrees_if, claim.verdict) for name, claim in found]
+    return Table.of(summary([claim for _, claim in found]), headings, rows)

@@ -130,11 +130,13 @@ def test_a_template_is_denser_than_its_projection(filled: tuple[float, ...], ver
 
 def test_rates_are_judged_by_the_gain_of_the_pipeline_and_their_order() -> None:
     table = pd.DataFrame({"sequence": "sim-LN", "method": ["VD", "VD-Nopipe", "RS", "GS", "Swarm"]})
-    assert verdicts(fps.claims(table.assign(**{fps.MEDIAN: [26.7, 21.9, 39.5, 16.9, None]}))) == ["agrees", "agrees"]
-    assert verdicts(fps.claims(table.assign(**{fps.MEDIAN: [50, 51, 40, 16.9, None]}))) == ["differs", "differs"]
-    assert verdicts(fps.claims(table.assign(**{fps.MEDIAN: [12, 10, 40, 3, None]}))) == ["differs", "agrees"], (
-        "below 20"
-    )
+    assert verdicts(fps.claims(table.assign(**{fps.MEDIAN: [26.7, 21.9, 39.5, 16.9, None]}))) == ["agrees"] * 3
+    assert verdicts(fps.claims(table.assign(**{fps.MEDIAN: [50, 51, 40, 16.9, None]}))) == [
+        "differs", "agrees", "differs",
+    ]  # fmt: skip
+    assert verdicts(fps.claims(table.assign(**{fps.MEDIAN: [12, 10, 40, 3, None]}))) == [
+        "agrees", "differs", "agrees",
+    ], "below 20"  # fmt: skip
 
 
 @pytest.mark.parametrize(("times_ms", "verdict"), [((280, 94, 6, 13), "agrees"), ((20, 0.1, 1, 0.5), "differs")])

@@ -29,6 +29,14 @@ def test_markdown_aligns_numbers_to_the_right_and_escapes_bars() -> None:
     ]
 
 
+def test_the_parts_of_a_wide_table_begin_with_all_columns_that_tell_its_rows_apart() -> None:
+    text = io.StringIO()
+    rows = [(sequence, method, *range(100_000, 100_012)) for sequence in ("one", "two") for method in ("raw", "ours")]
+    columns = ("sequence", "method", *(f"quantity {k}" for k in range(12)))
+    Table.of("", columns, rows).print(Console(file=text, width=60))
+    assert text.getvalue().count("sequence") == text.getvalue().count("method") > 1
+
+
 @pytest.mark.parametrize("width", [32, 80, 150])
 def test_a_table_wider_than_the_terminal_is_printed_in_parts_with_the_first_column(width: int) -> None:
     text = io.StringIO()

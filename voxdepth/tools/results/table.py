@@ -116,7 +116,7 @@ class Table:
         return markdown(self.headings, self.texts, [self.is_numeric(index) for index in range(len(self.columns))])
 
     def print(self, console: "Console") -> None:
-        """Print the table, in parts with the first column each where it is wider than the terminal.
+        """Print the table; where it is wider than the terminal, in parts that all begin with the columns of names.
 
         Sentences are wrapped instead.
         """
@@ -125,14 +125,22 @@ class Table:
         if any(len(text) > SENTENCE for row in self.texts for text in row):
             return console.print(self.rich(), highlight=False)
         wide = Console(file=console.file, force_terminal=console.is_terminal, width=TERMINAL_WIDTH)
-        parts = [[0]]
-        for index in range(1, len(self.columns)):
+        names = self._names()
+        parts = [names.copy()]
+        for index in range(len(names), len(self.columns)):
             joined = self._part([*parts[-1], index])
-            if parts[-1] != [0] and wide.measure(joined.rich()).maximum > console.width:
-                parts.append([0])
+            if parts[-1] != names and wide.measure(joined.rich()).maximum > console.width:
+                parts.append(names.copy())
             parts[-1].append(index)
         for indices in parts:
             wide.print(self._part(indices, title=self.title * (indices is parts[0])).rich(), highlight=False)
+
+    def _names(self) -> list[int]:
+        """Return the indices of the first columns, the fewest that tell all rows apart; the first alone if none do."""
+        for n in range(1, len(self.columns)):
+            if len({tuple(row[:n]) for row in self.rows}) == len(self.rows):
+                return list(range(n))
+        return [0]
 
     def _part(self, indices: Sequence[int], title: str = "") -> "Table":
         """Return the columns with some indices."""
