@@ -13,8 +13,6 @@ from .data import ROOT, Data, Made
 STUDIES = ROOT / "docs/study"
 THREADED = ((160, 120, 1), (320, 180, 1), (480, 270, 3))
 """Sizes of images, and by how much they are reduced after matching."""
-FLIGHTS = {1: 4, 8: 2}
-"""Flights of a study by the number of their drones."""
 
 
 def missions(_: Data) -> Made:
@@ -29,9 +27,7 @@ def missions(_: Data) -> Made:
         [f"{width_px}x{height_px} / {decimate}", speeds.two_threads_against_one(width_px, height_px, decimate)]
         for width_px, height_px, decimate in THREADED
     ]
-    studies: list[list[Value]] = [
-        [drones, speeds.flights_a_minute(drones, flights)] for drones, flights in FLIGHTS.items()
-    ]
+    studies: list[list[Value]] = [[drones, speeds.flown_by_two_workers(drones)] for drones in (1, 8)]
     return Made(
         {
             "flight": readme,
@@ -40,8 +36,8 @@ def missions(_: Data) -> Made:
             ),
             "parts": speeds.parts_of_a_tick(),
             "studies": Table.of(
-                "Flights of a study with two workers, their start included",
-                ["drones", Column("flights a minute", number=".1f")],
+                "What two workers of a study fly beside each other",
+                ["drones", Column("simulated time by wall time")],
                 studies,
             ),
             "environments": speeds.steps_of_environments(),
