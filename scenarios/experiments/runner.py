@@ -29,6 +29,8 @@ EXPERIMENT_SOURCES = (
     *FLIGHT_SOURCES,
     *SENSOR_SOURCES,
     ("scenarios", "experiments/**/*.py"),
+    ("scenarios", "data/*/*.toml"),
+    ("scenarios", "data/networks/*.onnx"),
 )
 """Packages and the patterns of those of their files that determine an answer."""
 TABLE, FIGURE, RESULT = "table.csv", "figure.png", "result.json"
@@ -120,9 +122,8 @@ def show(record: ExperimentRecord, folder: Path, console: "Console") -> None:
 
 
 def _options(experiment: Experiment) -> dict[str, Any]:
-    options: dict[str, Any] = {key: list(getattr(experiment, key)) for key in ("sequences", "data")}
-    options = {key: list(map(str, values)) for key, values in options.items()}
-    return options | {key: getattr(experiment, key) for key in ("frames", "width_px", "seed")}
+    numbers = {key: getattr(experiment, key) for key in ("frames", "width_px", "seed")}
+    return {key: list(map(str, getattr(experiment, key))) for key in ("sequences", "data")} | numbers
 
 
 def claim_table(found: Sequence[tuple[str, Claim]]) -> Table:

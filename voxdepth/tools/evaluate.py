@@ -20,6 +20,15 @@ OUTER_COMMA = r",(?![^\[]*\])"
 """A comma that is not within the brackets of a setting."""
 WORST = "worst"
 """Folder of the recordings of the worst frames, below that of the results."""
+RecordWorst = Annotated[
+    bool,
+    typer.Option(
+        "--record",
+        help="Write a Rerun recording of the worst frame of each recording, and of those around it, into worst in DIR: "
+        "the frame in which the best method gives the smallest share of judged pixels a close depth, beside the best "
+        "other method. These methods correct all frames before it again.",
+    ),
+]
 
 
 def evaluate(
@@ -65,15 +74,7 @@ def evaluate(
     within: Within = 20.0,
     units_per_m: UnitsPerM = None,
     baseline: Baseline = None,
-    record: Annotated[
-        bool,
-        typer.Option(
-            "--record",
-            help="Write a Rerun recording of the worst frame of each recording, and of those around it, into worst in "
-            "DIR: the frame in which the best method gives the smallest share of judged pixels a close depth, beside "
-            "the best other method. These methods correct all frames before it again.",
-        ),
-    ] = False,
+    record: RecordWorst = False,
 ) -> None:
     """Compare all methods on the same frames: errors, coverage, flicker, latency; tables and a report.
 
