@@ -1,6 +1,6 @@
 """The figures of a study's report."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -16,6 +16,8 @@ from .statistics import wilson
 from .tables import ENDPOINT_TITLES
 
 WIDTH_IN = 9.0
+ROW_SHARE = 0.7
+"""Share of a row over which the estimates of the groups for its arm are spread."""
 ARM_CAPTION = (
     "Shares of runs with Wilson's 95 % intervals; of the drones of a swarm, means over runs with those of a bootstrap."
 )
@@ -32,33 +34,44 @@ AXIS_LABELS: dict[EndpointName, str] = {
 
 
 def all_figures(study: Study, arms: Sequence[ArmRuns], comparisons: Sequence[ArmComparison]) -> list[Picture]:
-    """Draw the effects by scenario, and of each scenario the shares by arm, or the curves over the axis."""
+    """Draw the effects by scenario, and the shares by arm, or of each scenario the curves over the axis."""
     found = forest(comparisons, study.endpoint)
+    scenarios = {
+        name: [arm for arm in arms if arm.scenario == name] for name in dict.fromkeys(a.scenario for a in arms)
+    }
+    if study.axis is None and all(arm.level is None for arm in arms):
+        scenarios.pop("all", None)
+        if max(map(len, scenarios.values()), default=0) > 1:
+            title = f"{ENDPOINT_TITLES[study.endpoint]} by arm".capitalize()
+            found.append(by_arm(title, scenarios, study.endpoint))
+        return found
     unit = "" if study.axis is None or not study.axis.unit else f" [{study.axis.unit}]"
-    for scenario in dict.fromkeys(arm.scenario for arm in arms):
-        own = [arm for arm in arms if arm.scenario == scenario]
+    for scenario, own in scenarios.items():
         if len({arm.level for arm in own} - {None}) > 1:
             labels = {"goal speed [m/s]": _goal_speeds}
             labels |= {f"{AXIS_LABELS[name]} [%]": partial(_shares, endpoint=name) for name in ENDPOINTS}
             draws = [partial(_draw_curves, own, f"{study.axis_key}{unit}", *panel) for panel in labels.items()]
             title, size_in = f"{scenario}: curves over {study.axis_key.rpartition('.')[2]}", (WIDTH_IN / 3, 3.6)
             found.append(_picture(title, LEVEL_CAPTION, draws, size_in, shared_legend=True))
-        elif study.axis is None and len(own) > 1:
-            found.append(by_arm(scenario, own, study.endpoint))
     return found
 
 
-def by_arm(scenario: str, arms: Sequence[ArmRuns], endpoint: EndpointName) -> Picture:
-    """Draw how many runs of each arm reached an endpoint, and how many drones of a swarm were lost."""
-    labels = [f"{arm.label}, n = {arm.n}" for arm in arms]
-    percent = [wilson(arm.reached(endpoint), arm.n).scaled(100) for arm in arms]
-    draws = [partial(_draw_estimates, labels, percent, f"{AXIS_LABELS[endpoint]} [%]")]
+def by_arm(title: str, groups: Mapping[str, Sequence[ArmRuns]], endpoint: EndpointName) -> Picture:
+    """Draw how many runs of each arm reached an endpoint, and how many drones of a swarm were lost.
+
+    Each group, such as the arms in one scenario, has a colour; one without swarms has no drones that are lost.
+    """
     lost = SWARM_MEASURES[0]
-    of_swarms = [estimate for arm in arms if (estimate := arm.estimate(lost)) is not None]
-    if len(of_swarms) == len(arms):
-        draws.append(partial(_draw_estimates, labels, of_swarms, lost.heading))
-    title, size_in = f"{scenario}: {ENDPOINT_TITLES[endpoint]} by arm", (WIDTH_IN / 2, 1.0 + 0.3 * len(arms))
-    return _picture(title, ARM_CAPTION, draws, size_in)
+    named = {_with_number(name, arms): arms for name, arms in groups.items()}
+    labels = list(dict.fromkeys(arm.label for arms in groups.values() for arm in arms))
+    shares = [{arm.label: wilson(arm.reached(endpoint), arm.n).scaled(100) for arm in arms} for arms in named.values()]
+    losses = [{a.label: found for a in arms if (found := a.estimate(lost)) is not None} for arms in named.values()]
+    panels = {f"{AXIS_LABELS[endpoint]} [%]": shares} | ({lost.heading: losses} if any(losses) else {})
+    draws = [
+        partial(_draw_estimates, labels, dict(zip(named, own, strict=True)), heading) for heading, own in panels.items()
+    ]
+    height_in = 1.0 + 0.15 * len(labels) * max(2, len(groups))
+    return _picture(title, ARM_CAPTION, draws, (WIDTH_IN / 2, height_in), shared_legend=True)
 
 
 def forest(comparisons: Sequence[ArmComparison], endpoint: EndpointName) -> list[Picture]:
@@ -95,15 +108,28 @@ def _draw_forest(comparisons: Sequence[ArmComparison], axes: Any) -> None:
     axes.grid(alpha=0.3, axis="x")
 
 
-def _draw_estimates(labels: Sequence[str], estimates: Sequence[Interval], x_label: str, axes: Any) -> None:
-    """Draw a row with its interval for each label, the first at the top."""
-    values = [one.value for one in estimates]
-    axes.errorbar(values, range(len(values)), xerr=_bars(estimates), fmt="o", ms=6, capsize=3, color="C0")
+def _draw_estimates(
+    labels: Sequence[str], groups: Mapping[str, Mapping[str, Interval]], x_label: str, axes: Any
+) -> None:
+    """Draw a row for each label, the first at the top, with the estimate and interval that each group has of it."""
+    for k, (name, estimates) in enumerate(groups.items()):
+        if not estimates:
+            continue
+        found = list(estimates.values())
+        rows = [labels.index(label) + ROW_SHARE * ((k + 0.5) / len(groups) - 0.5) for label in estimates]
+        style = {"fmt": "o", "ms": 5, "capsize": 3, "color": line_color(k), "label": name}
+        axes.errorbar([one.value for one in found], rows, xerr=_bars(found), **style)
     axes.set_yticks(range(len(labels)), labels)
     axes.set_ylim(len(labels) - 0.5, -0.5)
     axes.set_xlim(-3, 103)
     axes.set_xlabel(x_label)
     axes.grid(alpha=0.3, axis="x")
+
+
+def _with_number(name: str, arms: Sequence[ArmRuns]) -> str:
+    """Return a name with the number of runs of each of its arms."""
+    numbers = sorted({arm.n for arm in arms})
+    return f"{name}, n = {numbers[0]}" + (f" to {numbers[-1]}" if len(numbers) > 1 else "")
 
 
 def _bars(estimates: Sequence[Interval]) -> FloatArray:
@@ -118,10 +144,8 @@ def _draw_curves(
     """Draw a curve with its band for every arm over the axis, or a horizontal line for an arm of one level or none."""
     for k, name in enumerate(dict.fromkeys(arm.name for arm in arms)):
         own, color = sorted((a for a in arms if a.name == name), key=lambda a: abs(a.level or 0)), line_color(k)
-        runs = sorted({arm.n for arm in own})
-        label = f"{name}, n = {runs[0]}" + (f" to {runs[-1]}" if len(runs) > 1 else "")
         y, low, high = bands(own)
-        x, style = [arm.level for arm in own], {"color": color, "label": label}
+        x, style = [arm.level for arm in own], {"color": color, "label": _with_number(name, own)}
         if len(own) == 1:
             axes.axhline(y[0], ls="--", **style)
             continue

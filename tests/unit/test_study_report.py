@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from scenarios.study.analysis import ArmComparison, matched_arms, run_frame
 from scenarios.study.executors import Serial
-from scenarios.study.figures import _draw_forest
+from scenarios.study.figures import _draw_estimates, _draw_forest
 from scenarios.study.report import StudyAnalysis, drone_table, export, run_table, write_report
 from scenarios.study.run import progress_line, run_study
 from scenarios.study.statistics import Pairs
@@ -18,6 +18,7 @@ from scenarios.study.store import Failure, StudyData
 from scenarios.study.tables import mean_difference_table
 from tests.pages import require_self_contained
 from tests.studies import arm, fake, flown, noisy, study
+from voxdepth.tools.results.interval import Interval
 
 
 def two_arms(a: str, b: str, **values: object) -> StudyData:
@@ -42,7 +43,7 @@ def test_the_page_loads_nothing_and_says_what_there_is(tmp_path: Path) -> None:
     assert "<tr><td>b - a</td><td>declared</td><td>3</td><td>0</td><td>2</td><td>-0.667</td>" in text
     assert "voxdepth study replay out KEY" in text
     assert text.count("<figure>") == 1, "the shares by arm; nothing is drawn over an axis or scenarios if there is one"
-    assert "city: collisions by arm" in text
+    assert "Collisions by arm" in text
 
 
 def test_the_page_of_a_study_that_has_just_begun_tells_failures_and_escapes_what_comes_from_outside(
@@ -126,3 +127,18 @@ def test_a_bar_of_the_effects_reaches_from_the_low_end_of_its_interval_to_the_hi
     (ends,) = axes.containers[0].lines[2][0].get_segments()
     _, low, high = pairs.difference
     np.testing.assert_allclose(ends[:, 0], [100 * low, 100 * high])
+
+
+def test_the_shares_of_all_scenarios_are_one_figure() -> None:
+    planned = study(arm("a"), arm("b"), scenarios=["city", "weak"])
+    data = flown(planned, {(scenario, name): "xo" for scenario in ("city", "weak") for name in "ab"})
+    titles = [figure.title for figure in StudyAnalysis(data).figures]
+    assert [title for title in titles if title.endswith("by arm")] == ["Arrived without a collision by arm"]
+
+
+def test_each_group_has_its_place_in_the_row_of_an_arm_and_none_where_it_has_no_runs() -> None:
+    found, axes = Interval(40.0, 30.0, 50.0), Figure().subplots()
+    _draw_estimates(["a", "b"], {"city": {"a": found, "b": found}, "none": {}, "weak": {"b": found}}, "runs [%]", axes)
+    rows = {drawn.get_label(): drawn.lines[0].get_ydata() for drawn in axes.containers}
+    assert {name: [round(one) for one in y] for name, y in rows.items()} == {"city": [0, 1], "weak": [1]}
+    assert rows["city"][1] < rows["weak"][0]
