@@ -308,13 +308,18 @@ class ArmAtLevel(NamedTuple):
 
 
 def matched_arms(study: Study, runs: pd.DataFrame) -> MatchedArms:
-    """Return the runs of every two arms; those at two different levels are not compared."""
+    """Return the runs of every two arms; those at two different levels are not compared.
+
+    After the declared pairs come the others with the arm that they are declared against, which is the second of them.
+    """
     blocks = pd.MultiIndex.from_arrays([runs["scenario"].astype(str), runs["seed"]], names=["in", "of"])
     flown = dict(list(runs.set_index(blocks).groupby("label", observed=True)))
     arms = [ArmAtLevel(arm.name, level) for arm in study.arms for level in study.levels_of(arm)]
     declared = _declared_pairs(study, arms)
     others = [(a, b) for a, b in combinations(arms, 2) if a.is_comparable(b)]
     others = [(a, b) for a, b in others if (a, b) not in declared and (b, a) not in declared]
+    against = None if study.declared is None else study.declared.against
+    others = sorted(((b, a) if a.arm == against else (a, b) for a, b in others), key=lambda one: one[1].arm != against)
     matched = {}
     for first, second in ((a.label, b.label) for a, b in [*declared, *others]):
         if first in flown and second in flown:

@@ -57,21 +57,22 @@ def all_figures(study: Study, arms: Sequence[ArmRuns], comparisons: Sequence[Arm
 
 
 def by_arm(title: str, groups: Mapping[str, Sequence[ArmRuns]], endpoint: EndpointName) -> Picture:
-    """Draw how many runs of each arm reached an endpoint, and how many drones of a swarm were lost.
+    """Draw how many runs of each arm reached an endpoint, and how many drones of a swarm were lost and arrived.
 
     Each group, such as the arms in one scenario, has a colour; one without swarms has no drones that are lost.
     """
-    lost = SWARM_MEASURES[0]
     named = {_with_number(name, arms): arms for name, arms in groups.items()}
     labels = list(dict.fromkeys(arm.label for arms in groups.values() for arm in arms))
     shares = [{arm.label: wilson(arm.reached(endpoint), arm.n).scaled(100) for arm in arms} for arms in named.values()]
-    losses = [{a.label: found for a in arms if (found := a.estimate(lost)) is not None} for arms in named.values()]
-    panels = {f"{AXIS_LABELS[endpoint]} [%]": shares} | ({lost.heading: losses} if any(losses) else {})
+    panels = {f"{AXIS_LABELS[endpoint]} [%]": shares}
+    for one in SWARM_MEASURES[:2]:
+        means = [{a.label: found for a in arms if (found := a.estimate(one)) is not None} for arms in named.values()]
+        panels |= {one.heading: means} if any(means) else {}
     draws = [
         partial(_draw_estimates, labels, dict(zip(named, own, strict=True)), heading) for heading, own in panels.items()
     ]
     height_in = 1.0 + 0.15 * len(labels) * max(2, len(groups))
-    return _picture(title, ARM_CAPTION, draws, (WIDTH_IN / 2, height_in), shared_legend=True)
+    return _picture(title, ARM_CAPTION, draws, (WIDTH_IN / max(2, len(panels)), height_in), shared_legend=True)
 
 
 def forest(comparisons: Sequence[ArmComparison], endpoint: EndpointName) -> list[Picture]:

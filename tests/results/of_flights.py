@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from scenarios.sensor_pictures import make_gallery
+from scenarios.study.figures import by_arm
 from scenarios.study.report import StudyAnalysis
 from scenarios.study.store import read_study
 from tests import speeds
@@ -53,12 +54,16 @@ def scenes(data: Data) -> Made:
 
 def studies(_: Data) -> Made:
     """What the studies found whose stores are in docs/study."""
+    analyses = {_name(path): StudyAnalysis(read_study(path)) for path in sorted(STUDIES.glob("*.tar.xz"))}
     tables: dict[str, Table] = {}
     pictures: dict[str, bytes] = {}
-    for path in sorted(STUDIES.glob("*.tar.xz")):
-        name, analysis = _name(path), StudyAnalysis(read_study(path))
+    for name, analysis in analyses.items():
         tables |= {f"{name}-{key}": table for key, table in analysis.tables.items() if len(table)}
         pictures |= {f"{name}-{figure.name}": figure.png for figure in analysis.figures}
+    swarm, one = (analyses[name].arms for name in ("correctors-swarm", "correctors-one"))
+    groups = {"leader of eight, city": swarm}
+    groups |= {f"one drone, {name}": [arm for arm in one if arm.scenario == name] for name in ("city", "weak")}
+    pictures["correctors"] = by_arm("Leaders and single drones by corrector", groups, "leader_collision").png
     return Made(tables, pictures)
 
 

@@ -64,7 +64,7 @@ def test_the_declared_comparison_stands_first_and_alone() -> None:
     assert (first.pairs.n, first.pairs.first_only, first.pairs.second_only) == (7, 1, 6)
     assert first.pairs.difference.value == pytest.approx(-5 / 7)
     assert first.p == pytest.approx(2 * (1 + 7) / 2**7)
-    assert [(other.first, other.second) for other in others] == [("a", "c"), ("b", "c")]
+    assert [(other.first, other.second) for other in others] == [("c", "a"), ("b", "c")], "the same arm is against"
     assert [other.p_holm for other in others] == pytest.approx([min(1, 2 * mcnemar(7, 0)), mcnemar(2, 0)])
     assert not any(one.p_holm is None for one in compared(data, "arrived")), "it was declared on the other endpoint"
     tables = [name for name in StudyAnalysis(data).tables if name.endswith("comparisons")]
