@@ -93,7 +93,7 @@ def _verdict(found: ArmComparison, endpoint: EndpointName) -> str:
     pairs, p = found.pairs, found.p if found.p_holm is None else found.p_holm
     points = pairs.difference.scaled(100).text("+.0f", "points")
     if p < 1 - LEVEL:
-        return f"{found.first} against {found.second}: {what} {points}, by {pairs.n} pairs, p = {_p_text(p)}."
+        return f"{found.first} against {found.second}: {what} {points}, by {pairs.n} pairs, {_p_statement(p)}."
     return f"{pairs.n} pairs show no difference between {found.first} and {found.second} ({what}: {points})."
 
 
@@ -262,6 +262,11 @@ def _estimate(estimate: Interval | None, number: str = ".2f") -> str | None:
 def _percent(count: int, n: int) -> str:
     """Return a share in percent with its Wilson interval; n > 0."""
     return wilson(count, n).scaled(100).text(".0f")
+
+
+def _p_statement(p: float) -> str:
+    text = _p_text(p)
+    return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
 def _p_text(p: float) -> str:

@@ -108,15 +108,18 @@ def test_effects_are_those_of_each_scenario_and_of_all(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("a", "b", "said"),
+    ("a", "b", "said", "end"),
     [
-        ("xoox", "oxoo", "4 pairs show no difference between a and b (collisions: +25 points ["),
-        ("o" * 12, "x" * 12, "a against b: collisions -100 points ["),
+        ("xoox", "oxoo", "4 pairs show no difference between a and b (collisions: +25 points [", "])."),
+        ("o" * 12, "x" * 12, "a against b: collisions -100 points [", ", by 12 pairs, p = 0.0005."),
+        ("o" * 20, "x" * 20, "a against b: collisions -100 points [", ", by 20 pairs, p < 0.0001."),
     ],
 )
-def test_the_verdict_says_what_was_found(a: str, b: str, said: str) -> None:
+def test_the_verdict_says_what_was_found(a: str, b: str, said: str, end: str) -> None:
     declared = {"arm": "a", "against": "b", "endpoint": "collision"}
-    assert StudyAnalysis(two_arms(a, b, declared=declared)).verdict.startswith(said)
+    verdict = StudyAnalysis(two_arms(a, b, declared=declared)).verdict
+    assert verdict.startswith(said)
+    assert verdict.endswith(end)
 
 
 def test_a_run_that_does_not_arrive_counts_with_the_time_it_had() -> None:
