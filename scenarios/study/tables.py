@@ -102,7 +102,10 @@ def gain_verdict(gain: Gain, unit: str) -> str:
     what = f"{gain.first} against {gain.second}, by {gain.seeds} seeds"
     if gain.estimate is None:
         return f"{what}: a curve may come down to half of the full goal speed {BEYOND}."
-    return f"{what}: half of the full goal speed is kept {_estimate(gain.estimate, '+.2f')} {unit} farther."
+    kept = " ".join(["half of the full goal speed is kept", _estimate(gain.estimate, "+.2f"), *unit.split(), "farther"])
+    if gain.estimate.low <= 0 <= gain.estimate.high:
+        return f"{gain.seeds} seeds show no difference between {gain.first} and {gain.second}: {kept}."
+    return f"{what}: {kept}."
 
 
 def end_table(arms: Iterable[ArmRuns]) -> Table:

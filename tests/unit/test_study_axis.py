@@ -134,6 +134,13 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
         assert half_arrive.value == pytest.approx(level, abs=0.25)
 
 
+def test_two_curves_of_one_shape_show_no_difference() -> None:
+    data = flown(light(), {"a": -1.7, "b": -1.7})
+    verdict = StudyAnalysis(data).verdict
+    assert verdict.startswith("8 seeds show no difference between b and a: half of the full goal speed is kept ")
+    assert verdict.endswith(" f-stops farther.")
+
+
 def test_curves_of_two_scenarios_are_not_compared(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text('name = "own"\ndescription = "Mine."\n')
     data = flown(light(seeds=2, scenarios=["city", str(tmp_path / "own.toml")]), {"a": -1.7, "b": -2.4})
