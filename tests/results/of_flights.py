@@ -60,8 +60,9 @@ def studies(_: Data) -> Made:
     for name, analysis in analyses.items():
         tables |= {f"{name}-{key}": table for key, table in analysis.tables.items() if len(table)}
         pictures |= {f"{name}-{figure.name}": figure.png for figure in analysis.figures}
-    swarm, one, slow = (analyses[f"correctors-{name}"].arms for name in ("swarm", "one", "paper"))
-    groups = {"leader of eight, city": swarm, "leader of three, paper": slow}
+    swarm, filled, one, slow = (analyses[f"correctors-{name}"].arms for name in ("swarm", "filled", "one", "paper"))
+    filled = [arm for arm in filled if arm.name != "temporal"]
+    groups = {"leader of eight, city": swarm, "leader of eight, filled": filled, "leader of three, paper": slow}
     groups |= {f"one drone, {name}": [arm for arm in one if arm.scenario == name] for name in ("city", "weak")}
     pictures["correctors"] = by_arm("Leaders and single drones by corrector", groups, "leader_collision").png
     return Made(tables, pictures)
