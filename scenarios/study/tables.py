@@ -102,7 +102,7 @@ def gain_verdict(gain: Gain, unit: str) -> str:
     what = f"{gain.first} against {gain.second}, by {gain.seeds} seeds"
     if gain.estimate is None:
         return f"{what}: a curve may come down to half of the full goal speed {BEYOND}."
-    kept = " ".join(["half of the full goal speed is kept", _estimate(gain.estimate, "+.2f"), *unit.split(), "farther"])
+    kept = f"half of the full goal speed is kept {gain.estimate.text('+.2f', unit)} farther"
     if gain.estimate.low <= 0 <= gain.estimate.high:
         return f"{gain.seeds} seeds show no difference between {gain.first} and {gain.second}: {kept}."
     return f"{what}: {kept}."
