@@ -138,7 +138,7 @@ def test_two_curves_of_one_shape_show_no_difference() -> None:
     data = flown(light(), {"a": -1.7, "b": -1.7})
     verdict = StudyAnalysis(data).verdict
     assert verdict.startswith("8 seeds show no difference between b and a: half of the full goal speed is kept ")
-    assert verdict.endswith(" f-stops farther.")
+    assert " f-stops [" in verdict
 
 
 def test_curves_of_two_scenarios_are_not_compared(tmp_path: Path) -> None:
