@@ -129,9 +129,9 @@ class DepthErrors(Addable):
 def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float) -> DepthErrors:
     """Sum the errors of one image [m], 0 = invalid, over the pixels whose true depth is at most `max_range_m`.
 
-    The true depth [m] is +inf where there is no surface.
+    The true depth [m] is +inf where there is no surface, and 0 where it is unknown.
     """
-    evaluated = truth_m <= max_range_m
+    evaluated = (truth_m > 0) & (truth_m <= max_range_m)
     known = evaluated & (depth_m > 0)
     depth_m, truth_m = depth_m[known], truth_m[known]
     return DepthErrors(

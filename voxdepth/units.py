@@ -64,7 +64,7 @@ class Unit:
         """Return the depth [m] of stored values, shape (H, W), float32; 0 = invalid.
 
         No depth are 0, NaN, infinity of either sign (REP 117: too far, too near), and 65535, the largest number of 16
-        bits. Negative numbers stay, and a `Frame` refuses them.
+        bits, unless an image of wider whole numbers has larger ones. Negative numbers stay, and a `Frame` refuses them.
 
         Raises:
             FrameError: The median depth is none that a camera measures, or the values may be the bits of floats, and
@@ -81,7 +81,9 @@ class Unit:
         with np.errstate(over="ignore"):  # What is too large for 32 bits becomes infinite.
             stored = values.astype(np.float32)
         depth_m = stored / np.float32(units_per_m)
-        depth_m[~np.isfinite(depth_m) | (stored == SATURATED)] = 0
+        depth_m[~np.isfinite(depth_m)] = 0
+        if values.dtype.kind == "f" or values.dtype.itemsize == 2 or not np.any(values > SATURATED):
+            depth_m[stored == SATURATED] = 0
         if not (self.is_known and self.units_per_m) and not self.least_m <= (median_m(depth_m) or 1.0) <= FAR_M:
             raise FrameError(
                 f"expected a median depth of {self.least_m:g} to {FAR_M:g} m, got {median_m(depth_m):g} m with "

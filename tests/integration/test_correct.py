@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from hashlib import sha256
 from pathlib import Path
 
 import cv2
@@ -112,6 +113,8 @@ def test_a_later_beginning_poses_and_clouds_are_options(
     ]
     config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())
     assert (config["start"], config["poses"], config["units_per_m"]) == (first, "poses.txt", 5000)
+    assert config["within_ms"] == 20
+    assert config["poses_sha256"] == sha256((tmp_path / "poses.txt").read_bytes()).hexdigest()
     for wrong, message in (
         (["--start", "16"], "expected a first frame of 0 to 15, got 16"),
         (["--out", tmp_path / "x.mcap", "--ply"], "--ply writes files into a folder"),

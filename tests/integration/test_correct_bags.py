@@ -91,6 +91,14 @@ def test_a_bag_of_ours_is_read_again(bag: Path, tmp_path: Path) -> None:
         assert again.header(index) == dataset.header(index)
 
 
+def test_the_result_of_a_file_is_a_folder_unless_a_file_is_named(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert invoke("correct", bag, "--frames", "1").exit_code == 0
+    assert sorted(path.name for path in (tmp_path / "corrected" / bag.stem / "depth").iterdir()) == ["000000.png"]
+
+
 def test_a_folder_is_not_taken_for_a_file(bag: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
     out.mkdir()

@@ -362,6 +362,14 @@ def test_names_of_coordinate_frames_that_may_be_of_one_camera_are_accepted(
     assert len(opened(tmp_path, in_frames(*ids))) == N_FRAMES
 
 
+def test_depth_that_is_aligned_to_a_distorted_image_goes_with_it(tmp_path: Path) -> None:
+    colour = "/camera/aligned_depth_to_color"
+    entries = depth_topic(f"{colour}/image_raw") + gray_topic(COLOUR)
+    for folder in (colour, "/camera/color"):
+        entries += changed(info_topic(f"{folder}/camera_info"), d=np.array([-0.05, 0.06, 0, 0, 0]))
+    require_frames(opened(tmp_path, entries))
+
+
 def test_a_rectified_image_is_taken_and_not_the_distorted_one_beside_it(tmp_path: Path) -> None:
     require_frames(opened(tmp_path, depth_topic() + gray_topic(RAW) + gray_topic() + DISTORTED))
 

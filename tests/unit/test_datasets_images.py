@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from tests.sequences import SHAPE, encoded
 from voxdepth.datasets import images
@@ -131,7 +132,6 @@ def test_an_image_of_another_size_is_never_decoded(tmp_path: Path, monkeypatch: 
         (read_depth, DEPTH_M.astype(np.int32), ".tiff", "depth as .* float32"),
         (read_gray, DEPTH_16, ".png", "a gray or colour image of 8 bits"),
         (read_gray, COLOUR.astype(np.uint16) * 257, ".png", "a gray or colour image of 8 bits"),
-        (read_gray, np.dstack([COLOUR, GRAY]), ".png", "a gray or colour image of 8 bits"),
     ],
 )
 def test_an_image_of_another_kind_is_refused(
@@ -139,6 +139,15 @@ def test_an_image_of_another_kind_is_refused(
 ) -> None:
     with pytest.raises(DatasetError, match=rf"expected {wanted}.* in .*image\{suffix}"):
         read(written(tmp_path, image, suffix), SHAPE)
+
+
+def test_a_gray_image_is_the_same_with_transparency(tmp_path: Path) -> None:
+    expected = read_gray(written(tmp_path, COLOUR), SHAPE)
+    for alpha in (GRAY, np.zeros_like(GRAY)):
+        np.testing.assert_array_equal(read_gray(written(tmp_path, np.dstack([COLOUR, alpha])), SHAPE), expected)
+    path = tmp_path / "LA.png"
+    Image.merge("LA", [Image.fromarray(GRAY), Image.fromarray(255 - GRAY)]).save(path)
+    np.testing.assert_array_equal(read_gray(path, SHAPE), GRAY)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])

@@ -79,11 +79,16 @@ def test_any_times_are_in_order(form: str, us: list[int]) -> None:
 
 
 @pytest.mark.parametrize(
-    "form", ["{}", "frame{}", "cam0_{}", "2011_09_26_drive_0002_sync_{}_image_02", "{:03d}", "{}_depth"]
+    "form",
+    [
+        *("{}", "frame{}", "cam0_{}", "2011_09_26_drive_0002_sync_{}_image_02", "{:03d}", "{}_depth"),
+        *("20231105_123534_{:04d}", "20231105_123534_{:06d}", "2023-11-05-12-35-34_depth_{:04d}"),
+        *("1699187734_{:04d}", "exp0.1_{:06d}", "1699187734_depth_{:06d}"),
+    ],
 )
 def test_names_with_a_number_are_in_its_order(form: str) -> None:
     numbers = [8, 9, 10, 11, 99, 100, 101]
-    named = in_order(sorted(Path(form.format(number)) for number in numbers))
+    named = in_order(sorted(Path(f"{form.format(number)}.png") for number in numbers))
     assert not named.are_times and [number for number, _ in named.files] == numbers
 
 

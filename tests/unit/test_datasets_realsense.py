@@ -144,6 +144,22 @@ def test_floats_in_the_channels_of_a_png_are_metres_and_a_picture_is_none(tmp_pa
             open_dataset(tmp_path)[0]
 
 
+def test_depth_beside_previews_of_it_is_found(tmp_path: Path) -> None:
+    write(tmp_path, ["0"], ["0"])
+    write_images(tmp_path, {"depth/0.png": np.dstack([gray_of(0)] * 3)})
+    np.save(tmp_path / "depth" / "0.NPY.npy", depth_of(0))
+    (tmp_path / "depth" / "0.NPY.npy").rename(tmp_path / "depth" / "0.NPY")
+    np.testing.assert_array_equal(open_dataset(tmp_path)[0].depth_m, (depth_of(0) / 1000).astype(np.float32))
+
+
+def test_of_several_folders_of_images_the_one_that_is_taken_is_named(tmp_path: Path) -> None:
+    write(tmp_path, ["0"], ["0"])
+    write_images(tmp_path, {"infra1/0.png": gray_of(5), "left/0.png": gray_of(6)})
+    with pytest.warns(UserWarning, match=r"/color is taken for the images in whose view .*, and not infra1, left"):
+        dataset = open_dataset(tmp_path)
+    np.testing.assert_array_equal(dataset[0].gray, gray_of(0))
+
+
 def test_images_that_are_not_aligned_are_refused(tmp_path: Path) -> None:
     write(tmp_path, ["0"], ["0"])
     write_images(tmp_path, {"depth/0.png": np.zeros((12, 16), np.uint16)})

@@ -107,6 +107,11 @@ def test_the_published_camera_is_taken_by_the_folders_name(
     assert ("focal length of 525 px" in assumed) is not is_known, "what the name does not tell is assumed, and said"
     assert ("has depth in steps of 1/5000 m, as TUM RGB-D has it" in assumed) is is_known
     assert (camera.fx_px, camera.cy_px, camera.shape, camera.baseline_m) == (fx_px, cy_px, (480, 640), None)
+    if not is_known:
+        with pytest.warns(UserWarning, match="units_per_m"):
+            stated = open_dataset(folder, baseline_m=0.05)
+        assert stated.intrinsics == replace(camera, baseline_m=0.05)
+        assert list(stated.assumed()) == list(dataset.assumed()), "a baseline says nothing of the lens"
 
 
 def test_images_of_another_size_need_a_calibration(folder: Path) -> None:

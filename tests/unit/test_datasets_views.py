@@ -47,12 +47,22 @@ def test_poses_are_those_of_nearest_time_also_of_a_faster_clock_and_may_lack(dat
     assert late.n_poses == 1 and late[0].T_world_cam is not None
 
 
+def test_a_pose_of_a_slower_clock_is_that_of_one_frame_only(dataset: Dataset, tmp_path: Path) -> None:
+    lines = [f"{k / 20 + 0.002:.6f} {k} 0 -1.5 {TURNED}" for k in range(4)]
+    (tmp_path / "poses.txt").write_text("\n".join(lines))
+    posed = Posed(dataset, tmp_path / "poses.txt", 0.02)
+    along_m = [None if (T := posed[k].T_world_cam) is None else T[0, 3] for k in range(N)]
+    assert along_m == [0, None, 1, 2, 3] and posed.n_poses == 4
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", r"expected lines of a time and tx ty tz .*poses\.txt, got none"),
         ("0 1 2 3\n", "expected a time and tx ty tz qx qy qz qw in line 1 of .*got '0 1 2 3'"),
-        (f"\n0 1 2 north {TURNED}\n", "line 2 of .*poses.txt, got 'north'"),
+        (f"\n0 1 2 north {TURNED}\n", "finite numbers tx ty tz .* line 2 of .*poses.txt, got 'north'"),
+        (f"0 nan 2 3 {TURNED}\n", "finite numbers tx ty tz .* line 1 of .*poses.txt, got 'nan'"),
+        (f"soon 1 2 3 {TURNED}\n", "expected a time in seconds at the start of line 1 of .*, got 'soon'"),
         ("0 1 2 3 0 0 0 0\n", "a quaternion .* of length 1 in line 1 of .*, got one of length 0"),
         ("0 1 2 3 10 20 30 40\n", "of length 54.8"),
         (f"0.1 1 2 3 {TURNED}\n0 1 2 3 {TURNED}\n", "that increase, got 0.0 s after 0.1 s"),

@@ -152,18 +152,20 @@ def test_a_cut_within_a_window_begins_it_anew(cut: int) -> None:
 
 
 def test_frames_of_a_window_are_copies() -> None:
-    gray, depth_m = np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32)
-    seen: list[tuple[float, int]] = []
+    gray, depth_m, T_world_cam = np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32), np.eye(4)
+    seen: list[tuple[float, int, float]] = []
 
     def fuse(window: Sequence[Frame], features: Features) -> Template:
-        seen.extend((float(f.depth_m[0, 0]), int(f.gray[0, 0])) for f in window)
+        for each in window:
+            assert each.T_world_cam is not None
+            seen.append((float(each.depth_m[0, 0]), int(each.gray[0, 0]), float(each.T_world_cam[0, 3])))
         return template(0, features)
 
     epochs = Epochs(fuse, lambda a, b: True, VoxDepthConfig(window_frames=3, fusion_lag_frames=0))
     for number in range(3):
-        depth_m[...] = gray[...] = number + 1  # one buffer, as camera drivers have it
-        epochs.begin(Frame(stamp_s=float(number), gray=gray, depth_m=depth_m), NO_FEATURES)
-    assert seen == [(1, 1), (2, 2), (3, 3)]
+        depth_m[...] = gray[...] = T_world_cam[0, 3] = number + 1  # one buffer, as camera drivers have it
+        epochs.begin(Frame(stamp_s=float(number), gray=gray, depth_m=depth_m, T_world_cam=T_world_cam), NO_FEATURES)
+    assert seen == [(1, 1, 1), (2, 2, 2), (3, 3, 3)]
 
 
 def test_reset_forgets_a_fusion_that_is_under_way() -> None:

@@ -27,6 +27,12 @@ def test_what_is_no_depth_becomes_zero_and_what_is_negative_stays() -> None:
     stored = np.array([[np.nan, np.inf, -np.inf, 65535, 0, 65534, -2, 1e300]])
     np.testing.assert_array_equal(Unit(1).metres(stored), np.array([[0, 0, 0, 0, 0, 65534, -2, 0]], np.float32))
     assert not Unit(1000).metres(np.full((2, 2), 65535, np.uint16)).any()
+    assert not Unit(1000).metres(np.full((2, 2), 65535, np.int64)).any()
+
+
+def test_the_largest_number_of_16_bits_is_a_depth_among_larger_ones() -> None:
+    micrometres = np.array([[65535, 65536, 900_000, 0]], np.uint32)
+    np.testing.assert_allclose(Unit(1e6).metres(micrometres), [[0.065535, 0.065536, 0.9, 0]], rtol=1e-6)
 
 
 @pytest.mark.parametrize(

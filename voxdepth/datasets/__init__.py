@@ -47,7 +47,10 @@ class Dataset(Protocol):
         """Return the unique name of a frame without suffix, fit for files, perhaps with dots; sorts like the frames."""
 
     def header(self, index: int) -> "Header":
-        """Return the time of a frame to the nanosecond, and the name of its coordinate frame."""
+        """Return the time of a frame, and the name of its coordinate frame.
+
+        The time is that of a bag to the nanosecond; of a folder it is as exact as a number of 64 bits in seconds.
+        """
 
     def __getitem__(self, index: int) -> Frame:
         """Read one frame. It has a pose only where the dataset has an estimate of the camera; never the true one.
@@ -66,6 +69,7 @@ def open_dataset(
     gray_topic: str | None = None,
     within_s: float = WITHIN_S,
     units_per_m: float | None = None,
+    baseline_m: float | None = None,
 ) -> Dataset:
     """Open a dataset: a folder, or the file of a bag. The first format whose files are there is taken.
 
@@ -79,10 +83,11 @@ def open_dataset(
             time. Depth images without a gray one are left out with a warning.
         units_per_m: Steps of a metre in the depth: 1000 for millimetres, 1 for metres, 5000 for TUM RGB-D. It takes
             precedence over the one of a `calibration.toml`, and that over the one of the format.
+        baseline_m: Distance of the stereo cameras [m], in place of that of the intrinsics.
 
     Raises:
         ConfigError: Topics are named for another format than a bag, or `within_s` is negative.
-        FrameError: `units_per_m` makes no sense.
+        FrameError: `units_per_m` or `baseline_m` makes no sense.
         DatasetError: The folder is missing or of no known format, or a list or calibration in it is damaged.
         ModuleNotFoundError: It is a bag, and the package `rosbags` is not installed.
     """
@@ -101,7 +106,7 @@ def open_dataset(
         require_dataset(path, SUFFIXES)
         missing = {reader.format: reader.missing(path) for reader in (*folders, BagDataset)}
         fitting = [reader for reader in folders if not missing[reader.format]]
-        options: dict[str, Any] = {"within_s": within_s, "units_per_m": units_per_m}
+        options: dict[str, Any] = {"within_s": within_s, "units_per_m": units_per_m, "baseline_m": baseline_m}
         if not missing[BagDataset.format] and (depth_topic or gray_topic or not fitting):
             return BagDataset(path, intrinsics, depth_topic=depth_topic, gray_topic=gray_topic, **options)
         if depth_topic or gray_topic:

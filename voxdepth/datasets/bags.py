@@ -1,9 +1,9 @@
 """Bags of ROS 1 and librealsense (`.bag`), and of ROS 2 (a folder, `.db3` or `.mcap`): depth and gray of one camera.
 
 A topic of depth or gray is found by the type of its messages and their encoding, see `voxdepth.ros`; the gray one is of
-the same camera as the depth, and rectified. Images are matched by nearest time within 20 ms, in the order in which they
-were recorded, and a frame has the stamp of its depth. Where stamps do not increase, or match none of the other topic,
-the times at which messages were received count for both.
+the same camera as the depth, and rectified, unless the depth is aligned to it as it is. Images are matched by nearest
+time within 20 ms, in the order in which they were recorded, and a frame has the stamp of its depth. Where stamps do not
+increase, or match none of the other topic, the times at which messages were received count for both.
 
 The `camera_info` lies beside the image and is the same for all images. The baseline is in that of a right camera, whose
 `P[3]` is negative. A `calibration.toml` in the folder of the bag counts before both: the whole camera, or its baseline
@@ -64,6 +64,8 @@ SENSOR = re.compile(r"/device_\d+/sensor_\d+")
 RIGHT_INFRARED = ("/Infrared_2/", "/infra2/")
 """Parts of the topics of the right camera of librealsense and realsense-ros, whose `camera_info` may be that of the
 left one."""
+ALIGNED = "aligned_depth_to"
+"""Part of the topics of depth that realsense-ros draws in the view of another image, with the distortion of that."""
 COPIES = re.compile(r"/compressed(Depth)?$")
 """What ends the topic of a compressed copy of an image."""
 AT_ONCE_NS = 5_000_000
@@ -82,10 +84,10 @@ CONVERT = "convert it to a bag of ROS 2 with messages in CDR, or give the bag th
 def bag_in(path: Path) -> Path | None:
     """Return what is to be opened: the path of a file or of a ROS 2 folder, or the only bag in a folder; else None."""
     if path.is_file():
-        return path if path.suffix in SUFFIXES else None
+        return path if path.suffix.lower() in SUFFIXES else None
     if (path / METADATA).is_file():
         return path
-    found = [file for file in list_folder(path) if file.suffix in SUFFIXES and file.is_file()]
+    found = [file for file in list_folder(path) if file.suffix.lower() in SUFFIXES and file.is_file()]
     return found[0] if len(found) == 1 else None
 
 
@@ -99,6 +101,7 @@ class BagDataset:
         gray_topic: Topic of the gray or colour image; None for the only one of the same camera.
         within_s: Largest difference of the times of a depth and a gray image of one frame.
         units_per_m: Steps of a metre in the depth; None for what `calibration.toml` or the bag says.
+        baseline_m: Baseline in place of that of the intrinsics [m]; None for theirs.
 
     Raises:
         DatasetError: The bag is damaged, has no or several images of depth or gray of one camera, no camera or several,
@@ -117,6 +120,7 @@ class BagDataset:
         gray_topic: str | None = None,
         within_s: float = WITHIN_S,
         units_per_m: float | None = None,
+        baseline_m: float | None = None,
     ) -> None:
         found = bag_in(path)
         assert found is not None, "nothing is lacking"
@@ -124,7 +128,7 @@ class BagDataset:
         images = ImageTopics(Bag(found))
         depth = images.depth(depth_topic)
         gray = images.gray(gray_topic, depth)
-        self.intrinsics = choose_intrinsics(path, intrinsics, lambda: images.camera(depth, gray))
+        self.intrinsics = choose_intrinsics(path, intrinsics, lambda: images.camera(depth, gray), baseline_m)
         self.unit = choose_unit(path, units_per_m, images.unit(depth))
         self._depth, self._gray = Stream(found, depth), Stream(found, gray)
         self._frames = _frames(self._depth, self._gray, within_s)
@@ -278,7 +282,8 @@ class ImageTopics:
         first, second = map(_lens_of, infos)
         if first is not None and second is not None and not first.is_same_camera(second):
             return "has another lens or size by its camera_info"
-        if "rect" not in _original(gray).rsplit("/", 1)[-1] and is_distorted(infos[1]):
+        is_rectified = "rect" in _original(gray).rsplit("/", 1)[-1]
+        if not is_rectified and is_distorted(infos[1]) and ALIGNED not in depth:
             return "is distorted by its camera_info, and not rectified by its name; image_proc rectifies"
         if are_apart(self._images[depth], self._images[gray]):
             ids = (self._images[topic].header.frame_id for topic in (gray, depth))

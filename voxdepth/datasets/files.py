@@ -1,7 +1,7 @@
 """Reading of folders, lists, calibrations and paths. A `DatasetError` names the file that is damaged, and its fault."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import MISSING, asdict, fields
+from dataclasses import MISSING, asdict, fields, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -120,11 +120,16 @@ def read_calibration(dataset: Path) -> dict[str, object]:
         raise DatasetError(f"{path} is no TOML ({error}); write the fields of Intrinsics into it") from error
 
 
-def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callable[[], Intrinsics]) -> Intrinsics:
+def choose_intrinsics(
+    folder: Path, given: Intrinsics | None, of_format: Callable[[], Intrinsics], baseline_m: float | None = None
+) -> Intrinsics:
     """Return the given intrinsics, else those of a folder's `calibration.toml`, else those that `of_format` returns.
 
-    A file that has no more than the fields that may be left out, as the baseline, adds them to those of the format.
+    A baseline [m] that is given counts before theirs. A file that has no more than the fields that may be left out, as
+    the baseline, adds them to those of the format.
     """
+    if baseline_m is not None:
+        return replace(choose_intrinsics(folder, given, of_format), baseline_m=baseline_m)
     if given is not None:
         return given
     path = calibration_path(folder)

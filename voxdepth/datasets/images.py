@@ -23,6 +23,8 @@ from .files import read_bytes
 ARRAY = ".npy"
 DEEP = {("PNG", "I;16"), ("TIFF", "I;16"), ("TIFF", "I;16B"), ("TIFF", "F")}
 """Formats and modes of images with more than 8 bits in one channel."""
+SHALLOW = {*(("PNG", mode) for mode in ("L", "LA", "P", "RGB", "RGBA")), ("JPEG", "L"), ("JPEG", "RGB")}
+"""Formats and modes of gray and colour images of 8 bits, perhaps with transparency."""
 LARGEST_FLOAT_M = 1e5
 """Depth beyond it [m] is none; pictures in colours have larger numbers where they are opaque."""
 LARGEST_IMAGE_PX = 2**26
@@ -40,22 +42,27 @@ Shape = tuple[int, int]
 
 def image_shape(path: Path) -> Shape:
     """Read the shape (H, W) of an image from its header."""
-    height_px, width_px = _array(path).shape if path.suffix == ARRAY else _open(read_bytes(path), path).size[::-1]
+    height_px, width_px = (
+        _array(path).shape if path.suffix.lower() == ARRAY else _open(read_bytes(path), path).size[::-1]
+    )
     return height_px, width_px
 
 
 def read_gray(path: Path, shape: Shape) -> GrayImage:
-    """Read a PNG or JPEG of 8 bits in one channel or three as a gray image, shape (H, W), uint8."""
+    """Read a PNG or JPEG of 8 bits as a gray image, shape (H, W), uint8, without its colours and transparency."""
     wanted = "a gray or colour image of 8 bits as PNG or JPEG"
-    image = _decode(path, shape, wanted, {("PNG", "L"), ("PNG", "RGB"), ("PNG", "P"), ("JPEG", "L"), ("JPEG", "RGB")})
+    image = _decode(path, shape, wanted, SHALLOW)
     if image.dtype != np.uint8:
         raise DatasetError(f"expected {wanted} in {path}, got {image.dtype}")
-    return np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    if image.ndim == 2:
+        return np.asarray(image, np.uint8)
+    has_alpha = image.shape[2] == 4
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2GRAY if has_alpha else cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def read_depth(path: Path, shape: Shape) -> npt.NDArray[Any]:
     """Read depth as it is stored, shape (H, W): a PNG, a TIFF or an array of NumPy."""
-    if path.suffix == ARRAY:
+    if path.suffix.lower() == ARRAY:
         array = _array(path)
         if array.shape != shape:
             raise DatasetError(f"expected an array of shape {shape} in {path}, as the camera has, got {array.shape}")
@@ -67,7 +74,7 @@ def read_depth(path: Path, shape: Shape) -> npt.NDArray[Any]:
 
 def is_deep(path: Path) -> bool:
     """Return whether an image has values of more than 8 bits, as depth has and gray has not."""
-    if path.suffix == ARRAY:
+    if path.suffix.lower() == ARRAY:
         return True
     header = _open(read_bytes(path), path)
     return (header.format, header.mode) in DEEP

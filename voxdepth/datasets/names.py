@@ -8,7 +8,8 @@ All names of a folder are alike but for one of these:
 - a whole number, which is such a time from 1e9 on, and else counts frames.
 
 A number may count the files beside a time, as in `000012_1699187734.9`, if it rises with that. A part of a second after
-anything but a point is decimal if all names have as many digits, else whole ms, us or ns.
+anything but a point is decimal if all names have as many digits, else whole ms, us or ns. Numbers after one and the
+same second, of which two follow each other, count frames: the second is when the recording began.
 """
 
 import re
@@ -72,6 +73,8 @@ def _read(stems: Sequence[str], pattern: re.Pattern[str], read: Reader) -> list[
     """Return the times [ns] of a pattern in names that are alike around it; None if they are not, or no such times."""
     found = [match for stem in stems if (match := pattern.search(stem))]
     times_ns = read(found) if found and len(found) == len(stems) else None
+    if times_ns is not None and len(times_ns) > 1 and len(set(times_ns)) == 1:
+        return None  # The day of the recording, or the like.
     around = [f"{match.string[: match.start()]}\0{match.string[match.end() :]}" for match in found]
     return times_ns if times_ns is not None and _is_alike(around, times_ns) else None
 
@@ -102,11 +105,20 @@ def _of_dates(found: Sequence[Match]) -> list[int] | None:
         dates = [datetime(*map(int, match.groups()[:6]), tzinfo=UTC) for match in found]  # type: ignore[misc, arg-type]
     except ValueError:
         return None
-    return [int(date.timestamp()) * NS_PER_S + part for date, part in zip(dates, _parts_ns(found, 7), strict=True)]
+    return _with_parts([int(date.timestamp()) for date in dates], found, 7)
 
 
-def _of_seconds(found: Sequence[Match]) -> list[int]:
-    return [int(match[1]) * NS_PER_S + part_ns for match, part_ns in zip(found, _parts_ns(found, 2), strict=True)]
+def _of_seconds(found: Sequence[Match]) -> list[int] | None:
+    return _with_parts([int(match[1]) for match in found], found, 2)
+
+
+def _with_parts(seconds: Sequence[int], found: Sequence[Match], group: int) -> list[int] | None:
+    """Return the times [ns] of seconds and their parts; None if the parts count frames after one second."""
+    if len(set(seconds)) == 1 and found[0][0].count(".") != 1:
+        parts = sorted(int(match[group] or 0) for match in found)
+        if any(after - before == 1 for before, after in pairwise(parts)):
+            return None
+    return [second * NS_PER_S + part_ns for second, part_ns in zip(seconds, _parts_ns(found, group), strict=True)]
 
 
 def _of_decimals(found: Sequence[Match]) -> list[int] | None:

@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path
@@ -52,6 +53,7 @@ class PairedImages(ABC):
         intrinsics: Those of the caller; None for those of `calibration.toml` or of the format.
         within_s: Largest difference of the times of a depth and a gray image of one frame.
         units_per_m: Steps of a metre in the depth; None for what `calibration.toml` or the format says.
+        baseline_m: Baseline in place of that of the intrinsics [m]; None for theirs.
 
     Raises:
         DatasetError: The folder is not of this format, a list or calibration in it is missing or damaged, there is no
@@ -69,13 +71,15 @@ class PairedImages(ABC):
         *,
         within_s: float = WITHIN_S,
         units_per_m: float | None = None,
+        baseline_m: float | None = None,
     ) -> None:
         self._within_s = within_s
         pairs = self._find_pairs(folder)
         if not pairs:
             raise DatasetError(f"expected frames in {folder}, got none; is the export complete?")
         require_increasing([pair.stamp_s for pair in pairs], f"the frames of {folder}")
-        self.intrinsics = choose_intrinsics(folder, intrinsics, lambda: self._known_intrinsics(folder, pairs[0]))
+        of_format = partial(self._known_intrinsics, folder, pairs[0])
+        self.intrinsics = choose_intrinsics(folder, intrinsics, of_format, baseline_m)
         self.unit = choose_unit(folder, units_per_m, self.unit)
         self._pairs = tuple(pairs)
         stems = [pair.depth.stem for pair in pairs]

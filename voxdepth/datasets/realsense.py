@@ -75,6 +75,12 @@ class RealSenseDataset(PairedImages):
     def _find_pairs(self, folder: Path) -> list[Pair]:
         """Return the files of one number, or of nearest time."""
         depth_folder, gray_folder = (_named(folder, names) or folder / names[0] for names in (DEPTHS, GRAYS))
+        if others := [path.name for path in _all_named(folder, GRAYS) if path != gray_folder]:
+            warnings.warn(
+                f"{gray_folder} is taken for the images in whose view the depth is, and not {', '.join(others)}: if it "
+                "is another, put that and the depth alone into a folder",
+                stacklevel=3,
+            )
         depth, gray = in_order(_depth_files(depth_folder)), in_order(list_images(gray_folder, GRAY_SUFFIXES))
         if depth.are_times and gray.are_times:
             depth_s, gray_s = ([(time_ns / 1e9, path) for time_ns, path in each.files] for each in (depth, gray))
@@ -83,8 +89,9 @@ class RealSenseDataset(PairedImages):
         if depth.are_times != gray.are_times or not depths.keys() & grays.keys():
             raise DatasetError(
                 f"expected images of the same numbers or times in {depth_folder} ({', '.join(DEPTH_SUFFIXES)}) and "
-                f"{gray_folder} ({', '.join(GRAY_SUFFIXES)}), got none among {len(depths)} and {len(grays)}; name the "
-                "files of a frame alike"
+                f"{gray_folder} ({', '.join(GRAY_SUFFIXES)}), got none among {len(depths)} and {len(grays)} of "
+                f"{len(list_folder(depth_folder))} and {len(list_folder(gray_folder))} files; name the images of a "
+                "frame alike, in these formats"
             )
         if alone := [depths.get(number) or grays[number] for number in depths.keys() ^ grays.keys()]:
             warnings.warn(
@@ -123,13 +130,19 @@ class RealSenseDataset(PairedImages):
 
 def _named(folder: Path, names: Sequence[str]) -> Path | None:
     """Return the first folder in a folder that has one of some names, in upper or lower case; None without one."""
+    return next(iter(_all_named(folder, names)), None)
+
+
+def _all_named(folder: Path, names: Sequence[str]) -> list[Path]:
+    """Return the folders in a folder that have one of some names, in the order of the names."""
     found = {path.name.lower(): path for path in list_folder(folder) if path.is_dir()}
-    return next((found[name] for name in names if name in found), None)
+    return [found[name] for name in names if name in found]
 
 
 def _depth_files(folder: Path) -> list[Path]:
-    """Return the images of depth, in the first format that is there."""
-    found = next((files for suffix in DEPTH_SUFFIXES if (files := list_images(folder, (suffix,)))), [])
+    """Return the images of depth: in the first format with more than 8 bits, or else in the first that is there."""
+    formats = [files for suffix in DEPTH_SUFFIXES if (files := list_images(folder, (suffix,)))]
+    found = next((files for files in formats if len(formats) > 1 and is_deep(files[0])), formats[0] if formats else [])
     if not found and (others := list_images(folder, GRAY_SUFFIXES)):
         raise DatasetError(
             f"{others[0]} is a JPEG, which holds no depth, as {', '.join(DEPTH_SUFFIXES)} do: if the depth is in the "

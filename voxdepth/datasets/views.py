@@ -1,8 +1,9 @@
 """A dataset in another way: from a later frame on, or with the poses of a file."""
 
-from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..ros import Header
 from ..types import FloatArray, Frame
 from . import Dataset
 from .files import read_text
-from .pairs import parse_stamp, require_increasing
+from .pairs import associate, parse_stamp, require_increasing
 
 POSE = "a time and tx ty tz qx qy qz qw"
 """A line of a trajectory as TUM RGB-D has it."""
@@ -81,6 +82,8 @@ class Later(Around):
 class Posed(Around):
     """The frames of a dataset with the poses of nearest time in a file; without one where none is near enough.
 
+    A pose is given to one frame only: a camera that has moved has not the pose that it had.
+
     Args:
         dataset: The frames.
         path: A trajectory in the format of TUM RGB-D: lines of a time [s], the position [m] and the quaternion xyzw of
@@ -95,10 +98,8 @@ class Posed(Around):
         super().__init__(dataset)
         times_s, poses = _read_trajectory(path)
         stamps_s = [dataset.header(index).stamp_ns / 1e9 for index in range(len(dataset))]
-        near = [_nearest(times_s, stamp_s) for stamp_s in stamps_s]
-        is_near = [abs(times_s[k] - stamp_s) <= within_s for k, stamp_s in zip(near, stamps_s, strict=True)]
-        self._poses = [poses[k] if is_used else None for k, is_used in zip(near, is_near, strict=True)]
-        self.n_poses = sum(is_near)
+        self._poses = {frame: poses[k] for frame, k in associate(stamps_s, times_s, within_s=within_s)}
+        self.n_poses = len(self._poses)
         """Number of frames with a pose."""
         if not self.n_poses:
             frames_s, found_s = (f"{times[0]:.3f} to {times[-1]:.3f} s" for times in (stamps_s, times_s))
@@ -109,12 +110,7 @@ class Posed(Around):
 
     def __getitem__(self, index: int) -> Frame:
         """See `Dataset`."""
-        return replace(self._dataset[index], T_world_cam=self._poses[index])
-
-
-def _nearest(times_s: Sequence[float], stamp_s: float) -> int:
-    after = bisect_left(times_s, stamp_s)
-    return min((k for k in (after - 1, after) if 0 <= k < len(times_s)), key=lambda k: abs(times_s[k] - stamp_s))
+        return replace(self._dataset[index], T_world_cam=self._poses.get(range(len(self))[index]))
 
 
 def _read_trajectory(path: Path) -> tuple[list[float], list[FloatArray]]:
@@ -126,13 +122,19 @@ def _read_trajectory(path: Path) -> tuple[list[float], list[FloatArray]]:
             continue
         if len(words) != len(POSE.split()) - 2:
             raise DatasetError(f"expected {POSE} in {source}, got {line[:80]!r}")
-        time_s, *numbers = (parse_stamp(word, source) for word in words)
-        times_s.append(time_s)
-        poses.append(_pose(np.array(numbers), source))
+        times_s.append(parse_stamp(words[0], source))
+        poses.append(_pose(np.array([_number(word, source) for word in words[1:]]), source))
     if not poses:
         raise DatasetError(f"expected lines of {POSE} in {path}, got none")
     require_increasing(times_s, str(path))
     return times_s, poses
+
+
+def _number(word: str, source: str) -> float:
+    with suppress(ValueError):
+        if isfinite(number := float(word)):
+            return number
+    raise DatasetError(f"expected finite numbers tx ty tz qx qy qz qw after the time in {source}, got {word[:40]!r}")
 
 
 def _pose(numbers: FloatArray, source: str) -> FloatArray:

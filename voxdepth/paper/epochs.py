@@ -172,7 +172,9 @@ class Epochs:
         if self._window and self._last_features and not self._follows(self._last_features, features):
             self._window = []
         self._last_features = features
-        self._window.append(replace(frame, gray=frame.gray.copy(), depth_m=frame.depth_m.copy()))
+        T_world_cam = None if frame.T_world_cam is None else frame.T_world_cam.copy()
+        copied = replace(frame, gray=frame.gray.copy(), depth_m=frame.depth_m.copy(), T_world_cam=T_world_cam)
+        self._window.append(copied)
         if len(self._window) == self._config.window_frames:
             self._pending = self._started(self._window, features)
             self._due = self._frames + self._config.fusion_lag_frames

@@ -58,7 +58,7 @@ def correct(
     folder: Recorded,
     out: Annotated[
         Path | None,
-        typer.Option(help="New folder of the result, or a new .mcap file. Default: corrected/NAME, after the input."),
+        typer.Option(help="New folder of the result, or a new .mcap file. Default: the folder corrected/NAME."),
     ] = None,
     corrector: Annotated[str, typer.Option(help=CORRECTOR_HELP)] = DEFAULT_CORRECTOR,
     config: Annotated[
@@ -86,14 +86,16 @@ def correct(
     for gray, depth, source, confidence and camera_info below /voxdepth, with the stamps and frames of the input.
     """
     from dataclasses import replace
+    from hashlib import sha256
 
+    from ..datasets.files import read_bytes
     from ..errors import printable
     from ..units import MILLIMETRES
     from .correction import require_absent
     from .output import MCAP
     from .recorded import Opener, restrict_opencv
 
-    out = out or CORRECTED / folder.resolve().name
+    out = out or CORRECTED / (folder.resolve().stem if folder.is_file() else folder.resolve().name)
     spec = _spec(corrector, config)
     _refuse_mixing(folder, out, record)
     if ply and out.suffix == MCAP:
@@ -106,7 +108,9 @@ def correct(
     restrict_opencv()
     topics: dict[str, Any] = {"depth_topic": depth_topic, "gray_topic": gray_topic}
     dataset = Opener(baseline, within, start, poses, units_per_m=units_per_m, **topics)(folder)
-    of_input = {"start": start or None, "poses": None if poses is None else printable(poses.name)}
+    of_input: dict[str, Any] = {"start": start or None, "within_ms": within, **topics}
+    if poses is not None:
+        of_input |= {"poses": printable(poses.name), "poses_sha256": sha256(read_bytes(poses)).hexdigest()}
     correction = replace(_planned(folder, dataset, spec, frames, of_input), has_points=ply)
     if out.suffix != MCAP and (dataset.unit.units_per_m or 0) > MILLIMETRES:
         steps = f"1/{dataset.unit.units_per_m:g} m"
@@ -153,7 +157,7 @@ def _planned(
     dataset: "Dataset",
     spec: "CorrectorSpec",
     frames: int | None,
-    of_input: Mapping[str, int | str | None],
+    of_input: Mapping[str, int | float | str | None],
 ) -> "Correction":
     """Resolve and check everything before anything is written; `of_input` is what was requested of the dataset."""
     from ..datasets.files import given_fields

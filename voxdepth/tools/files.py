@@ -90,8 +90,10 @@ def atomic(path: Path) -> Iterator[Path]:
         with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder:
             temporary = Path(holder) / path.name
             yield temporary
-            if temporary.is_dir() and path.is_dir() and any(path.iterdir()):  # Another process may have been faster.
-                raise ToolError(f"{path} has files by now, which nothing replaces: name another folder")
+            if temporary.is_dir() and path.is_dir():
+                if any(path.iterdir()):  # Another process may have been faster.
+                    raise ToolError(f"{path} has files by now, which nothing replaces: name another folder")
+                path.rmdir()  # Windows replaces no folder, be it empty.
             temporary.replace(path)
 
 

@@ -1,7 +1,6 @@
 """Recorded sequences as commands open them: OpenCV is silent, and what is assumed of a camera is reported."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,16 +34,13 @@ class Opener:
     def __init__(
         self, baseline_m: float | None, within_ms: float, start: int = 0, poses: Path | None = None, **options: Any
     ) -> None:
-        self._baseline_m, self._options = baseline_m, options | {"within_s": within_ms / 1000}
+        self._options = options | {"baseline_m": baseline_m, "within_s": within_ms / 1000}
         self._start, self._poses = start, poses
         self._reported: set[Path] = set()
 
     def __call__(self, path: Path) -> Dataset:
         """Open a folder or a bag."""
         dataset = open_dataset(path, **self._options)
-        if self._baseline_m is not None:
-            camera = replace(dataset.intrinsics, baseline_m=self._baseline_m)
-            dataset = open_dataset(path, intrinsics=camera, **self._options)
         for assumption in _assumptions(path, dataset) if path not in self._reported else ():
             self._reported.add(path)
             typer.echo(f"{path} {assumption}", err=True)

@@ -27,8 +27,8 @@ NEAREST_M, FARTHEST_M = 0.01, 660.0
 LOWEST_STEP = round(100 * math.log(NEAREST_M))
 _STEPS = np.arange(LOWEST_STEP, round(100 * math.log(FARTHEST_M)) + 1)
 STEPS_CM = np.minimum(np.rint(CENTIMETRE * arithmetic.exp(_STEPS / 100)), 65535).astype(np.uint16)
-"""Depths [cm] that a recording can hold: each is 1 % more than the one before, up to the largest of 16 bits."""
-"""Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
+"""Depths [cm] that a recording can hold as 16-bit PNG: each is 1 % more than the one before, which is finer than any of
+the sensors measures."""
 JPEG_QUALITY = 75
 PIPE_BYTES = 1 << 16
 MOST_POINTS = 20_000
