@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sim.errors import RecordingError, SimError
-from sim.recording import CONFIG, Recording
+from sim.recording import CONFIG, FRAMES, Recording
 from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.checksums import LIST
@@ -104,10 +104,11 @@ def with_truth(folder: Path) -> EvaluationSequence:
     """Return a recording with the true depth of its frames.
 
     Raises:
-        ScenarioError: It has no true depth.
+        ScenarioError: It has no true depth, or is a damaged recording of the simulator.
     """
-    with suppress(RecordingError):
-        Recording.open(folder)
+    if (folder / FRAMES).is_file():
+        with _as_our_errors():
+            Recording.open(folder)
         return Existing(folder)
     if not true_depths(folder).files:
         raise ScenarioError(

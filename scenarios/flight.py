@@ -73,6 +73,7 @@ def ticked(mission: Mission, after_tick: Callable[[], None] = lambda: None) -> f
             mission.tick(wait=False)
             after_tick()
     except KeyboardInterrupt:
-        if mission.outcome is None:
-            mission.interrupt()
+        if mission.outcome is not None:
+            raise
+        mission.interrupt()
     return time.perf_counter() - start

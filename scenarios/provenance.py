@@ -4,7 +4,7 @@ import platform
 
 from voxdepth.tools.results.provenance import ALL_SOURCES, CORRECTION, LIBRARY_SOURCES, code_digest, versions
 
-SIMULATION = (*CORRECTION, "open3d", "pybullet")
+SIMULATION = (*CORRECTION, "llvmlite", "numba", "open3d", "pybullet", "scipy")
 """Packages whose versions may change a rendered image or a flight."""
 FLIGHT_SOURCES = (
     *LIBRARY_SOURCES,
@@ -14,7 +14,7 @@ FLIGHT_SOURCES = (
     ("scenarios", "flight.py"),
 )
 """Packages and the patterns of those of their files that determine the result of a run. The settings of a scenario are
-part of the key of a run instead; a user's own controller is part of neither."""
+part of the key of a run instead, and so is the code of a user's own controller."""
 SENSOR_SOURCES = (("sim", ALL_SOURCES), ("scenarios", "sequences.py"))
 """Those that determine a recording."""
 

@@ -58,7 +58,8 @@ def fly_and_write(
                 write(folder / "config.toml", to_toml(run).encode())
 
                 def after_tick() -> None:
-                    hand_on()
+                    if mission.outcome is None:  # Else the files of a flight that has ended come first.
+                        hand_on()
                     progress(mission.time_s)
 
                 wall_s = ticked(mission, after_tick)

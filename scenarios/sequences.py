@@ -157,12 +157,9 @@ class Simulation:
             yield pair
 
     def _require_outside(self, pair: RenderedPair) -> None:
-        T_world_cam = pair.left.T_world_cam
-        left_m, to_right = T_world_cam[:3, 3], T_world_cam[:3, 0]
-        baseline_m = self.sensor.intrinsics.baseline_m or 0.0
-        for name, position_m in (("left", left_m), ("right", left_m + baseline_m * to_right)):
-            if self.world.is_inside(position_m):
-                x, y, z = position_m
+        for name, images in (("left", pair.left), ("right", pair.right), ("color", pair.color)):
+            if images is not None and self.world.is_inside(images.T_world_cam[:3, 3]):
+                x, y, z = images.T_world_cam[:3, 3]
                 raise SensorError(
                     f"in frame {pair.frame} the {name} camera is inside a body, at ({x:.2f}, {y:.2f}, {z:.2f}) m: "
                     "change the flight's height, the movers or the scene"

@@ -40,8 +40,8 @@ class AirframeConfig(Model):
     radius_m: float = Field(default=0.25, gt=0)
     """Radius of the collision sphere [m]."""
     max_speed_m_s: float = Field(default=5.0, gt=0)
-    max_accel_m_s2: float = Field(default=4.0, gt=0)
-    """Largest acceleration that the velocity controller demands."""
+    max_accel_m_s2: float = Field(default=4.0, gt=0, le=9.0)
+    """Largest acceleration that the velocity controller demands; below gravity, or the thrust might point downwards."""
 
 
 class Dynamics(NamedTuple):

@@ -170,6 +170,10 @@ class World:
         """Return the movers of the scene where they are now, in its order."""
         return [mover.at(self._moved_s[body]) for body, mover in self.movers.items()]
 
+    def mover_positions_m(self) -> dict[int, FloatArray]:
+        """Return where the movers' origins are now, shape (3,), by the numbers of their bodies."""
+        return dict(self._mover_m)
+
     def _step_movers(self) -> None:
         """Move all movers that do not wait for a drone."""
         for body, mover in self.movers.items():

@@ -1,12 +1,13 @@
 """Composing a mission from its parts: world, renderer, cameras, correctors and controllers."""
 
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 from sim.cpu import mapper
 from sim.render import create_renderer
 from sim.sensor import StereoSensor
 from sim.world import World
+from voxdepth.types import close
 
 from .config import MissionSetup
 from .controllers import Factory, load_controller
@@ -45,10 +46,16 @@ def composed_mission(
     """
     config, rig_config = setup.mission, setup.rig
     scene = setup.scene.build(seed)
-    with World(scene, config.starts_m(), setup.airframe, start_yaw_rad=config.start_yaws_rad()) as world:
+    with ExitStack() as closing:
+        world = closing.enter_context(
+            World(scene, config.starts_m(), setup.airframe, start_yaw_rad=config.start_yaws_rad())
+        )
         correctors = [
             None if drone in blind else setup.corrector.create(rig_config.intrinsics) for drone in range(world.n_drones)
         ]
+        for corrector in correctors:
+            if corrector is not None:
+                closing.callback(close, corrector)
         gray = gray or any(corrector.uses_gray for corrector in correctors if corrector)
         renderer = create_renderer(setup.renderer, world, threads=threads)
         rig = StereoSensor(world, renderer, rig_config, seed=seed, gray=gray)

@@ -457,3 +457,10 @@ class DepthCorrector(Protocol):
     def reset(self) -> None:
         """Forget the stream; the next frame starts a new one. A method that keeps nothing has nothing to forget."""
         return
+
+
+def close(corrector: DepthCorrector) -> None:
+    """Close a corrector that can be closed, as one with threads or a device can."""
+    method = getattr(corrector, "close", None)
+    if method is not None:
+        method()

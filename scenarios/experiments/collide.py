@@ -4,7 +4,7 @@ import pandas as pd
 
 from ..errors import ScenarioError
 from ..study.store import read_study
-from .experiment import Claim, Experiment, ExperimentResult
+from .experiment import ALIKE, Claim, Experiment, ExperimentResult, alike
 from .measures.collisions import EXPONENT, GROWTH, SHARE, THETA, THETAS, WHOLE, collision_table, fly_small_study
 from .plots import picture, plotted
 
@@ -18,6 +18,8 @@ def answer(experiment: Experiment) -> ExperimentResult:
         raise ScenarioError(f"expected one store of the study {WHOLE}, got {len(experiment.data)}: name one")
     data = read_study(experiment.data[0]) if experiment.data else fly_small_study(experiment)
     table = collision_table(data)
+    if table.empty:
+        raise ScenarioError(f"expected runs of the study {WHOLE} at several noise ratios, got {data.study.name}")
     shown = table.pivot(index=THETA, columns="arm", values=SHARE)
     return ExperimentResult(table=table, figure=picture("Collisions of the swarm", [plotted(shown, "", THETA, SHARE)]))
 
@@ -39,11 +41,18 @@ def claims(table: pd.DataFrame) -> tuple[Claim, ...]:
             Claim(
                 f"from a noise ratio of 0.5 to one of 1, collisions grow {PAPER_GROWTH:g} times",
                 f"{arm}: {ratio:.1f} times, with a 95 % interval of {low:.1f} to {high:.1f}" if b >= 0 else untold,
-                bool(low <= PAPER_GROWTH <= high) if low <= high else None,
-                f"{PAPER_GROWTH:g} times lies in the interval",
+                _is_like_the_paper(low, high),
+                f"the whole interval is within a factor of {ALIKE:g}; it differs if {PAPER_GROWTH:g} lies outside",
             ),
         ]
     return tuple(found)
+
+
+def _is_like_the_paper(low: float, high: float) -> bool | None:
+    """Return whether an interval of the growth agrees with the paper's; None where it decides nothing."""
+    if low > PAPER_GROWTH or high < PAPER_GROWTH:
+        return False
+    return True if alike(low, PAPER_GROWTH) and alike(high, PAPER_GROWTH) else None
 
 
 EXPERIMENT = Experiment(

@@ -67,7 +67,7 @@ class Seeds(Model):
     """The seeds with which every arm flies every scenario."""
 
     count: int = Field(ge=1, le=100_000)
-    first: int = Field(default=0, ge=0)
+    first: int = Field(default=0, ge=0, le=2**32 - 100_000)
 
     @property
     def all(self) -> range:
@@ -194,6 +194,7 @@ class Study(Model):
             raise ValueError(f"changes must not set {taken[0]}, because every arm sets it: set it in the arms")
         self._check_theta()
         self._check_axis()
+        self._check_labels()
         self._check_primary_comparison()
         return self
 
@@ -236,10 +237,15 @@ class Study(Model):
                 raise ValueError(f"arm {arm.name!r} has {len(arm.theta)} theta in a study with an axis, expected one")
             if unknown := [level for level in arm.levels if level not in axis.levels]:
                 raise ValueError(f"arm {arm.name!r} flies {unknown[0]:g}, which is no level of the axis")
-            if _is_set_by(axis.key, (*ALWAYS_SET, *self.changes, *arm.changes)):
+            if _is_set_by(axis.key, (*ALWAYS_SET, *self.changes, *arm.settings)):
                 raise ValueError(f"the axis {axis.key} must not be set by the study or by arm {arm.name!r} as well")
         if axis is not None and axis.reference not in (None, *(arm.name for arm in self.arms)):
             raise ValueError(f"the reference of the axis is no arm of the study: {axis.reference!r}")
+
+    def _check_labels(self) -> None:
+        labels = Counter(arm_label(arm.name, level) for arm in self.arms for level in self.levels_of(arm))
+        if twice := [label for label, count in labels.items() if count > 1]:
+            raise ValueError(f"two arms, or levels, would both be called {twice[0]!r}: name or choose them apart")
 
     def _check_primary_comparison(self) -> None:
         declared = self.declared
@@ -256,9 +262,15 @@ class Study(Model):
                 )
         if twice := [name for name, count in Counter(declared.arms).items() if count > 1]:
             raise ValueError(f"the declared comparison must name two arms, got {twice[0]!r} twice")
-        if declared.endpoint == GAIN and len(declared.arm) > 1:
+        if declared.endpoint == GAIN:
+            self._check_gain(declared)
+
+    def _check_gain(self, declared: PrimaryComparison) -> None:
+        if len(declared.arm) > 1:
             raise ValueError(f"endpoint = {GAIN!r} compares one arm with another, got {list(declared.arm)}")
-        if declared.endpoint == GAIN and (self.axis is None or self.axis.reference is None):
+        if len(self.scenarios) > 1:
+            raise ValueError(f"endpoint = {GAIN!r} compares the curves of one scenario, got {list(self.scenarios)}")
+        if self.axis is None or self.axis.reference is None:
             raise ValueError(f"endpoint = {GAIN!r} needs an axis with a reference: give both in [axis]")
 
 

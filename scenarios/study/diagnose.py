@@ -24,7 +24,8 @@ LOOKBACK_S = 3.0
 LAST_S = 1.0
 """Time before the collision in which the drone could still have stopped."""
 NEAR_M = 1.0
-"""Largest distance from the drone at the collision of the surface that counts as hit."""
+"""Largest distance from the drone at the collision of the surface that counts as hit; of a body that moves, from where
+the drone would be beside it."""
 MIN_VISIBLE_SHARE = 0.2
 """Smallest share of the images that must show this surface; otherwise it counts as not in view."""
 
@@ -42,6 +43,8 @@ class CollisionProbe(Recorder):
         self._images: defaultdict[int, deque[Image]] = defaultdict(deque)
         self._decisions: defaultdict[int, deque[tuple[float, Decision]]] = defaultdict(deque)
         self._world: World | None = None
+        self._movers_m: deque[tuple[float, dict[int, FloatArray]]] = deque()
+        """Times [s], and where the moving bodies were, by their number."""
         self._struck: set[int] = set()
         self.diagnoses: list[Diagnosis] = []
         """Of the first collision of each drone, in order of time; of two drones that touch, one for both."""
@@ -58,7 +61,11 @@ class CollisionProbe(Recorder):
             recent.popleft()
 
     def tick(self, step: int, time_s: float, states: Sequence[DroneState], decisions: Sequence[Decision]) -> None:
-        """Keep the decisions of the last second."""
+        """Keep the decisions of the last second, and where moving bodies were while the images were taken."""
+        assert self._world is not None, "start comes first"
+        self._movers_m.append((time_s, self._world.mover_positions_m()))
+        while self._movers_m[0][0] < time_s - LOOKBACK_S:
+            self._movers_m.popleft()
         for drone, decision in enumerate(decisions):
             recent = self._decisions[drone]
             recent.append((time_s, decision))
@@ -78,10 +85,21 @@ class CollisionProbe(Recorder):
         assert self._world is not None, "start comes first"
         hit, body = next((hit, body) for hit, body in self._world.described.items() if body.name == contact.other)
         recent = [one for one in self._images[contact.drone] if one[0].stamp_s >= contact.time_s - LOOKBACK_S]
-        found = diagnose(recent, hit, self._world.states[contact.drone].position_m, self._min_confidence)
+        at_m = self._world.states[contact.drone].position_m
+        beside_m = [at_m + self._moved_m(hit, capture.stamp_s) for capture, _ in recent]
+        found = diagnose(recent, hit, beside_m, self._min_confidence)
         struck_m, decisions = self._world.nearest_point_m(contact.drone, hit), self._decisions[contact.drone]
         held = held_at(decisions[0][1].view, struck_m) if decisions else None
         return replace(found, textureless=body.surface.is_blank, held_before=held)
+
+    def _moved_m(self, body: int, time_s: float) -> FloatArray:
+        """Return by how much a body was elsewhere than now at a time, shape (3,)."""
+        assert self._world is not None, "start comes first"
+        now_m = self._world.mover_positions_m().get(body)
+        if now_m is None or not self._movers_m:
+            return np.zeros(3)
+        _, then_m = min(self._movers_m, key=lambda one: abs(one[0] - time_s))
+        return then_m[body] - now_m
 
 
 def held_at(view: MapView | None, point_m: FloatArray) -> str | None:
@@ -91,16 +109,17 @@ def held_at(view: MapView | None, point_m: FloatArray) -> str | None:
     return STATES[view.state_at(view.from_world(point_m))]
 
 
-def diagnose(images: Sequence[Image], body: int, point_m: FloatArray, min_confidence: float) -> Diagnosis:
+def diagnose(images: Sequence[Image], body: int, points_m: Sequence[FloatArray], min_confidence: float) -> Diagnosis:
     """Find the cause by a majority of the pixels of the surface that was hit, over all images; texture is left out.
 
     Args:
         images: Images of the drone before the collision.
         body: Id of the body that it hit.
-        point_m: Position of the drone at the collision in the world frame, shape (3,).
+        points_m: For each image, the position of the drone at the collision in the world frame, shape (3,); beside
+            where the body was, if that moves.
         min_confidence: Confidence, 0..1, from which on the drone trusts a pixel.
     """
-    masks = [_pixels_of(body, point_m, capture) for capture, _ in images]
+    masks = [_pixels_of(body, at_m, capture) for (capture, _), at_m in zip(images, points_m, strict=True)]
     if sum(bool(mask.any()) for mask in masks) < max(1, MIN_VISIBLE_SHARE * len(images)):
         return Diagnosis(cause=Cause.NOT_IN_VIEW)
     seen = list(zip(images, masks, strict=True))

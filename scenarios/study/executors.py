@@ -47,7 +47,10 @@ def run_one(spec: RunSpec) -> RunRecord:
         ScenarioError: The key is not that of the run, or a number of the result is not finite.
     """
     if key_of(spec.run) != spec.key:
-        raise ScenarioError("the code of a controller or corrector has changed since the study began: see --resume")
+        raise ScenarioError(
+            "the code of a controller or corrector has changed since the study began: take the change back, or use "
+            "another --out"
+        )
     record = RunRecord.of(spec, fly(spec.run, threads=1))
     for figures in (record.metrics, *record.drones, *map(asdict, record.contacts)):
         for name, value in figures.items():
@@ -98,7 +101,7 @@ class Cluster:
         with self._client() as client:
             self._submit(client, waiting, flying)
             while flying:
-                for future in _ended(client, [*flying]):
+                for future in sorted(_ended(client, [*flying]), key=_is_lost):  # What has ended is kept in any case.
                     yield self._completion(future, *flying.pop(future))
                 self._submit(client, waiting, flying)
 
@@ -202,6 +205,11 @@ def _ended(client: Any, futures: list[Any]) -> set[Any]:
         if not client.nthreads():
             raise ScenarioError("no worker is left: finished runs are stored, go on with --resume") from None
         return set()
+
+
+def _is_lost(future: Any) -> bool:
+    """Return whether a run has ended without its result."""
+    return str(future.status) != "finished"
 
 
 def _attempt_on_worker(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Completion:

@@ -136,7 +136,7 @@ def _with_number(name: str, arms: Sequence[ArmRuns]) -> str:
 def _bars(estimates: Sequence[Interval]) -> FloatArray:
     """Return how far the intervals reach to the left and to the right of their estimates, shape (2, n)."""
     values, lows, highs = np.array(estimates).T
-    return np.maximum(0.0, [values - lows, highs - values])
+    return np.nan_to_num(np.maximum(0.0, [values - lows, highs - values]))  # No bar where no interval is known.
 
 
 def _draw_curves(

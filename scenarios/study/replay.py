@@ -63,7 +63,7 @@ def chosen(data: StudyData, keys: Sequence[str], *, undiagnosed: bool = False) -
     if not keys:
         arms = [arm.name for arm in data.study.arms]
         known = data.diagnoses if undiagnosed else {}
-        flown = [spec for spec in data.flown if spec.key not in known]
+        flown = [spec for key, spec in data.runs.items() if key in data.records and key not in known]
         collided = [spec for spec in flown if data.records[spec.key].outcome is Outcome.COLLISION]
         return sorted(collided, key=lambda spec: arms.index(spec.arm))
     found = []

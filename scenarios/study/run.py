@@ -9,7 +9,7 @@ import numpy as np
 
 from swarm.controllers import Role, load_controller
 from voxdepth.errors import VoxDepthError
-from voxdepth.types import Frame
+from voxdepth.types import Frame, close
 
 from ..config import Scenario
 from ..errors import ScenarioError
@@ -67,7 +67,9 @@ def _try_first_frame(scenario: Scenario) -> None:
     role = Role(drone=0, team=mission.teams()[0], airframe=scenario.airframe, camera=camera)
     load_controller(mission.controller)(role, mission)
     black, empty = np.zeros(camera.shape, np.uint8), np.zeros(camera.shape, np.float32)
-    scenario.corrector.create(camera).process(Frame(stamp_s=0.0, gray=black, depth_m=empty))
+    corrector = scenario.corrector.create(camera)
+    corrector.process(Frame(stamp_s=0.0, gray=black, depth_m=empty))
+    close(corrector)
 
 
 def run_study(

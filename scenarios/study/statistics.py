@@ -30,6 +30,9 @@ RESAMPLES = 1000
 BOOTSTRAP_SEED = 20240601
 LAPSE = 0.02
 """Share of flights that fail however easy they are."""
+LEAST_SEEDS = 6
+"""Of fewer seeds, all have the same sign by chance in more than 5 % of cases, which a percentile interval takes for a
+difference."""
 N_POSITIONS, WIDTHS = 61, tuple(np.geomspace(0.01, 0.5, 12))
 """Number of positions along an axis at which a curve may fall to a half, and its widths as shares of the axis."""
 
@@ -106,21 +109,37 @@ def newcombe(pairs: Pairs) -> Interval:
     return Interval(difference, difference - below, difference + above)
 
 
+def drawn(rng: np.random.Generator, n: int) -> IndexArray:
+    """Return the numbers of what a bootstrap draws of n, shape (samples, n - 1), or (samples, 1) of one.
+
+    One less than n are drawn, because n would vary too little where n is small [5].
+    """
+    return rng.integers(0, n, (RESAMPLES, max(n - 1, 1)))
+
+
+def percentile_interval(value: float, samples: FloatArray) -> Interval:
+    """Return a value with the percentile interval of a bootstrap's samples, without those that are NaN.
+
+    Where all samples are equal they tell nothing of the spread, as of a share of 0, and the ends are NaN.
+    """
+    tail = 50 * (1 - LEVEL)
+    low, high = np.nanpercentile(samples, [tail, 100 - tail]).tolist()
+    return Interval(float(value), low, high) if low < high else Interval(float(value), math.nan, math.nan)
+
+
 def bootstrap_ratio(strata: Sequence[FloatArray]) -> Interval:
     """Return a ratio of sums with the percentile interval of a bootstrap that draws within each stratum.
 
     A row of a stratum, none of which is empty, is a run: what is counted, and what it is counted per, which is 1 for a
     mean. The row of a pair of runs has both numbers of the first and then those of the second, and the result is the
-    difference of the ratios. Of a stratum of n rows n - 1 are drawn: n would vary too little where n is small [5].
+    difference of the ratios.
     """
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     sums = np.zeros((RESAMPLES, strata[0].shape[1]))
     for rows in strata:
-        n = len(rows)
-        sums += n * rows[rng.integers(0, n, (RESAMPLES, max(n - 1, 1)))].mean(axis=1)
+        sums += len(rows) * rows[drawn(rng, len(rows))].mean(axis=1)
     value = _ratio(np.sum([rows.sum(axis=0) for rows in strata], axis=0))
-    tail = 50 * (1 - LEVEL)
-    return Interval(float(value), *np.percentile(_ratio(sums), [tail, 100 - tail]).tolist())
+    return percentile_interval(float(value), _ratio(sums))
 
 
 def _ratio(sums: FloatArray) -> FloatArray:
@@ -138,7 +157,8 @@ def level_text(estimate: Interval, levels: FloatArray) -> str:
 
 def is_beyond(estimate: Interval, levels: FloatArray) -> bool:
     """Return whether a level may lie beyond the ends of an axis, which stand for what is there."""
-    return bool(estimate.low <= min(levels) or estimate.high >= max(levels))
+    known = [end for end in estimate if not math.isnan(end)]
+    return bool(min(known) <= min(levels) or max(known) >= max(levels))
 
 
 def success_threshold(levels: FloatArray, arrived: MaskImage) -> Interval:
@@ -154,7 +174,7 @@ def success_threshold(levels: FloatArray, arrived: MaskImage) -> Interval:
 
     def likeliest(rows: IndexArray) -> FloatArray:
         successes = arrived[rows].sum(axis=-2, dtype=np.float64)
-        log_likelihood = successes @ np.log(success) + (len(arrived) - successes) @ np.log1p(-success)
+        log_likelihood = successes @ np.log(success) + (rows.shape[-1] - successes) @ np.log1p(-success)
         return np.asarray(positions[log_likelihood.argmax(axis=-1)])
 
     return over_seeds(len(arrived), likeliest)
@@ -170,17 +190,16 @@ def cloglog_curve(levels: FloatArray, reached: MaskImage) -> tuple[Interval, Int
     exponents, log_a = (side.ravel() for side in np.meshgrid(EXPONENTS, LOG_A, indexing="ij"))
     failure = -np.exp(log_a + exponents * np.log(levels)[:, None])  # logarithm of 1 - p of each curve at each level
     log_p, grown = np.log(-np.expm1(failure)), np.expm1(-np.exp(log_a)) / np.expm1(-np.exp(log_a) * 0.5**exponents)
-    rng, (n, _) = np.random.default_rng(BOOTSTRAP_SEED), reached.shape
-    drawn = np.concatenate([reached[None], reached[rng.integers(0, n, (RESAMPLES, n))]]).sum(axis=1, dtype=np.float64)
-    counts, inverse = np.unique(drawn, axis=0, return_inverse=True)
-    best = np.array([np.argmax(k @ log_p + (n - k) @ failure) for k in counts])[inverse.ravel()]
-    tells = (drawn.sum(axis=1) > 0) & (drawn.sum(axis=1) < n * len(levels))
+    samples = reached[drawn(np.random.default_rng(BOOTSTRAP_SEED), len(reached))]
+    shares = np.concatenate([reached[None].mean(axis=1), samples.mean(axis=1)])
+    counts, inverse = np.unique(shares, axis=0, return_inverse=True)
+    best = np.array([np.argmax(p @ log_p + (1 - p) @ failure) for p in counts])[inverse.ravel()]
+    tells = (shares.sum(axis=1) > 0) & (shares.sum(axis=1) < len(levels))
     if not tells[0]:
         return (Interval(math.nan, math.nan, math.nan),) * 2
-    tail = 50 * (1 - LEVEL)
     exponent, growth = (
-        Interval(float(value[0]), *np.nanpercentile(value, [tail, 100 - tail]).tolist())
-        for value in (np.where(tells, of[best], np.nan) for of in (exponents, grown))
+        percentile_interval(values[0], values[1:])
+        for values in (np.where(tells, of[best], np.nan) for of in (exponents, grown))
     )
     return exponent, growth
 
@@ -198,18 +217,5 @@ def crossing(levels: FloatArray, values: FloatArray, height: float) -> float:
 
 def over_seeds(n: int, statistic: SeedStatistic) -> Interval:
     """Return a statistic of n seeds with the percentile interval of a bootstrap over them."""
-    from scipy.stats import bootstrap
-
-    seeds = np.arange(n)
-    (value,) = statistic(seeds[None])
-    if n == 1:
-        return Interval(float(value), float(value), float(value))
-    drawn = bootstrap(
-        (seeds,),
-        lambda rows, axis: statistic(rows),
-        n_resamples=RESAMPLES,
-        confidence_level=LEVEL,
-        method="percentile",
-        rng=BOOTSTRAP_SEED,
-    )
-    return Interval(float(value), *map(float, drawn.confidence_interval))
+    (value,) = statistic(np.arange(n)[None])
+    return percentile_interval(float(value), statistic(drawn(np.random.default_rng(BOOTSTRAP_SEED), n)))

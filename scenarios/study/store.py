@@ -8,6 +8,7 @@ flown again to tell. An archive of the folder is read like the folder.
 import json
 import lzma
 import tarfile
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -81,6 +82,10 @@ class Failure:
     """`error`: an exception. `timeout`: stopped at the time limit. `died`: the process ended unexpectedly."""
     text: str
     """A traceback, or another description."""
+
+    def __post_init__(self) -> None:
+        # A traceback holds names of folders, which may be no UTF-8.
+        object.__setattr__(self, "text", self.text.encode(errors="backslashreplace").decode())
 
     @property
     def last_line(self) -> str:
@@ -251,9 +256,22 @@ def _files(source: Path) -> dict[str, bytes]:
             return {path.relative_to(source).as_posix(): path.read_bytes() for path in sorted(found) if path.is_file()}
         with tarfile.open(source) as packed:
             members = [(str(PurePosixPath(one.name)), packed.extractfile(one)) for one in packed.getmembers()]
-            return {name: member.read() for name, member in members if member is not None}
-    except (OSError, EOFError, tarfile.TarError, lzma.LZMAError) as error:
+            contents = {name: member.read() for name, member in members if member is not None}
+            _require_end(packed)
+            return contents
+    except (OSError, EOFError, tarfile.TarError, lzma.LZMAError, zlib.error) as error:
         raise ScenarioError(f"cannot read {source} ({error}): restore a copy of it") from error
+
+
+def _require_end(packed: tarfile.TarFile) -> None:
+    """Raise an error if something but zeros follows the last file, where a damaged header ends the list in silence.
+
+    Reading to the end also compares the checksum of what is compressed.
+    """
+    file: Any = packed.fileobj
+    file.seek(packed.offset)
+    if file.read().strip(b"\0"):
+        raise tarfile.ReadError("its list of files is damaged")
 
 
 def _manifest(source: Path, text: bytes) -> Manifest:
@@ -294,6 +312,11 @@ def _require_same(folder: Path, data: StudyData, study: Study, specs: Sequence[R
         for name in before
         if before[name] != now.get(name)
     }
+    if edited := [name for name in changed if ":" in name]:
+        raise ScenarioError(
+            f"runs in {folder} were flown with another {edited[0]}, whose code is a part of the study: take the change "
+            "back, or use another --out"
+        )
     if changed and not mixed:
         raise ScenarioError(
             f"runs in {folder} were flown with other versions ({', '.join(changed.values())}), so results may differ: "

@@ -27,7 +27,7 @@ from .analysis import (
     headline,
 )
 from .design import EndpointName, arm_label
-from .statistics import Pairs, level_text, wilson
+from .statistics import LEAST_SEEDS, Pairs, level_text, wilson
 
 ENDPOINT_TITLES: dict[EndpointName, str] = {
     "arrived": "arrived without a collision",
@@ -103,7 +103,9 @@ def gain_verdict(gain: Gain, unit: str) -> str:
     if gain.estimate is None:
         return f"{what}: a curve may come down to half of the full goal speed {BEYOND}."
     kept = f"half of the full goal speed is kept {gain.estimate.text('+.2f', unit)} farther"
-    if gain.estimate.low <= 0 <= gain.estimate.high:
+    if gain.seeds < LEAST_SEEDS:
+        return f"{gain.seeds} seeds are too few to compare {gain.first} and {gain.second}: {kept}."
+    if not gain.estimate.is_known or gain.estimate.low <= 0 <= gain.estimate.high:
         return f"{gain.seeds} seeds show no difference between {gain.first} and {gain.second}: {kept}."
     return f"{what}: {kept}."
 
@@ -183,7 +185,7 @@ def mean_difference_table(
 
 
 def _differs(estimate: Interval | None) -> bool:
-    return estimate is not None and any(estimate)
+    return estimate is not None and (estimate.is_known or estimate.value != 0)
 
 
 def effect_table(comparisons: Sequence[ArmComparison], endpoint: EndpointName) -> Table:
@@ -243,7 +245,7 @@ def gain_table(found: Iterable[Gain], unit: str) -> Table:
             "": "declared" if gain.declared else "other",
             "scenario": gain.scenario,
             "seeds": gain.seeds,
-            f"gained [{unit}]": _estimate(gain.estimate, "+.2f") or BEYOND,
+            f"gained [{unit}]" if unit else "gained": _estimate(gain.estimate, "+.2f") or BEYOND,
         }
         for gain in found
     ]

@@ -72,7 +72,7 @@ def locate(
         depth_m: Depth of each pixel, shape (H * W,); unused where there is no surface.
         projection: The camera.
         materials: Those of all triangles and bodies.
-        T_body_cam: Pose of the camera in the frame of each body, shape (B, 4, 4).
+        T_body_cam: Pose of the camera in the frame of each body, shape (B, 3, 4).
         points: Rows x, y, z and sharpness, a column per entry of the buffers, shape (4, H * W); written.
     """
     width, fx, fy, cx, cy, R = projection

@@ -13,6 +13,7 @@ from pydantic_core import PydanticSerializationError, to_jsonable_python
 from sim.bodies import Weather
 from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
+from voxdepth.errors import VoxDepthError
 from voxdepth.model import Model, changed, explained
 
 from ..config import MissionConfig, MissionSetup
@@ -59,7 +60,10 @@ def as_data(options: Mapping[str, Any]) -> dict[str, Any]:
 def setup_of(scenario: str) -> MissionSetup:
     """Return the parts of a scenario; `mission.latency_s` includes the time of its corrector."""
     for found in entry_points(group=SCENARIOS):
-        setup: MissionSetup = found.load()(scenario)
+        try:
+            setup: MissionSetup = found.load()(scenario)
+        except VoxDepthError as error:
+            raise MissionError(str(error)) from error
         return setup
     raise MissionError(
         f"the scenario {scenario!r} is of the testbed, which is not installed: `pip install -e '.[sim,gym]'` in a "

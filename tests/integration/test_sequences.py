@@ -120,18 +120,19 @@ def test_a_shutter_is_open_from_the_time_of_its_frame_on() -> None:
 
 
 @pytest.mark.parametrize(
-    ("from_m", "speed_m_s", "message"),
+    ("from_m", "speed_m_s", "rig", "message"),
     [
-        ((1.0, 0.0, 0.0), 5.0, "in frame [45] the left camera"),
-        ((0.0, -0.4, 0.0), 1.0, "in frame [2-5] the right camera"),
+        ((1.0, 0.0, 0.0), 5.0, {}, "in frame [45] the left camera"),
+        ((0.0, -0.4, 0.0), 1.0, {}, "in frame [2-5] the right camera"),
+        ((0.0, 0.65, 0.0), 1.0, {"rig.color_offset_m": 0.3}, "in frame [0-9] the color camera"),
     ],
 )
 def test_a_mover_that_reaches_a_camera_is_refused_and_its_recording_is_absent(
-    from_m: tuple[float, ...], speed_m_s: float, message: str, tmp_path: Path
+    from_m: tuple[float, ...], speed_m_s: float, rig: dict[str, float], message: str, tmp_path: Path
 ) -> None:
     into_the_lens = [{"from_m": from_m, "to_m": [-x for x in from_m], "speed_m_s": speed_m_s}]
     with pytest.raises(SensorError, match=f"{message} is inside a body"):
-        record(small("sim-approach", movers=into_the_lens), tmp_path / "r", 9, lambda frames: None)
+        record(small("sim-approach", movers=into_the_lens, **rig), tmp_path / "r", 9, lambda frames: None)
     assert not list(tmp_path.iterdir())
 
 

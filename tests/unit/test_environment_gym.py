@@ -16,7 +16,6 @@ from swarm.environments.task import LearningTask, pair
 from swarm.errors import MissionError
 from swarm.gym import TASKS
 from tests.learning import FORWARD, QUICK_RIG, TURN, quick
-from voxdepth.errors import VoxDepthError
 
 NAME = "swarm.gym:voxdepth/LeaderFollower-v0"
 
@@ -78,7 +77,7 @@ def test_options_change_the_parts_of_a_scenario() -> None:
 def test_a_file_is_a_scenario_as_well(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text('name = "mine"\n[scene]\nkind = "gap"\n[mission]\ndrones = 2\n')
     assert LearningTask.of(scenario=str(tmp_path / "mine.toml")).scene == GapSpec()
-    with pytest.raises(VoxDepthError, match="did you mean forest"):
+    with pytest.raises(MissionError, match="did you mean forest"):
         LearningTask.of(scenario="forrest")
 
 
@@ -176,6 +175,8 @@ def test_a_picture_shows_the_learner_from_behind() -> None:
         *((quick() | {"learner": n}, rf"must be a follower, one of \[1, 2\], got {n}") for n in (0, 3, -1)),
         (quick(drones=1), "drones must be 2 or more, got 1"),
         ({"depth": "laser"}, "rig.depth: expected"),
+        ({"scenario": "nowhere"}, "there is no scenario 'nowhere'"),
+        ({"airframe": {"max_accel_m_s2": 9.81}}, "airframe.max_accel_m_s2: expected"),
         ({"corector": "raw"}, "corector"),
         ({"mission": {"rules": {"min_altitude_m": 18.0}}}, "at most max_altitude_m, got 18 and 17"),
         ({"render_mode": "human"}, r"one of \['rgb_array'\] or None, got 'human'"),

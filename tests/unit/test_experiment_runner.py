@@ -165,6 +165,12 @@ def test_a_recording_without_the_truth_is_refused(tmp_path: Path) -> None:
         with_truth(tmp_path)
 
 
+def test_a_damaged_recording_of_the_simulator_is_named(tmp_path: Path) -> None:
+    (tmp_path / "frames.csv").write_text("timestamp_s,r11\n")
+    with pytest.raises(ScenarioError, match=r"^(?!.*has no true depth).*"):
+        with_truth(tmp_path)
+
+
 def test_verdicts() -> None:
     claims = [replace(CLAIM, holds=holds) for holds in (True, False, False, None)]
     assert summary(claims) == "claims of the paper: 1 agrees, 2 differs, 1 open"

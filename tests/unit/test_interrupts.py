@@ -13,8 +13,11 @@ from matplotlib.figure import Figure
 
 from scenarios import runner
 from scenarios.config import images_of, load_run
-from scenarios.flight import fly
+from scenarios.flight import fly, flying, ticked
 from swarm.mission import Mission
+from swarm.recorder import Recorder
+from voxdepth.baselines.single_frame import Raw
+from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.interrupts import ENDING, kept_back
 
 QUICK = {"mission.drones": 1, "mission.duration_s": 0.5, **images_of(32, 32), "rig.depth": "truth", "corrector": "raw"}
@@ -69,10 +72,35 @@ def test_a_thread_keeps_nothing_back() -> None:
     assert inside == [before]
 
 
+def test_the_correctors_of_a_flight_are_closed_however_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = []
+
+    class WithDevice(Raw):
+        def close(self) -> None:
+            closed.append(self)
+
+    monkeypatch.setattr(CorrectorSpec, "create", lambda spec, camera: WithDevice(camera))
+    with pytest.raises(ZeroDivisionError), flying(load_run("city", 0, QUICK), Recorder(), recorded=False):
+        raise ZeroDivisionError
+    assert len(closed) == 1
+
+
 def test_an_interrupted_flight_is_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Mission, "tick", lambda mission, wait=True: send(signal.SIGINT))
     with pytest.raises(KeyboardInterrupt):
         fly(load_run("city", 0, QUICK))
+
+
+def test_an_interrupt_while_a_flight_ends_is_not_lost() -> None:
+    class Ends:
+        outcome: str | None = None
+
+        def tick(self, *, wait: bool) -> None:
+            self.outcome = "success"
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ticked(Ends())  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("file", ["config.toml", "metrics.json"])

@@ -64,6 +64,22 @@ def test_every_arm_flies_every_level_of_the_axis_unless_it_names_its_own_and_see
             {"arms": [arm("a", changes={"rig.light_stops": -1}), arm("b"), arm("full", levels=[0.0])]},
             "must not be set by the study or by arm 'a' as well",
         ),
+        (
+            {"scenarios": ["city", "weak"]},
+            "endpoint = 'gain' compares the curves of one scenario, got ['city', 'weak']",
+        ),
+        (
+            {
+                "axis": AXIS | {"key": "rig.width_px", "levels": [96, 80, 64]},
+                "declared": None,
+                "arms": [arm("a", size="96x64"), arm("full", levels=[96])],
+            },
+            "the axis rig.width_px must not be set by the study or by arm 'a'",
+        ),
+        (
+            {"axis": AXIS | {"levels": [0.0, -1.0000001, -1.0000002]}},
+            "two arms, or levels, would both be called 'a at -1'",
+        ),
         ({"declared": DECLARED | {"endpoint": "arrived"}}, "needs arms of one level, or endpoint = 'gain'"),
     ],
 )
@@ -134,6 +150,12 @@ def test_the_gain_is_the_distance_of_two_curves_along_the_axis() -> None:
         assert half_arrive.value == pytest.approx(level, abs=0.25)
 
 
+@pytest.mark.parametrize("seeds", [1, 5])
+def test_few_seeds_give_no_verdict(seeds: int) -> None:
+    verdict = StudyAnalysis(flown(light(seeds=seeds), {"a": -1.7, "b": -2.4})).verdict
+    assert verdict.startswith(f"{seeds} seeds are too few to compare b and a: half of the full goal speed is kept +0.")
+
+
 def test_two_curves_of_one_shape_show_no_difference() -> None:
     data = flown(light(), {"a": -1.7, "b": -1.7})
     verdict = StudyAnalysis(data).verdict
@@ -143,9 +165,10 @@ def test_two_curves_of_one_shape_show_no_difference() -> None:
 
 def test_curves_of_two_scenarios_are_not_compared(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text('name = "own"\ndescription = "Mine."\n')
-    data = flown(light(seeds=2, scenarios=["city", str(tmp_path / "own.toml")]), {"a": -1.7, "b": -2.4})
+    scenarios = ["city", str(tmp_path / "own.toml")]
+    data = flown(light(seeds=2, scenarios=scenarios, declared=None), {"a": -1.7, "b": -2.4})
     found = [(gain.scenario, gain.first, gain.second) for gain in gains(data, run_frame(data))]
-    assert found == [("city", "b", "a"), ("own", "b", "a")]
+    assert found == [("city", "a", "b"), ("own", "a", "b")]
 
 
 @pytest.mark.parametrize("half_at", [{"a": -1.7, "b": -6.0}, {"a": 1.0, "b": -2.4}])

@@ -50,7 +50,7 @@ def seen(
 
 
 def found_in(images: Sequence[Image], point_m: FloatArray = AHEAD_M) -> Diagnosis:
-    return diagnose(images, WALL, point_m, TRUSTED_FROM)
+    return diagnose(images, WALL, [point_m] * len(images), TRUSTED_FROM)
 
 
 UNTRUSTED, AWAY = seen(1.0, trusted=False), seen(1.0, shows=OTHER)
@@ -85,6 +85,15 @@ def test_only_the_part_that_was_hit_counts() -> None:
     """A drone that slides sideways along a wall sees other parts of it well."""
     assert found_in([seen(1.0)] * 5, ASIDE_M).cause is Cause.NOT_IN_VIEW
     assert found_in([seen(1.0, shift_m=5.0)] * 5, ASIDE_M).cause is Cause.CORRECT
+
+
+def test_a_body_that_moves_is_seen_where_it_was() -> None:
+    """It came from the side, and every image showed the part of it that hit the drone in the end."""
+    images = [seen(1.3, shift_m=float(k)) for k in range(5)]
+    moved_m = [AHEAD_M + np.array([float(k), 0.0, 0.0]) for k in range(5)]
+    assert diagnose(images, WALL, moved_m, TRUSTED_FROM).cause is Cause.MEASURED_TOO_FAR
+    moved_m = [AHEAD_M + np.array([5.0 + k, 0.0, 0.0]) for k in range(5)]
+    assert diagnose(images, WALL, moved_m, TRUSTED_FROM).cause is Cause.NOT_IN_VIEW
 
 
 def hits(*of: tuple[int, str, str]) -> list[Diagnosis]:

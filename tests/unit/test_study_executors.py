@@ -154,6 +154,29 @@ def test_a_worker_of_another_version_that_joins_late_ends_the_study() -> None:
         Cluster("tcp://somewhere:8786", 60.0)._completion(joined, spec, 0.0)
 
 
+class FakeFuture:
+    """A future of Dask that has ended."""
+
+    def __init__(self, result: Any = None, error: Exception | None = None) -> None:
+        self.status, self.result, self.exception = "error" if error else "finished", lambda: result, lambda: error
+
+    def cancelled(self) -> bool:
+        return False
+
+
+def test_runs_that_have_ended_are_kept_before_a_worker_ends_the_study(monkeypatch: pytest.MonkeyPatch) -> None:
+    specs = expand(study(arm("a"), seeds=3))
+    futures = [FakeFuture(error=ScenarioError("another version")), *(FakeFuture(fake(spec)) for spec in specs[1:])]
+    client = SimpleNamespace(nthreads=lambda: dict.fromkeys("abc", 1), submit=lambda *call, pure: futures.pop(0))
+    monkeypatch.setattr(Cluster, "_client", lambda self: nullcontext(client))
+    monkeypatch.setattr(executors, "_ended", lambda client, flying: set(flying))
+    kept = []
+    with pytest.raises(ScenarioError, match="another version"):
+        for one in Cluster("tcp://here:1", 1.0).run(specs):
+            kept.append(one)
+    assert sorted(one.key for one in kept) == sorted(spec.key for spec in specs[1:])
+
+
 def test_a_run_waits_for_a_worker_where_the_only_one_is_being_replaced() -> None:
     flying: dict[Any, Any] = {}
     client = SimpleNamespace(nthreads=dict, submit=lambda *call, pure: "future")

@@ -100,6 +100,7 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
         ('name = "b"', 'name = "a"', "every arm may be named once, got 'a' more than once"),
         ("theta = [0.5, 1.0]", "", "'noisy' needs theta"),
         ('depth = "truth"', 'depth = "truth"\ntheta = 0.5', "only the sensor model 'noisy' has theta"),
+        ("theta = [0.5, 1.0]", "theta = [0.5, 0.5000001]", "two arms, or levels, would both be called 'b at 0.5'"),
         ('"96x64"', '"big"', "arms.0.size"),
         ('name = "mine"', 'name = "../mine"', "name: expected a text of the form"),
         ("changes = { ", 'changes = { "corrector.config.fill" = false, ', "changes must not set corrector.config.fill"),

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.study.statistics import Pairs, bootstrap_ratio, holm, mcnemar, newcombe, wilson
+from scenarios.study.statistics import Pairs, bootstrap_ratio, drawn, holm, mcnemar, newcombe, over_seeds, wilson
 from voxdepth.tools.results.interval import Interval
+from voxdepth.types import FloatArray
 
 
 def close(interval: Interval, low: float, high: float, within: float = 5e-5) -> bool:
@@ -42,10 +43,26 @@ def test_the_bootstrap_of_a_mean_covers_it_and_draws_within_strata() -> None:
     assert found.value == pytest.approx(np.mean(values))
     half = 1.96 * np.std(values) / 10
     assert found == pytest.approx((found.value, found.value - half, found.value + half), abs=0.05)
-    assert bootstrap_ratio([np.array([[0.0, 1.0]] * 5), np.ones((5, 2))]) == (0.5, 0.5, 0.5), "each keeps its share"
+    kept = bootstrap_ratio([np.array([[0.0, 1.0]] * 5), np.ones((5, 2))])
+    assert (kept.value, kept.is_known) == (0.5, False), "each keeps its share"
     pairs = [np.array([(mean - 1.0, 1.0), (mean + 1.0, 1.0)]) for mean in range(100)]
     half = 1.96 * np.sqrt(2) / np.sqrt(200)  # The standard deviation of two values that differ by 2 is sqrt(2).
     assert bootstrap_ratio(pairs)[1:] == pytest.approx((49.5 - half, 49.5 + half), abs=0.02)
+
+
+@pytest.mark.parametrize("rows", [np.array([[0.0, 1.0]] * 10), np.array([[0.0, 0.3], [0.0, 9.0]]), np.ones((1, 2))])
+def test_what_never_or_always_happened_or_a_single_run_tells_no_spread(rows: FloatArray) -> None:
+    found = bootstrap_ratio([rows])
+    assert not found.is_known and found.text(".1f") == f"{rows[0, 0]:.1f}"
+
+
+def test_a_bootstrap_over_seeds_draws_one_less_and_tells_nothing_of_a_single_one() -> None:
+    values = np.random.default_rng(2).normal(3.0, 1.0, 5)
+    found = over_seeds(5, lambda rows: values[rows].mean(axis=-1))
+    half = 1.96 * np.std(values, ddof=1) / math.sqrt(5)
+    assert found == pytest.approx((values.mean(), values.mean() - half, values.mean() + half), abs=0.15)
+    assert not over_seeds(1, lambda rows: values[rows].mean(axis=-1)).is_known
+    assert drawn(np.random.default_rng(0), 5).shape[1] == 4
 
 
 def test_a_ratio_is_that_of_the_sums_and_of_a_pair_the_difference() -> None:

@@ -3,6 +3,7 @@
 import json
 import subprocess
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -108,6 +109,27 @@ def test_an_archive_of_a_study_is_read_as_it_is(tmp_path: Path) -> None:
             read_study(tmp_path / "tiny.tar.xz")
 
 
+@pytest.mark.parametrize("compression", ["z", "J"])
+def test_an_archive_that_is_damaged_anywhere_is_refused_or_read_whole(compression: str, tmp_path: Path) -> None:
+    out, path = tmp_path / "out", tmp_path / "tiny.tar"
+    flown = run_study(study(arm("a"), arm("b")), out, Serial(fake), unseen)
+    subprocess.run(["tar", f"-c{compression}f", path, "-C", out, "."], check=True)
+    packed = path.read_bytes()
+    for at in range(20, len(packed), 40):
+        path.write_bytes(packed[:at] + bytes([packed[at] ^ 255]) + packed[at + 1 :])
+        with suppress(ScenarioError):
+            assert read_study(path) == flown
+
+
+def test_a_failure_in_a_folder_whose_name_is_no_text_is_stored(tmp_path: Path) -> None:
+    def fails(spec: RunSpec) -> RunRecord:
+        raise FileNotFoundError("caf\udce9/images")
+
+    done = run_study(study(arm("a"), seeds=1), tmp_path, Serial(fails), unseen)
+    assert read_study(tmp_path) == done
+    assert next(iter(done.failures.values())).last_line == "FileNotFoundError: caf\\udce9/images"
+
+
 def test_only_what_is_missing_is_flown_again(tmp_path: Path) -> None:
     tiny = study(arm("a"), arm("raises"))
     flown = []
@@ -183,6 +205,13 @@ def test_runs_of_other_packages_or_code_are_mixed_only_if_asked_and_each_tells_i
     (kept,) = before.records
     assert after.records[kept].versions == before.records[kept].versions
     assert run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN, mixed=True) == after
+
+
+def test_another_code_of_a_controller_is_another_study_and_mixed_does_not_help(tmp_path: Path) -> None:
+    tiny = study(arm("a"))
+    run_study(tiny, tmp_path, Serial(lambda spec: replace(fake(spec), versions={"mine:make": "abc"})), unseen)
+    with pytest.raises(ScenarioError, match=r"flown with another mine:make, .*take the change back, or use another"):
+        run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN, mixed=True)
 
 
 def test_a_folder_without_a_study_and_one_that_cannot_be_written_are_reported(tmp_path: Path) -> None:

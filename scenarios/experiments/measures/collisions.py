@@ -6,6 +6,7 @@ import pandas as pd
 
 from swarm.types import Outcome
 
+from ...provenance import simulation_versions
 from ...study.analysis import curves, run_frame
 from ...study.design import Study, load_study
 from ...study.executors import Processes
@@ -27,8 +28,10 @@ GROWTH = ["growth", "growth, low", "growth, high"]
 def fly_small_study(experiment: Experiment) -> StudyData:
     """Fly the missions of the small form that are not in the folder of the results yet."""
     study = small_study(experiment.frames, experiment.seed)
+    code = simulation_versions()["code"]
+    folder = experiment.out / "collide" / f"study-{study.seeds.count}-seeds-from-{study.seeds.first}-{code[:12]}"
     executor = Processes(os.cpu_count() or 1, study.time_limit_s)
-    return run_study(study, experiment.out / "collide" / "study", executor, experiment.report, resume=True)
+    return run_study(study, folder, executor, experiment.report, resume=True)
 
 
 def small_study(count: int, skipped: int = 0) -> Study:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,7 @@ def score_pairs(experiment: Experiment, name: str, pairs: Pairs, estimators: Map
     sums = by_method[["gray", "n", "depth"]].sum()
     return pd.DataFrame(
         {
-            GRAY: (sums["gray"] / sums["n"]).map(psnr_db, na_action="ignore", peak=PEAK_GRAY),
+            GRAY: (sums["gray"] / sums["n"]).map(partial(psnr_db, peak=PEAK_GRAY), na_action="ignore"),
             DEPTH: sums["depth"].map(lambda depth: depth.mae_m),
             FAILED: 100 * by_method["failed"].mean(),
             TIME: by_method["ms"].median(),
