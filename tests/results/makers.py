@@ -8,7 +8,7 @@ from multiprocessing import get_context
 from .data import Data, Made, Maker, MissingDataError
 from .of_experiments import experiments, time_experiments
 from .of_flights import missions, scenes, studies
-from .of_frames import ablations, calibration, cameras, learned, odometry, performance, real, rendered
+from .of_frames import ablations, calibration, cameras, learned, odometry, performance, real, rendered, synthetic
 from .of_installation import installation
 
 MAKERS = {
@@ -18,7 +18,7 @@ MAKERS = {
     "experiments": Maker(experiments, before=time_experiments),
     **{
         make.__name__: Maker(make)
-        for make in (real, learned, ablations, calibration, rendered, odometry, cameras, scenes, studies)
+        for make in (real, learned, ablations, calibration, rendered, synthetic, odometry, cameras, scenes, studies)
     },
 }
 

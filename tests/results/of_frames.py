@@ -3,9 +3,15 @@
 from collections.abc import Sequence
 from statistics import median, quantiles
 
+import numpy as np
+
 from scenarios.evaluation import Shipped
+from scenarios.regression.clips import CASES, SEEDS, Here, clips
+from scenarios.regression.figures import ERROR, FIGURES, FLICKER, MEASURED, STATIC, Figure, scores
 from scenarios.sequences import GROUPS, load_sequence
+from sim.testing import FRAMES
 from tests import calibrate, camera_errors, odometries
+from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.temporal.ablations import ABLATIONS
 from voxdepth.tools.benchmark import FRAME, N_FRAMES, camera_of, measure
 from voxdepth.tools.evaluate import requested_of
@@ -16,6 +22,7 @@ from voxdepth.tools.evaluation.shares import PixelKind
 from voxdepth.tools.evaluation.suite import Evaluation, EvaluationSequence, Plan, evaluate
 from voxdepth.tools.recorded import Opener, restrict_opencv
 from voxdepth.tools.results.table import Column, Table, Value
+from voxdepth.types import FloatArray
 
 from .data import Data, Made, MissingDataError
 
@@ -29,6 +36,8 @@ UNSEEN_SEED = 2024
 """Of rendered sequences by which nothing was trained or tuned."""
 BASELINES = ("raw", "realsense-left", "realsense", "ip-basic", "global-smoother", "telea", "navier-stokes")
 WHOLE = "temporal"
+SMOOTHING = ("raw", "median", "realsense", "voxdepth", WHOLE)
+"""Methods that change measured pixels, and raw depth."""
 PARTS = (
     *(f"{WHOLE}[without={part}]" for part in ABLATIONS),
     *(f"{WHOLE}[{setting}]" for setting in ("shadow_factor=1", "smoothing_window_px=1", "decimation=1")),
@@ -129,6 +138,26 @@ def rendered(data: Data) -> Made:
     unseen = [Shipped(load_sequence(name, UNSEEN_SEED, {})) for name in GROUPS["reference"]]
     evaluation = _evaluated(unseen, [WHOLE, f"{WHOLE}[fill=all]", "learned"], RENDERED_FRAMES, data)
     return Made({**tables, "learned": method_table(evaluation, ERROR_IN_HOLES)})
+
+
+def synthetic(_: Data) -> Made:
+    """What correctors make of one term of synthetic noise at a time, at its highest level."""
+    values: dict[str, dict[str, list[FloatArray]]] = {}
+    for clip in clips([case for case in CASES if case.endswith("/high")]):
+        of_term = values.setdefault(clip.case.removesuffix("/high"), {name: [] for name in SMOOTHING})
+        for name, of_seeds in of_term.items():
+            results = Here(CorrectorSpec.of(name).create)(clip).results
+            of_seeds.append(scores(clip, results).of_clip)
+    tables = {}
+    for key, figure in {"flicker": Figure(STATIC, FLICKER), "measured": Figure(MEASURED, ERROR)}.items():
+        column = FIGURES.index(figure)
+        rows = [
+            [term, *(float(np.mean(of_seeds, axis=0)[column]) for of_seeds in of_term.values())]
+            for term, of_term in values.items()
+        ]
+        title = f"{figure.heading.capitalize()}, by term of noise, mean over {len(SEEDS)} seeds of {FRAMES} frames"
+        tables[key] = Table.of(title, ["noise", *(Column(name, "m", ".3f") for name in SMOOTHING)], rows)
+    return Made(tables)
 
 
 def odometry(_: Data) -> Made:
