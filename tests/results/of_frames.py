@@ -149,13 +149,17 @@ def synthetic(_: Data) -> Made:
             results = Here(CorrectorSpec.of(name).create)(clip).results
             of_seeds.append(scores(clip, results).of_clip)
     tables = {}
-    for key, figure in {"flicker": Figure(STATIC, FLICKER), "measured": Figure(MEASURED, ERROR)}.items():
+    shown = {
+        "flicker": ("Flicker of surfaces that stay", Figure(STATIC, FLICKER)),
+        "measured": ("Mean absolute error of measured pixels", Figure(MEASURED, ERROR)),
+    }
+    for key, (what, figure) in shown.items():
         column = FIGURES.index(figure)
         rows = [
             [term, *(float(np.mean(of_seeds, axis=0)[column]) for of_seeds in of_term.values())]
             for term, of_term in values.items()
         ]
-        title = f"{figure.heading.capitalize()}, by term of noise, mean over {len(SEEDS)} seeds of {FRAMES} frames"
+        title = f"{what}, by term of noise, mean over {len(SEEDS)} seeds of {FRAMES} frames"
         tables[key] = Table.of(title, ["noise", *(Column(name, "m", ".3f") for name in SMOOTHING)], rows)
     return Made(tables)
 
