@@ -241,6 +241,17 @@ def test_a_correction_that_stops_leaves_nothing_behind(error: BaseException, who
     assert contents(tmp_path / "out") == contents(whole)
 
 
+@pytest.mark.filterwarnings("ignore:frame 1 is left out")
+def test_frames_of_one_time_are_refused_since_all_that_follow_would_have_wrong_names(tmp_path: Path) -> None:
+    class Twice(Frames):
+        def __getitem__(self, index: int) -> Frame:
+            return replace(super().__getitem__(index), stamp_s=max(index, 1) / 30)
+
+    with pytest.raises(ToolError, match=f"1 of {N_FRAMES} frames of walk are not later than the one before"):
+        planned(Twice()).run(tmp_path / "out", None, ignore)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_bug_in_a_corrector_shows_its_place(tmp_path: Path) -> None:
     class Wrong(Remembering):
         def combine(self, aligned: object) -> CorrectedDepth:

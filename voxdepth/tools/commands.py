@@ -255,7 +255,7 @@ def _words(name: str) -> str:
 
 def config(
     corrector: Annotated[
-        str, typer.Argument(help="temporal (ours) or voxdepth: VoxDepth (the paper).")
+        str, typer.Argument(help="temporal (ours), voxdepth (the paper) or voxdepth-authors (its authors' code).")
     ] = DEFAULT_CORRECTOR,
 ) -> None:
     """Print all that can be configured of a corrector, with its values and what they mean, as a TOML file.

@@ -65,6 +65,11 @@ class Correction:
             open_output(path, self.dataset, has_points=self.has_points) as output,
         ):
             lines = list(self._correct(output, listener, progress))
+            if len(lines) < self.frames:  # What follows a frame that was left out has the name of the one before.
+                raise ToolError(
+                    f"{self.frames - len(lines)} of {self.frames} frames of {self.made_from['folder']} are not later "
+                    "than the one before, to the precision of their times in seconds: remove these, or mend the times"
+                )
             if not any(line.values["raw_pixels"] for line in lines):
                 raise ToolError(
                     f"no pixel of {len(lines)} frames of {self.made_from['folder']} has a depth, all are 0, 65535 or "
