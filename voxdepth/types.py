@@ -126,9 +126,9 @@ class Intrinsics:
         is_like_an_angle = ANGLES_DEG[0] <= self.fx_px <= ANGLES_DEG[1] and round(self.fx_px, 1) == self.fx_px
         if hfov_deg > (WIDE_DEG if is_like_an_angle else WIDEST_DEG):
             raise FrameError(
-                f"fx_px = {self.fx_px:g} of an image of {size} pixels is a field of view of {hfov_deg:.0f} degrees, of "
-                f"which at most {WIDEST_DEG:g} make sense: is it an angle, or of another image size? It is a focal "
-                "length in pixels; Intrinsics.from_hfov takes an angle in degrees"
+                f"fx_px = {self.fx_px:g} of an image of {size} pixels is a field of view of {hfov_deg:.0f} degrees: is "
+                "it an angle, or of another image size? It is a focal length in pixels; Intrinsics.from_hfov takes "
+                "an angle in degrees"
             )
         far_x_px, far_y_px = abs(self.cx_px - self.width_px / 2), abs(self.cy_px - self.height_px / 2)
         if not (far_x_px <= self.width_px and far_y_px <= self.height_px):
@@ -159,8 +159,8 @@ class Intrinsics:
         """
         _require_numbers(Integral, width_px=width_px, height_px=height_px)
         _require_numbers(Real, hfov_deg=hfov_deg)
-        if not 0 < hfov_deg < 180:
-            raise FrameError(f"the horizontal field of view must lie in (0, 180) degrees, got {hfov_deg}")
+        if not 0 < hfov_deg <= WIDEST_DEG:
+            raise FrameError(f"the horizontal field of view must lie in (0, {WIDEST_DEG:g}] degrees, got {hfov_deg}")
         if hfov_deg < math.pi:
             raise FrameError(
                 f"a horizontal field of view of {hfov_deg} degrees is that of no depth camera: is it in radians? "

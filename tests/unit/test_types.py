@@ -138,7 +138,7 @@ def test_times_in_other_units_than_seconds_are_refused(per_s: float) -> None:
     assert Frame(stamp_s=1.7e9, gray=GRAY, depth_m=DEPTH).stamp_s == 1.7e9
 
 
-@pytest.mark.parametrize("hfov_deg", [180.0, -1.0])
+@pytest.mark.parametrize("hfov_deg", [180.0, 175.0, -1.0])
 def test_a_field_of_view_that_no_pinhole_camera_has_is_refused(hfov_deg: float) -> None:
     with pytest.raises(FrameError, match="field of view must lie in"):
         Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=hfov_deg)
