@@ -239,7 +239,7 @@ def test_sealed_json_reads_back_and_older_files_as_they_are(content: dict[str, o
 
 def test_a_failure_that_tells_of_any_name_is_stored(tmp_path: Path) -> None:
     add(tmp_path, Failure(key="a", kind="error", text="no file " + os.fsdecode(b"k\xfcche")))
-    assert "k\\udcfcche" in (tmp_path / "failures" / "a.json").read_text()
+    assert "k\\\\udcfcche" in (tmp_path / "failures" / "a.json").read_text()
 
 
 @pytest.mark.parametrize("text", [b"[" * 100_000, b"\xff", b"", b"[1]"])

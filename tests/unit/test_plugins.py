@@ -185,7 +185,7 @@ def test_a_study_is_not_continued_after_an_edit_of_the_code_that_it_flies(
     edited.write_text(text + "\n# another version\n")
     changed = [old != spec.key for old, spec in zip(before, expand(planned), strict=True)]
     assert changed == [spec.arm == "theirs" for spec in expand(planned)]
-    with pytest.raises(ScenarioError, match=rf"flown with other versions \({name}:Mine .*another --out"):
+    with pytest.raises(ScenarioError, match=rf"flown with another {name}:Mine, .*another --out"):
         run_study(planned, tmp_path / "out", Serial(fake), unseen, resume=True)
     edited.write_text(text)
     run_study(planned, tmp_path / "out", Serial(fake), unseen, resume=True)

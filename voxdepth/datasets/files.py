@@ -125,8 +125,13 @@ def choose_intrinsics(
 ) -> Intrinsics:
     """Return the given intrinsics, else those of a folder's `calibration.toml`, else those that `of_format` returns.
 
-    A baseline [m] that is given counts before theirs. A file that has no more than the fields that may be left out, as
-    the baseline, adds them to those of the format.
+    A file that has no more than the fields that may be left out, as the baseline, adds them to those of the format.
+
+    Args:
+        folder: The folder, or the file of a bag beside which the file lies.
+        given: Those of the caller; None without.
+        of_format: Those that the format defines or describes; it may raise a `DatasetError`.
+        baseline_m: Baseline of the caller, which counts before that of all these [m]; None without.
     """
     if baseline_m is not None:
         return replace(choose_intrinsics(folder, given, of_format), baseline_m=baseline_m)
