@@ -84,10 +84,10 @@ CONVERT = "convert it to a bag of ROS 2 with messages in CDR, or give the bag th
 def bag_in(path: Path) -> Path | None:
     """Return what is to be opened: the path of a file or of a ROS 2 folder, or the only bag in a folder; else None."""
     if path.is_file():
-        return path if path.suffix.lower() in SUFFIXES else None
+        return path if path.suffix in SUFFIXES else None
     if (path / METADATA).is_file():
         return path
-    found = [file for file in list_folder(path) if file.suffix.lower() in SUFFIXES and file.is_file()]
+    found = [file for file in list_folder(path) if file.suffix in SUFFIXES and file.is_file()]
     return found[0] if len(found) == 1 else None
 
 
