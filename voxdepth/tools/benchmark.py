@@ -22,7 +22,7 @@ from ..corrector import StreamCorrector
 from ..devices import cuda_devices
 from ..networks import has_runtime
 from ..paper.config import VoxDepthConfig
-from ..types import DepthCorrector, FloatArray, FloatImage, Frame, Intrinsics, close
+from ..types import DepthCorrector, FloatArray, FloatImage, Frame, Intrinsics
 from .librealsense import SoftwareCamera
 from .results.table import Column, Table, Value
 
@@ -66,7 +66,7 @@ def measure(camera: Intrinsics, frames: int) -> Latencies:
                     if k >= WARM_UP_FRAMES:
                         times_s[name][step].append(time_s)
         for corrector in correctors.values():
-            close(corrector)
+            corrector.close()
     return times_s
 
 
