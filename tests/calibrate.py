@@ -143,7 +143,8 @@ def table_of(title: str, samples: dict[str, Sample]) -> Table:
         errors = calibration_error(sample), calibration_error(left_out)
         rows.append([name, f"{factor:.2f}", *(f"{value:.3f}" for value in errors), f"{share:.1%}", f"{right:.1%}"])
     rows.append(["all", f"{fitted_factor(list(samples.values())):.2f}", "", "", "", ""])
-    columns = ["recording", "factor", "error now", "error left out", "believed at 0.8", "right of these"]
+    believed_at = f"confidence at least {BELIEVED}"
+    columns = ["recording", "factor", "calibration error", "cross-validated error", believed_at, "right of these"]
     return Table.of(title, columns, rows)
 
 

@@ -158,7 +158,7 @@ def steps_of_environments() -> Table:
     several = {"two processes, default": (2, {}), "two processes, as the example trains": (2, TRAINING)}
     rows += [[name, steps_of_several(n, **options), None, None] for name, (n, options) in several.items()]
     rows.append(["four worlds in each of two processes", steps_of_eight_worlds_in_two_processes(), None, None])
-    columns = [Column("steps a second", number=".0f"), Column("steps a second of processors", number=".0f")]
+    columns = [Column("steps per second", number=".0f"), Column("steps per CPU second", number=".0f")]
     return Table.of("Steps of hovering learners", ["", *columns, Column("reset", "s")], rows)
 
 

@@ -21,7 +21,7 @@ def missions(_: Data) -> Made:
     flown = {name: speeds.flight_of_the_readme(recorded=name == "yes") for name in ("no", "yes")}
     readme = Table.of(
         "The first 15 s of voxdepth run city --seed 2, eight drones with the default",
-        ["recorded", Column("simulated time by wall time"), Column("processors' time of a simulated second", "s")],
+        ["recorded", Column("real-time factor"), Column("CPU time of a simulated second", "s")],
         [[name, one.real_time_factor, one.busy_s] for name, one in flown.items()],
     )
     threads: list[list[Value]] = [
@@ -38,7 +38,7 @@ def missions(_: Data) -> Made:
             "parts": speeds.parts_of_a_tick(),
             "studies": Table.of(
                 "What two workers of a study fly beside each other",
-                ["drones", Column("simulated time by wall time")],
+                ["drones", Column("real-time factor")],
                 studies,
             ),
             "environments": speeds.steps_of_environments(),
