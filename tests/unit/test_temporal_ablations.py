@@ -1,14 +1,16 @@
-"""The default method without one of its parts: each differs from the whole, and the evaluation finds it by name."""
+"""The default method without one of its parts: each differs from the whole, and commands find it by name."""
+
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from tests.temporal_scenes import CAMERA, OTHER_ROOM, ROOM, dark, frames_of, noisy, pose, run, walk
 from voxdepth.errors import ConfigError
-from voxdepth.temporal.ablations import ABLATIONS
-from voxdepth.temporal.config import TemporalConfig
+from voxdepth.temporal.config import Part, TemporalConfig
 from voxdepth.temporal.method import TemporalCorrector
 from voxdepth.temporal.odometry import TrackingStatus
+from voxdepth.temporal.steps import Steps
 from voxdepth.tools.evaluation.methods import find_method
 from voxdepth.types import CorrectedDepth, Frame
 
@@ -22,16 +24,16 @@ def stream() -> list[Frame]:
     return whole + cut + frames_of(ROOM, NEAR_BALL[-3:], first=len(whole) + len(cut))
 
 
-def without(part: str) -> TemporalCorrector:
-    return TemporalCorrector(CAMERA, steps=ABLATIONS[part])
+def without(part: Part) -> TemporalCorrector:
+    return TemporalCorrector(CAMERA, TemporalConfig(without=part))
 
 
 def shown(results: list[CorrectedDepth]) -> bytes:
     return b"".join(result.depth_m.tobytes() + result.confidence.tobytes() for result in results)
 
 
-@pytest.mark.parametrize("part", ABLATIONS)
-def test_without_a_part_the_output_is_another(part: str) -> None:
+@pytest.mark.parametrize("part", get_args(Part))
+def test_without_a_part_the_output_is_another(part: Part) -> None:
     assert shown(run(without(part), stream())) != shown(run(TemporalCorrector(CAMERA), stream()))
 
 
@@ -63,8 +65,8 @@ def test_without_votes_of_one_sided_ends_a_half_empty_image_stays_half_empty() -
 def test_the_evaluation_finds_an_ablation_by_name_beside_settings_and_results_tell_it_from_others() -> None:
     method = find_method("temporal[without=median,fill=all]")
     assert method.config == {**find_method("temporal[fill=all]").config, "without": "median"}  # type: ignore[dict-item]
-    frames, filled = stream()[:3], TemporalConfig(fill="all")
-    expected = run(TemporalCorrector(CAMERA, filled, ABLATIONS["median"]), frames)
+    frames, config = stream()[:3], TemporalConfig(fill="all", without="median")
+    expected = run(TemporalCorrector(CAMERA, config), frames)
     assert shown(run(method.make(CAMERA), frames)) == shown(expected)
     assert (expected[0].depth_m > 0).all()
     assert find_method("temporal[without=memory]").config == {**find_method("temporal").config, "without": "memory"}  # type: ignore[dict-item]
@@ -73,11 +75,16 @@ def test_the_evaluation_finds_an_ablation_by_name_beside_settings_and_results_te
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("temporal[without=mediam]", "no part of the default method 'mediam'.*median"),
-        ("temporal[without=1]", "part of the default method"),
+        ("temporal[without=mediam]", "without.*'median'.*'mediam'"),
+        ("temporal[without=1]", "without.*'median'.*1"),
         ("voxdepth[without=memory]", "without"),
     ],
 )
 def test_a_part_that_does_not_exist_is_refused_with_those_that_do(name: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         find_method(name)
+
+
+def test_a_part_cannot_be_left_out_of_steps_of_ones_own() -> None:
+    with pytest.raises(ConfigError, match="expected steps of your own or without = 'memory', got both"):
+        TemporalCorrector(CAMERA, TemporalConfig(without="memory"), Steps)

@@ -1,4 +1,4 @@
-"""The default method without one of its parts, to show what the part is worth.
+"""The default method without one of its parts, see `TemporalConfig.without`.
 
 What a setting of `TemporalConfig` switches off is not repeated here: `shadow_factor = 1`, `smoothing_window_px = 1`,
 and `decimation = 1` for working at half size.
@@ -9,9 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import ConfigError, no_such
 from ..types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
-from .config import TemporalConfig
+from .config import Part, TemporalConfig
 from .filling import Filled, HoleFiller, Known, VotingRules, fill_pixels
 from .fusion import MemoryComparison
 from .measurement import Measurement
@@ -146,7 +145,7 @@ class WithoutRelocalisation(Steps):
         self._odometry = _NeverRelocalised(intrinsics, self._resolution, self._config)
 
 
-ABLATIONS: dict[str, type[Steps]] = {
+ABLATIONS: dict[Part, type[Steps]] = {
     "memory": WithoutMemory,
     "memory_in_fills": WithoutMemoryInFills,
     "previous_fill": WithoutPreviousFill,
@@ -160,11 +159,4 @@ ABLATIONS: dict[str, type[Steps]] = {
     "remembered_points": WithoutRememberedPoints,
     "relocalisation": WithoutRelocalisation,
 }
-"""The steps without a part, by the name of the part: `TemporalCorrector(camera, steps=ABLATIONS["memory"])`."""
-
-
-def find_ablation(part: str) -> type[Steps]:
-    """Return the steps of the default method without a part; a name that is none of `ABLATIONS` is a `ConfigError`."""
-    if part not in ABLATIONS:
-        raise ConfigError(no_such("part of the default method", part, ABLATIONS))
-    return ABLATIONS[part]
+"""The steps without a part."""

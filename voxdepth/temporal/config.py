@@ -7,6 +7,22 @@ from pydantic import Field
 
 from ..model import Model
 
+Part = Literal[
+    "memory",
+    "memory_in_fills",
+    "previous_fill",
+    "row_bonus",
+    "slants",
+    "lone_ends",
+    "median",
+    "coherence",
+    "gray_change",
+    "drift",
+    "remembered_points",
+    "relocalisation",
+]
+"""A part of the method that can be left out."""
+
 
 class TemporalConfig(Model):
     """What users have reasons to change; all other numbers of the method are constants beside their use."""
@@ -29,6 +45,9 @@ class TemporalConfig(Model):
     object. 1 for a projector or a second camera on the left."""
     smoothing_window_px: Literal[1, 3, 5, 7] = 5
     """Window of the edge-preserving smoothing; 1 disables it."""
+    without: Part | None = None
+    """Part that is left out, see `voxdepth.temporal.ablations`: `memory`, beside a projector whose dots the gray image
+    shows, and others to find out what they are worth."""
 
     @property
     def min_shown_confidence(self) -> float:

@@ -4,8 +4,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from ..corrector import StreamCorrector, checked_config
+from ..errors import ConfigError
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics
+from .ablations import ABLATIONS
 from .config import TemporalConfig
 from .odometry import TrackingResult
 from .steps import Fills, Fusion, Steps
@@ -35,14 +37,21 @@ class TemporalCorrector(StreamCorrector):
             without one.
         config: Parameters; None for the defaults.
         steps: Makes the nine steps that the method consists of: a subclass of `Steps` that overrides one replaces it.
+            None for those of the configuration.
 
     Raises:
-        ConfigError: An argument has another type, or the images are too small.
+        ConfigError: An argument has another type, the images are too small, or the configuration leaves out a part of
+            other steps.
     """
 
-    def __init__(self, intrinsics: Intrinsics, config: TemporalConfig | None = None, steps: MakeSteps = Steps) -> None:
+    def __init__(
+        self, intrinsics: Intrinsics, config: TemporalConfig | None = None, steps: MakeSteps | None = None
+    ) -> None:
         config = checked_config(intrinsics, config, TemporalConfig)
-        self._steps = steps(intrinsics, config)
+        if steps is not None and config.without is not None:
+            raise ConfigError(f"expected steps of your own or without = {config.without!r}, got both: leave one out")
+        make = steps or (Steps if config.without is None else ABLATIONS[config.without])
+        self._steps = make(intrinsics, config)
         super().__init__(intrinsics, config, steps)
 
     def _forget(self) -> None:

@@ -68,30 +68,17 @@ def find_method(name: str) -> Method:
     """Find a method; a name or a setting that does not exist is a `ConfigError` or a `ToolError`.
 
     It is the name of a corrector, perhaps with settings of its configuration as in `temporal[fill=all]`, or your own
-    corrector as `package.module:factory`. `temporal[without=memory]` is the default method without that part, see
-    `voxdepth.temporal.ablations`.
+    corrector as `package.module:factory`.
     """
     corrector, setting = parse_corrector(name)
-    without = setting.pop("without", None) if corrector == DEFAULT else None
     config = resolve_config(corrector, setting) if setting else config_of(corrector)
-    settings = None if config is None else config.model_dump(mode="json")
-    make: CorrectorFactory = partial(create_corrector, corrector, config=config)
-    if without is not None:
-        make, settings = _made_without(str(without), config), {**(settings or {}), "without": without}
     return Method(
         name=name,
-        make=make,
-        config=settings,
+        make=partial(create_corrector, corrector, config=config),
+        config=None if config is None else config.model_dump(mode="json"),
         is_foreign=corrector not in CORRECTOR_NAMES,
         warm_up_frames=WARM_UP_FRAMES if config is None else config.warm_up_frames,
     )
-
-
-def _made_without(part: str, config: Any) -> CorrectorFactory:
-    from ...temporal.ablations import find_ablation
-    from ...temporal.method import TemporalCorrector
-
-    return partial(TemporalCorrector, config=config, steps=find_ablation(part))
 
 
 def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrinsics, pictured: int) -> Scores:
