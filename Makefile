@@ -17,14 +17,16 @@ setup: $(READY)  ## create .venv and install everything with pinned versions
 
 $(INSTALLED): pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "make: python3.11 not found; install Python 3.11 (PyBullet has no wheels for later versions)" >&2; exit 1; }
+	@test "$$(uname -sm)" = "Linux x86_64" || { echo "make: this is $$(uname -sm), and the testbed needs Linux on x86-64 (PyBullet has no wheels for others); pip install . installs the library" >&2; exit 1; }
 	@echo "installing the pinned packages into $(VENV), 3.5 GB; this takes two to three minutes and prints nothing"
-	"$(PYTHON)" -m venv $(VENV)
+	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || "$(PYTHON)" -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[all,dev]'
 	@touch $@
 
 $(READY): $(INSTALLED)
 	@echo "compiling most of the loops over pixels, once; this takes about 25 s"
-	$(BIN)/voxdepth run city --drones 2 --duration 1 --no-record --out $(VENV)/first-run >/dev/null 2>&1
+	@$(BIN)/voxdepth run city --drones 2 --duration 1 --no-record --out $(VENV)/first-run > $(VENV)/first-run.log 2>&1 \
+		|| { cat $(VENV)/first-run.log >&2; exit 1; }
 	@touch $@
 
 demo: setup      ## fly the city scenario by corrected depth
@@ -45,7 +47,8 @@ fuzz: setup      ## try EXAMPLES streams of odd frames by SEED, or the usual num
 	VOXDEPTH_FUZZ_EXAMPLES=$(EXAMPLES) VOXDEPTH_FUZZ_SEED=$(SEED) $(BIN)/pytest tests/fuzz
 
 bounds: setup    ## run the tests of library and simulator with a check of each index in a compiled loop, 15 minutes
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/bounds $(BIN)/pytest -n 2 --dist worksteal -m "not slow" tests/unit tests/property tests/fuzz
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/bounds $(BIN)/pytest -n 2 --dist worksteal -m "not slow" tests/unit tests/property
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/bounds $(BIN)/pytest tests/fuzz
 
 matrix: $(INSTALLED) ## run the library's tests with its lowest and newest versions on every Python
 	$(BIN)/python -m tests.matrix
@@ -62,7 +65,7 @@ $(ROS)/.ready: ros2/voxdepth_ros/setup.py constraints.txt | $(INSTALLED)
 		|| { echo "make: cannot install ROS 2, $(ROS)/log says why; its wheels are for Python 3.11 on Linux with glibc 2.28, and come from a package registry: is one reachable?" >&2; exit 1; }
 	@touch $@
 
-docs: $(INSTALLED) ## build the documentation site in site/, and check its links
+docs: setup      ## build the documentation site in site/, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/mkdocs build --quiet
 

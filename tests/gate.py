@@ -34,7 +34,6 @@ SEQUENCES = ("sim-cross", "sim-drive", "sim-slats", "sim-specks")
 FRAMES = 30
 MAX_RANGE_M = 20.0
 IMAGES = {"rig.width_px": 424, "rig.height_px": 240, "renderer": "raster"}
-"""Confidence from which a pixel is believed."""
 RIGHT = 0.05
 """Largest error of a right pixel, as a share of the true depth."""
 SCENARIOS = ("city", "crossing", "forest", "gap", "moving", "paper")

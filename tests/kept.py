@@ -37,8 +37,8 @@ def comparable(rev: str) -> Iterator[Path]:
         yield tree
 
 
-def differences(rev: str, workloads: Sequence[str]) -> tuple[int, list[Difference]]:
-    """The number of workloads that were compared, and what differs, the largest first."""
+def differences(rev: str, workloads: Sequence[str]) -> tuple[int, list[Difference], list[str]]:
+    """The number of workloads that were compared, what differs, the largest first, and which are gone."""
     with comparable(rev) as before, TemporaryDirectory() as name:
         folders = {root: Path(name) / str(k) for k, root in enumerate((before, ROOT))}
         with ThreadPoolExecutor(len(folders)) as pool:
@@ -46,11 +46,12 @@ def differences(rev: str, workloads: Sequence[str]) -> tuple[int, list[Differenc
         old, new = (sorted(unquote(path.stem) for path in folder.iterdir()) for folder in folders.values())
         both = [workload for workload in new if workload in old]
         found = [difference(one, *(kept(folder, one) for folder in folders.values())) for one in both]
-        return len(both), sorted(filter(None, found), key=lambda each: -each.size)
+        gone = [workload for workload in old if workload not in new]
+        return len(both), sorted(filter(None, found), key=lambda each: -each.size), gone
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Compare a commit with this tree; return 1 if anything differs."""
+    """Compare a commit with this tree; return 1 if anything differs or is gone."""
     from tests.workloads import WORKLOADS
 
     parser = argparse.ArgumentParser(prog="python -m tests.kept", description=__doc__.splitlines()[0])
@@ -61,14 +62,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name in given.workload:
             if name not in WORKLOADS:
                 raise ConfigError(f"there is no workload {name!r}: expected one of {', '.join(WORKLOADS)}")
-        compared, found = differences(given.against, given.workload)
+        compared, found, gone = differences(given.against, given.workload)
     except VoxDepthError as error:
         print(f"kept: {error}", file=sys.stderr)
         return 2
     for one in found:
         print(one)
+    for name in gone:
+        print(f"{name}: it is gone")
     print(f"{compared - len(found)} of {compared} workloads are equal to those of {given.against} to the bit")
-    return 1 if found else 0
+    return 1 if found or gone else 0
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ FOLDER = ROOT / "build/matrix"
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 RESOLUTIONS = {"lowest": "lowest-direct", "newest": "highest"}
 """How uv chooses among the versions that are allowed. What a dependency itself depends on is always the newest."""
-EXTRAS = ("cuda", "evaluate", "learned", "rerun", "ros", "test")
+EXTRAS = ("cuda", "evaluate", "learned", "noise", "rerun", "ros", "test")
 TESTBED_EXTRAS = ("sim", "gym")
 TESTS = ("unit", "property", "integration", "fuzz")
 """The folders of `tests` that are searched. What `packaging` tests is the same on every Python."""

@@ -37,7 +37,6 @@ DOCS = ROOT / "docs"
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 Figures = Mapping[str, Figure]
 """Figures by the paths of their files below docs/."""
-Color = tuple[int, int, int]
 PANEL_IN = (3.3, 2.1)
 FAR_M, BEYOND_SHARE = 1.0, 0.1
 """Depth at the blue end of the colours in pictures of the sample, whose table is nearer."""

@@ -87,13 +87,18 @@ def failure_of(installation: Installation, folder: Path) -> str:
     python = interpreter(installation.python)
     assert python is not None, "only Pythons that are here are tried"
     constraints = ("--constraint", ROOT / "constraints.txt")
-    environment = new_environment(folder / "env", python, *constraints, f"{installation.archive}{installation.extras}")
+    try:
+        environment = new_environment(
+            folder / "env", python, *constraints, f"{installation.archive}{installation.extras}"
+        )
+    except subprocess.CalledProcessError as error:
+        return f"it cannot be installed: {error}"
     program = environment.with_name("voxdepth")
     commands = [[program, *words] for words in (*ALONE, *(WITH_EXTRAS if installation.extras else ()))]
     for command in (*commands, [environment, "-c", example()]):
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode:
-            return f"{' '.join(map(str, command[1:3]))}: {done.stderr.strip().splitlines()[-1:]}"
+            return f"{' '.join(map(str, command[1:3]))}: {done.stderr.strip().rpartition(chr(10))[2]}"
     return ""
 
 

@@ -90,10 +90,7 @@ def flown_by_two_workers(drones: int) -> float:
 
 
 def spent_ms(run: Run, calls: Mapping[str, tuple[type, str]]) -> dict[str, float]:
-    """Return the time of the processor that methods take in a tick of a mission on one thread.
-
-    The time of a method is without that of those that it calls, if they are among them, too.
-    """
+    """Return the CPU time of methods in a tick of a mission on one thread, without that of others that they call."""
     spent_s, inner_s = dict.fromkeys(calls, 0.0), [0.0]
 
     def timed(part: str, call: Callable[..., Any]) -> Callable[..., Any]:

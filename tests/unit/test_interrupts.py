@@ -1,7 +1,6 @@
 """A run that is requested to end writes its files first, whenever that is."""
 
 import json
-import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -33,7 +32,7 @@ def _handled() -> Iterator[None]:
 
 
 def send(number: int) -> None:
-    os.kill(os.getpid(), number)
+    signal.raise_signal(number)
 
 
 @pytest.mark.parametrize("number", ENDING)

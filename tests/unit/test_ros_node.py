@@ -1,6 +1,5 @@
 """The ROS 2 node without ROS: what it makes of messages, and how it is wired, by stand-ins for rclpy."""
 
-import os
 import re
 import signal
 import sys
@@ -432,6 +431,15 @@ def test_the_diagnostics_tell_of_all_that_is_left_out(node: Any) -> None:
     wait_until(lambda: status_of(node).message == "corrects")
 
 
+def test_images_that_are_lost_now_and_then_are_not_many() -> None:
+    pairs = stream().Pairs(slop_s=0.02)
+    for index in range(400):
+        for topic in (0, 1) if index % 20 != 7 else (1,):
+            pairs.add(topic, stamp_of(100 * index))
+    assert pairs.n_alone == 20
+    assert not pairs.are_many_alone
+
+
 def test_the_node_warns_of_images_without_a_partner_and_of_other_cameras(node: Any) -> None:
     node.callbacks["camera_info"](info_message())
     receive(node, gray_message(S), depth_message(S))
@@ -474,7 +482,7 @@ def test_a_signal_while_the_node_is_imported_ends_it_with_0(number: int, monkeyp
     class Interrupting(MetaPathFinder):
         def find_spec(self, name: str, *_: Any) -> None:
             if name == "voxdepth_ros.node":
-                os.kill(os.getpid(), number)
+                signal.raise_signal(number)
 
     handlers = {each: signal.getsignal(each) for each in ENDING}
     monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])

@@ -1,7 +1,6 @@
 """Signals that ask a command for its end, at its beginning and in a thread."""
 
 import importlib.abc
-import os
 import signal
 import sys
 import threading
@@ -32,7 +31,7 @@ class Interrupting(importlib.abc.MetaPathFinder):
 
     def find_spec(self, name: str, *_: Any) -> None:
         if name == "voxdepth.tools.cli":
-            os.kill(os.getpid(), self._number)
+            signal.raise_signal(self._number)
 
 
 @pytest.mark.parametrize("number", ENDING)

@@ -152,8 +152,9 @@ class VoxDepthNode(Node):
         self._arrivals.note(TOPICS[topic], monotonic())
         n_before = self._pairs.n_alone
         pair = self._pairs.add(topic, image)
-        self._health.leave_out(Reason.ALONE, self._pairs.n_alone - n_before)
-        if self._pairs.are_many_alone:
+        n_alone = self._pairs.n_alone - n_before
+        self._health.leave_out(Reason.ALONE, n_alone)
+        if n_alone and self._pairs.are_many_alone:
             text = f"{self._pairs.n_alone} images so far had no partner within slop_s, as in topics of different rates"
             self.get_logger().warning(text, throttle_duration_sec=REMIND_EVERY_S)
         if pair is not None:

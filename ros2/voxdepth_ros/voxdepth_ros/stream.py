@@ -28,6 +28,8 @@ INTERVALS = 9
 """Intervals between images of a topic whose median is its period."""
 MANY_ALONE = 10
 """Images without a partner that are reported: a few of them are lost at a start."""
+MANY_ALONE_PER_PAIR = 0.1
+"""Images without a partner for each pair that are reported: best-effort topics lose a few now and then."""
 PATIENCE_S = 5.0
 """Time after which topics without a message are reported [s]."""
 TYPICAL = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=80, baseline_m=ASSUMED_BASELINE_M)
@@ -181,7 +183,7 @@ class Pairs:
     def __init__(self, slop_s: float) -> None:
         self._slop_ns = round(slop_s * 1e9)
         self._topics = (_Topic(), _Topic())
-        self._n_alone = 0
+        self._n_alone = self._n_pairs = 0
 
     @property
     def n_alone(self) -> int:
@@ -190,14 +192,15 @@ class Pairs:
 
     @property
     def are_many_alone(self) -> bool:
-        """Whether so many had no partner that it is worth a line."""
-        return self._n_alone >= MANY_ALONE
+        """Whether so many, and so large a share, had no partner that it is worth a line."""
+        return self._n_alone >= max(MANY_ALONE, MANY_ALONE_PER_PAIR * self._n_pairs)
 
     def add(self, topic: int, image: Any) -> tuple[Any, Any] | None:
         """Add an image of topic 0 or 1; return it with its partner, in the order of the topics, if that was there."""
         n_before = self._n_waiting() + 1
         have_come = all(each.n for each in self._topics)
         pair = self._added(topic, image)
+        self._n_pairs += pair is not None
         if have_come:
             self._n_alone += n_before - self._n_waiting() - (0 if pair is None else 2)
         return pair
