@@ -1,15 +1,23 @@
 """Commands in this process, and in a new one of any Python: libraries take seconds to import."""
 
+import contextlib
+import io
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from unittest import mock
 
+import pytest
 from typer.testing import CliRunner, Result
 
-from voxdepth.tools.cli import create_app
+from voxdepth.interrupts import ENDING
+from voxdepth.tools.cli import create_app, main
 
+ENVIRONMENT = {**os.environ, "COLUMNS": "120"}
 PROGRAM = """
 import contextlib, io, json, sys
 from voxdepth.tools import benchmark
@@ -27,6 +35,36 @@ for command in {commands!r}:
     found.append((code or 0, out.getvalue(), error.getvalue()))
 print(json.dumps(found))
 """
+
+
+class AsciiTerminal(io.TextIOWrapper):
+    """A terminal that knows no other characters."""
+
+    def __init__(self) -> None:
+        super().__init__(io.BytesIO(), encoding="ascii")
+
+    def getvalue(self) -> str:
+        self.seek(0)
+        return self.read()
+
+
+def voxdepth(
+    *arguments: str | Path, cwd: Path | None = None, terminal: AsciiTerminal | None = None
+) -> "subprocess.CompletedProcess[str]":
+    """Run a command in this process: a new one takes seconds to import what it needs."""
+    handlers = {number: signal.getsignal(number) for number in ENDING}
+    with (
+        mock.patch.object(sys, "argv", ["voxdepth", *map(str, arguments)]),
+        mock.patch.dict(os.environ, COLUMNS="120"),
+        contextlib.chdir(cwd or Path.cwd()),
+        contextlib.redirect_stdout(terminal or io.StringIO()) as out,
+        contextlib.redirect_stderr(io.StringIO()) as error,
+        pytest.raises(SystemExit) as done,
+    ):
+        main()
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+    return subprocess.CompletedProcess(arguments, done.value.code or 0, out.getvalue(), error.getvalue())
 
 
 def invoke(*arguments: str | Path) -> Result:

@@ -101,11 +101,18 @@ def imported(path: Path, root: Path) -> set[str]:
     return found
 
 
+class _WithoutTypeChecking(ast.NodeTransformer):
+    """Removes what only a type checker runs."""
+
+    def visit_If(self, node: ast.If) -> ast.AST | None:
+        return None if ast.unparse(node.test) == "TYPE_CHECKING" else self.generic_visit(node)
+
+
 @cache
 def imports(path: Path, root: Path) -> tuple[set[str], set[Path]]:
     """The packages that a file imports anywhere in it, and the files below the root that this runs."""
     package, names = path.relative_to(root).parent.parts, []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(_WithoutTypeChecking().visit(ast.parse(path.read_text(encoding="utf-8")))):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

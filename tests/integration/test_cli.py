@@ -1,9 +1,6 @@
 """The command line as a user meets it."""
 
-import contextlib
-import io
 import json
-import os
 import re
 import signal
 import subprocess
@@ -12,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import cv2
 import numpy as np
@@ -24,42 +20,11 @@ from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import DATA
 from scenarios.sequences import load_sequence
-from voxdepth.interrupts import ENDING
-from voxdepth.tools.cli import create_app, main
+from tests.commands import ENVIRONMENT, AsciiTerminal, voxdepth
+from voxdepth.tools.cli import create_app
 from voxdepth.tools.errors import ToolError
 
-ENVIRONMENT = {**os.environ, "COLUMNS": "120"}
 QUICK = ["--drones", "2", "--size", "96x64", "--duration", "1.5"]
-
-
-class AsciiTerminal(io.TextIOWrapper):
-    """A terminal that knows no other characters."""
-
-    def __init__(self) -> None:
-        super().__init__(io.BytesIO(), encoding="ascii")
-
-    def getvalue(self) -> str:
-        self.seek(0)
-        return self.read()
-
-
-def voxdepth(
-    *arguments: str | Path, cwd: Path | None = None, terminal: AsciiTerminal | None = None
-) -> "subprocess.CompletedProcess[str]":
-    """Run a command in this process: a new one takes seconds to import what it needs."""
-    handlers = {number: signal.getsignal(number) for number in ENDING}
-    with (
-        mock.patch.object(sys, "argv", ["voxdepth", *map(str, arguments)]),
-        mock.patch.dict(os.environ, COLUMNS="120"),
-        contextlib.chdir(cwd or Path.cwd()),
-        contextlib.redirect_stdout(terminal or io.StringIO()) as out,
-        contextlib.redirect_stderr(io.StringIO()) as error,
-        pytest.raises(SystemExit) as done,
-    ):
-        main()
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-    return subprocess.CompletedProcess(arguments, done.value.code or 0, out.getvalue(), error.getvalue())
 
 
 def started(*arguments: str | Path) -> "subprocess.Popen[str]":

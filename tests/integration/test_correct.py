@@ -18,9 +18,8 @@ import rerun as rr
 
 from sim.testing import noisy_sequence
 from sim.types import Capture
-from tests.commands import invoke
+from tests.commands import ENVIRONMENT, invoke
 from tests.frames import promised_entities
-from tests.integration.test_cli import ENVIRONMENT
 from tests.sequences import toml_of, write_images
 from tests.unit.test_correction import contents
 from voxdepth.datasets import open_dataset

@@ -40,7 +40,7 @@ from scenarios.regression.picture import GAINED, MISSING, change_colors, depth_c
 from scenarios.rerun.frames import record_case
 from sim.testing import Level, Term, noisy_sequences
 from sim.types import Capture
-from tests.integration.test_cli import voxdepth
+from tests.commands import voxdepth
 from voxdepth import TemporalCorrector
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.colors import UNKNOWN_GRAY

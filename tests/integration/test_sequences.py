@@ -16,7 +16,7 @@ from scenarios.sequences import GROUPS, SeededSequence, load_sequence, names_of,
 from sim.errors import SensorError
 from sim.recording import Recording
 from sim.types import Capture
-from tests.integration.test_cli import voxdepth
+from tests.commands import voxdepth
 from voxdepth.tools.files import to_toml
 
 SMALL = {"rig.width_px": 128, "rig.height_px": 96}

@@ -21,8 +21,7 @@ from scenarios.study.executors import Serial
 from scenarios.study.run import run_study
 from scenarios.study.store import read_study
 from swarm.types import Outcome
-from tests.commands import invoke
-from tests.integration.test_cli import ENVIRONMENT
+from tests.commands import ENVIRONMENT, invoke
 from tests.studies import PIDS, arm, fake, killable, results_of, study, unseen
 from voxdepth.tools.results.store import sealed_json, unsealed_json
 

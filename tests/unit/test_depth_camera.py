@@ -8,31 +8,25 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.bodies import Body
 from sim.depth_camera import CAMERAS, DepthCamera
 from sim.errors import SensorError
-from sim.render import create_renderer
 from sim.sensor import RigConfig
-from sim.types import CameraImages
-from tests.helpers import camera_at, wall, world_of
+from voxdepth.types import GrayImage
 
 SMALL = RigConfig(width_px=320, height_px=180, rate_hz=30)
 
 
-def rendered(*bodies: Body) -> tuple[CameraImages, CameraImages]:
-    """The images of a pair of the small camera."""
-    with world_of(*bodies) as world:
-        cameras = [camera_at(0, side * SMALL.baseline_m / 2, 0, intrinsics=SMALL.full_intrinsics) for side in (1, -1)]
-        left, right = create_renderer("raster", world).render(cameras)
-    return left, right
+def plane(shape: tuple[int, int], disparity_px: int) -> tuple[GrayImage, GrayImage]:
+    """The left and right image of a textured plane before a camera."""
+    texture = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    left = np.asarray(cv2.GaussianBlur(texture, (3, 3), 0), np.uint8)
+    return left, np.roll(left, -disparity_px, axis=1)
 
 
 @pytest.mark.parametrize("name", list(CAMERAS))
 def test_every_named_camera_measures_a_plane(name: str) -> None:
     camera = DepthCamera(name, seed=0)  # type: ignore[arg-type]
-    texture = np.random.default_rng(0).integers(0, 256, camera.intrinsics.shape, dtype=np.uint8)
-    left = cv2.GaussianBlur(texture, (3, 3), 0)
-    measured = camera.from_pair(left, np.roll(left, -20, axis=1), frame=0)
+    measured = camera.from_pair(*plane(camera.intrinsics.shape, 20), frame=0)
     disparity_px = camera.intrinsics.focal_baseline_px_m / measured.depth_raw_m[measured.depth_raw_m > 0]
     assert np.median(disparity_px) == pytest.approx(20, abs=0.1)
     assert (measured.depth_raw_m > 0).mean() > 0.9
@@ -40,17 +34,17 @@ def test_every_named_camera_measures_a_plane(name: str) -> None:
 
 
 def test_a_pair_is_matched() -> None:
-    left, right = rendered(wall(3.0))
-    measured = DepthCamera(SMALL, seed=0).from_pair(left.gray, right.gray, frame=4)
+    camera = DepthCamera(SMALL, seed=0)
+    measured = camera.from_pair(*plane(camera.intrinsics.shape, 6), frame=4)
     valid = measured.depth_raw_m > 0
     assert valid.mean() > 0.7
-    assert np.median(measured.depth_raw_m[valid]) == pytest.approx(3.0, abs=0.2)
+    assert np.median(measured.depth_raw_m[valid]) == pytest.approx(camera.intrinsics.focal_baseline_px_m / 6, rel=0.02)
     assert measured.stamp_s == pytest.approx(4 / 30)
     assert np.isinf(measured.depth_true_m).all()
 
 
 def test_the_same_frame_has_the_same_noise_and_another_one_has_other_noise() -> None:
-    gray = rendered(wall(3.0))[0].gray
+    gray, _ = plane(SMALL.full_intrinsics.shape, 0)
 
     def noisy(seed: int, frame: int) -> np.ndarray:
         return DepthCamera(SMALL, seed=seed).from_pair(gray, gray, frame=frame).gray_left
@@ -77,9 +71,8 @@ def test_the_example_writes_the_depth_of_two_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A plane in front of cameras 0.1 m apart with f = 160 px has a disparity of 8 px at 2 m."""
-    left = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (120, 320), dtype=np.uint8), (3, 3), 0)
-    cv2.imwrite(str(tmp_path / "left.png"), left)
-    cv2.imwrite(str(tmp_path / "right.png"), np.roll(left, -8, axis=1))
+    for name, image in zip(("left", "right"), plane((120, 320), 8), strict=True):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image)
     example = Path(__file__).parents[2] / "examples/depth_of_a_pair.py"
     options = ["left.png", "right.png", "--hfov", "90", "--baseline", "0.1", "--out", "depth.png"]
     monkeypatch.chdir(tmp_path)
