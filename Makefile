@@ -35,6 +35,7 @@ demo: setup      ## fly the city scenario by corrected depth
 lint: $(INSTALLED) ## check style, types, layers, and that modules import each other in no circle
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/mypy ros2/voxdepth_ros/voxdepth_ros/stream.py ros2/voxdepth_ros/voxdepth_ros/health.py
 	$(BIN)/lint-imports
 
 test: setup lint ## run lint and all tests

@@ -16,7 +16,7 @@ def textured(
     """A gray image with many corners: the more it is blurred, the fewer."""
     noise = np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
     blurred = cv2.GaussianBlur(noise, (0, 0), blur_px)
-    return np.asarray(cv2.normalize(blurred, None, darkest, brightest, cv2.NORM_MINMAX), np.uint8)  # type: ignore[call-overload]
+    return np.asarray(cv2.normalize(blurred, None, darkest, brightest, cv2.NORM_MINMAX), np.uint8)
 
 
 def walk(n: int, camera: Intrinsics) -> list[Frame]:

@@ -53,7 +53,7 @@ LAYOUTS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "masked": lambda image: np.ma.masked_equal(image, image.flat[0]),
     "masked nowhere": np.ma.asarray,
     "matrix": lambda image: image.view(Subclass),
-    "list": lambda image: image.tolist(),  # type: ignore[dict-item]
+    "list": lambda image: image.tolist(),
     "3 channels": lambda image: np.dstack([image] * 3),
     "flat": np.ravel,
     "empty": lambda image: image[:0],

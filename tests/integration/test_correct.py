@@ -202,7 +202,7 @@ def test_a_missing_extra_is_named_before_anything_else_is_done(
     package: str, options: list[str], extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(sys.modules, package, None)  # type: ignore[arg-type]  # Python's own mark of a missing package.
+    monkeypatch.setitem(sys.modules, package, None)  # Python's own mark of a missing package.
     done = invoke("correct", "nowhere", *options)
     assert explained(done.exception) == f"this needs the package {extra}"
     assert not list(tmp_path.iterdir())

@@ -82,7 +82,7 @@ def test_an_interrupted_evaluation_goes_on(
     def interrupted(method: suite.Method, *rest: object) -> object:
         if method.name == "median":
             raise KeyboardInterrupt
-        return really(method, *rest)  # type: ignore[arg-type]
+        return really(method, *rest)
 
     monkeypatch.setattr(suite, "run", interrupted)
     stopped = invoke("evaluate", *command)
@@ -112,7 +112,7 @@ def test_a_group_stands_for_its_sequences(given: list[str], names: tuple[str, ..
 def test_a_package_that_writes_the_results_is_requested_before_the_work(
     folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow", None)  # type: ignore[arg-type]  # Python's mark of a missing package.
+    monkeypatch.setitem(sys.modules, "pyarrow", None)  # Python's mark of a missing package.
     done = invoke("evaluate", "--data", folders[0], "--methods", "raw", "--frames", "2", "--out", tmp_path / "out")
     assert isinstance(done.exception, ModuleNotFoundError)
     assert not (tmp_path / "out").exists()

@@ -27,7 +27,7 @@ def example() -> ModuleType:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    module.TIMEOUT_MS = 1000  # type: ignore[attr-defined]
+    module.TIMEOUT_MS = 1000
     return module
 
 

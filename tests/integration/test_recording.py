@@ -238,7 +238,7 @@ def test_a_map_is_seen_from_above_with_its_left_on_the_left(tmp_path: Path) -> N
     views = {}
     with closing(recorder), flying(run, recorder, recorded=True) as mission:
         tick = recorder.tick
-        recorder.tick = lambda step, *more: (views.update({step: more[2][1].view}), tick(step, *more))  # type: ignore
+        recorder.tick = lambda step, *more: (views.update({step: more[2][1].view}), tick(step, *more))
         while mission.time_s < 0.5:
             mission.tick()
     for step, labels in by_step(tmp_path / "run.rrd", "/world/map/1", "SegmentationImage:buffer").items():

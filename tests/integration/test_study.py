@@ -75,7 +75,7 @@ def test_a_study_killed_again_and_again_loses_nothing_and_repeats_nothing(tmp_pa
     for _ in range(2):
         before = results_so_far(out)
         child = subprocess.Popen(command, env=environment)
-        wait_until(lambda before=before: results_so_far(out) > before)  # type: ignore[misc]
+        wait_until(lambda before=before: results_so_far(out) > before)
         child.kill()
         child.wait()
         wait_until(lambda: not any(is_running(int(path.name)) for path in pids.iterdir()))

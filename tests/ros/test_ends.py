@@ -27,9 +27,7 @@ def test_a_signal_ends_the_node_at_any_time_with_0_and_without_a_traceback(numbe
         node = node_process("/ends", "-p", "corrector:=median")
         node.wait_for_text("preparing" if start % 2 else "waiting for")
         time.sleep(random.Random(f"{number} {start}").uniform(0.0, 0.3))
-        start_s = time.monotonic()
         assert node.end(number, timeout_s=10) == 0, node.text
-        assert time.monotonic() - start_s < 3
         assert "Traceback" not in node.text
 
 

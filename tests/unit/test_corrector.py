@@ -79,7 +79,7 @@ def test_time_must_increase_and_sizes_must_stay(create: Create) -> None:
     with pytest.raises(FrameError, match="have shape"):
         corrector.process(Frame(stamp_s=2.0, gray=np.zeros((9, 9), np.uint8), depth_m=np.ones((9, 9), np.float32)))
     with pytest.raises(FrameError, match="expected a Frame, got str"):
-        corrector.process("frame")  # type: ignore[arg-type]
+        corrector.process("frame")
 
 
 @each
@@ -111,11 +111,11 @@ def test_the_input_is_neither_modified_nor_kept_and_results_are_the_callers_own(
 
 def test_arguments_of_other_types_are_refused_in_one_line() -> None:
     with pytest.raises(ConfigError, match="TemporalConfig, got Intrinsics and dict"):
-        TemporalCorrector(CAMERA, {"window_frames": 3})  # type: ignore[arg-type]
+        TemporalCorrector(CAMERA, {"window_frames": 3})
     with pytest.raises(ConfigError, match="VoxDepthConfig, got Intrinsics and TemporalConfig"):
-        VoxDepth(CAMERA, TemporalConfig())  # type: ignore[arg-type]
+        VoxDepth(CAMERA, TemporalConfig())
     with pytest.raises(ConfigError, match="got str and"):
-        TemporalCorrector("camera")  # type: ignore[arg-type]
+        TemporalCorrector("camera")
 
 
 @each

@@ -101,7 +101,7 @@ def test_who_changes_a_recording_himself_deletes_the_list(folder: Path) -> None:
 
 @pytest.mark.parametrize("edit", [lambda text: text + "# ours\n", lambda text: text.replace("0.05", "0.06")])
 @pytest.mark.parametrize("name", ["calibration.toml", "config.toml"])
-def test_toml_is_edited_by_hand_without_a_word(folder: Path, name: str, edit) -> None:  # type: ignore[no-untyped-def]
+def test_toml_is_edited_by_hand_without_a_word(folder: Path, name: str, edit) -> None:
     (folder / name).write_text(edit((folder / name).read_text()))
     assert len(open_dataset(folder)[1].gray) == len(Recording.open(folder)[1].gray_left) == CAMERA.height_px
     assert len(moving_ids(Recording.open(folder))) == 2
@@ -283,7 +283,7 @@ def test_a_bag_gives_no_other_depth_than_was_written(folder: Path, tmp_path: Pat
 
     def depths() -> list[bytes]:
         bag = BagDataset(path, depth_topic="/voxdepth/depth", gray_topic="/voxdepth/confidence")
-        return [frame.depth_m.tobytes() for frame in bag]  # type: ignore[attr-defined]
+        return [frame.depth_m.tobytes() for frame in bag]
 
     expected, whole = depths(), path.read_bytes()
     path.write_bytes(whole.replace(b"string encoding\n", b"string encodinf\n"))

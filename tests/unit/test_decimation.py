@@ -29,7 +29,7 @@ def test_a_uniform_image_stays_uniform(factor: int) -> None:
 @FACTORS
 @pytest.mark.parametrize("depth", ["truth", "noisy", "stereo"])
 def test_a_plane_reads_its_depth(factor: int, depth: str) -> None:
-    capture = seen(RigConfig(width_px=480, height_px=240, decimate=factor, depth=depth))  # type: ignore[arg-type]
+    capture = seen(RigConfig(width_px=480, height_px=240, decimate=factor, depth=depth))
     assert capture.depth_raw_m.shape == capture.gray_left.shape == (240 // factor, 480 // factor)
     np.testing.assert_allclose(capture.depth_true_m, 3.0, atol=1e-4)
     valid = capture.depth_raw_m > 0

@@ -25,12 +25,12 @@ def plane(shape: tuple[int, int], disparity_px: int) -> tuple[GrayImage, GrayIma
 
 @pytest.mark.parametrize("name", list(CAMERAS))
 def test_every_named_camera_measures_a_plane(name: str) -> None:
-    camera = DepthCamera(name, seed=0)  # type: ignore[arg-type]
+    camera = DepthCamera(name, seed=0)
     measured = camera.from_pair(*plane(camera.intrinsics.shape, 20), frame=0)
     disparity_px = camera.intrinsics.focal_baseline_px_m / measured.depth_raw_m[measured.depth_raw_m > 0]
     assert np.median(disparity_px) == pytest.approx(20, abs=0.1)
     assert (measured.depth_raw_m > 0).mean() > 0.9
-    assert measured.intrinsics == CAMERAS[name].intrinsics  # type: ignore[index]
+    assert measured.intrinsics == CAMERAS[name].intrinsics
 
 
 def test_a_pair_is_matched() -> None:
@@ -59,9 +59,9 @@ def test_what_does_not_fit_is_refused_with_what_to_do() -> None:
     with pytest.raises(SensorError, match=r"a gray image must be uint8 of shape \(180, 320\), got uint8 of shape"):
         camera.from_pair(gray[:90], gray, frame=0)
     with pytest.raises(SensorError, match="got uint16 of shape"):
-        camera.from_pair(gray, gray.astype(np.uint16), frame=0)  # type: ignore[arg-type]
+        camera.from_pair(gray, gray.astype(np.uint16), frame=0)
     with pytest.raises(SensorError, match="there is no camera 'kinect'; choose one of d435"):
-        DepthCamera("kinect", seed=0)  # type: ignore[arg-type]
+        DepthCamera("kinect", seed=0)
     for change in ({"projected_texture": 0.4}, {"color_offset_m": 0.02}, {"depth": "truth"}):
         with pytest.raises(SensorError, match="can only be matched"):
             DepthCamera(SMALL.model_copy(update=change), seed=0)

@@ -39,7 +39,7 @@ class Fuser:
 
     def __call__(self, window: object, features: Features) -> Template:
         assert self.may_run.wait(10)
-        self.windows.append([f.stamp_s for f in window])  # type: ignore[attr-defined]
+        self.windows.append([f.stamp_s for f in window])
         return template(len(self.windows), features)
 
 

@@ -70,10 +70,10 @@ def test_a_method_that_cannot_be_made_is_an_error_of_the_method(error: BaseExcep
 def test_a_method_that_cannot_be_closed_is_an_error_of_the_method(error: BaseException, fails_at: int) -> None:
     """It fails after the warm-up or at the end."""
     corrector = Raw()
-    corrector.close = mock.Mock(side_effect=[None] * (fails_at - 1) + [error])  # type: ignore[attr-defined]
+    corrector.close = mock.Mock(side_effect=[None] * (fails_at - 1) + [error])
     with pytest.raises(MethodError, match=r"it cannot be closed: .*: stuck"):
         ran(made(lambda: corrector))
-    assert corrector.close.call_count == fails_at  # type: ignore[attr-defined]
+    assert corrector.close.call_count == fails_at
 
 
 @pytest.mark.parametrize(("fails_at", "instances"), [(0, 1), (WARM_UP_FRAMES, 2)])

@@ -226,7 +226,7 @@ def test_the_command_says_which_frame_is_the_worst_and_how_to_look_at_it(tmp_pat
 def test_a_missing_viewer_is_named_before_anything_is_evaluated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "rerun", None)  # type: ignore[arg-type]  # Python's mark of a missing package.
+    monkeypatch.setitem(sys.modules, "rerun", None)  # Python's mark of a missing package.
     done = invoke("evaluate", "--data", write_recording(tmp_path / "post", 2), "--out", tmp_path / "out", "--record")
     assert explained(done.exception) == "this needs the package rerun-sdk: pip install 'voxdepth[rerun]'"
     assert not (tmp_path / "out").exists()

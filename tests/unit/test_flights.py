@@ -192,7 +192,7 @@ def test_a_drone_closes_its_world(monkeypatch: pytest.MonkeyPatch) -> None:
     poses = Drone().poses(CORNER, 0, HZ)
     next(poses)
     assert not closed
-    poses.close()  # type: ignore[attr-defined]
+    poses.close()
     assert closed == [-1]
     fly(Drone(), STRAIGHT[:2] / 10, n=None)
     assert len(closed) == 2

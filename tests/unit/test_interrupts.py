@@ -99,7 +99,7 @@ def test_an_interrupt_while_a_flight_ends_is_not_lost() -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        ticked(Ends())  # type: ignore[arg-type]
+        ticked(Ends())
 
 
 @pytest.mark.parametrize("file", ["config.toml", "metrics.json"])

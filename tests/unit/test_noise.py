@@ -88,7 +88,7 @@ def image(
 
 
 def after(term: NoiseTerm, *args: object, **kwargs: object) -> NoisyDepth:
-    noisy = image(*args, **kwargs)  # type: ignore[arg-type]
+    noisy = image(*args, **kwargs)
     term.apply(noisy)
     return noisy
 
@@ -96,7 +96,7 @@ def after(term: NoiseTerm, *args: object, **kwargs: object) -> NoisyDepth:
 @pytest.mark.parametrize("unit", ["object", "frame", "pixel"])
 def test_scale_is_uniform_within_theta_and_redrawn_every_frame(unit: str) -> None:
     ids = (np.arange(2000) % 25).reshape(40, 50)
-    term = Scale(theta=0.5, unit=unit)  # type: ignore[arg-type]
+    term = Scale(theta=0.5, unit=unit)
     noisy = np.stack([after(term, ids=ids, frame=frame).depth_m for frame in range(200)])
     beta = noisy / 8.0 - 1
     assert np.abs(beta).max() <= 0.5 + 1e-6

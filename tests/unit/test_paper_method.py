@@ -218,7 +218,7 @@ def test_a_cut_at_any_frame_leaves_no_depth_of_the_other_scene_behind(cut_at: in
 )
 def test_bad_configurations_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="validation error"):
-        VoxDepthConfig(**bad)  # type: ignore[arg-type]
+        VoxDepthConfig(**bad)
 
 
 def test_template_and_voxels_can_be_read() -> None:

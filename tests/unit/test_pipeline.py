@@ -267,7 +267,7 @@ def test_no_exception_of_a_stage_looks_like_the_end_of_the_stream(error: BaseExc
 def test_a_source_of_something_else_is_named() -> None:
     pairs = [(next(frames(1)), "truth")]
     with pytest.raises(PipelineError, match="expected a Frame, got tuple") as caught:
-        list(CorrectionPipeline(Whole(), pairs))  # type: ignore[arg-type]
+        list(CorrectionPipeline(Whole(), pairs))
     assert isinstance(caught.value.__cause__, FrameError)
 
 

@@ -178,7 +178,7 @@ def test_a_corrector_that_another_thread_uses_is_refused(name: str, monkeypatch:
 
     monkeypatch.setattr(type(corrector), "_align", slow)
     with ThreadPoolExecutor(1) as pool:
-        first = pool.submit(corrector.align, holed_frame(0.0))  # type: ignore[attr-defined]
+        first = pool.submit(corrector.align, holed_frame(0.0))
         assert started.wait(30)
         with pytest.raises(FrameError, match="another thread is using this corrector: make one for each stream"):
             corrector.process(holed_frame(1.0))

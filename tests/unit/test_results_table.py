@@ -90,7 +90,7 @@ def test_sentences_are_wrapped_and_each_stays_in_its_row() -> None:
     table = Table.of("claims", ["name", "paper", "here"], [["quality", said, said], ["speed", "fast", "slow"]])
     console = Console(file=io.StringIO(), width=80)
     table.print(console)
-    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    lines = console.file.getvalue().splitlines()
     assert max(map(len, lines)) <= 80
     assert sum("name" in line for line in lines) == 1
     (row,) = (line for line in lines if "quality" in line)

@@ -51,7 +51,7 @@ def test_the_end_of_every_drone_stands_on_the_page_and_the_terminal(tmp_path: Pa
     console = Console(file=io.StringIO(), width=200)
     print_summary(console, finished, run)
     page = (finished.folder / "summary.html").read_text()
-    for text in (console.file.getvalue(), page):  # type: ignore[attr-defined]
+    for text in (console.file.getvalue(), page):
         assert "How the drones ended" in text
         assert text.count("out of time") == 3
         assert "0 of 3" in text
@@ -79,7 +79,7 @@ def test_a_flight_counts_epochs_and_warns_if_frames_mostly_pass_through(
     assert finished.result.metrics["corrector_epoch_ends_max_frames"] == 2 * ends
     console = Console(file=io.StringIO(), width=200)
     print_summary(console, finished, run)
-    printed = console.file.getvalue()  # type: ignore[attr-defined]
+    printed = console.file.getvalue()
     assert ("warning: 60.0 % of the frames passed through without a template" in printed) == passed
     page = (finished.folder / "summary.html").read_text()
     assert page.count("corrector_phase_passthrough_share") == page.count("corrector_epoch_ends_max_frames") == 1

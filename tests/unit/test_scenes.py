@@ -279,4 +279,4 @@ def test_a_room_has_a_free_path_and_slats_with_gaps_as_asked_for() -> None:
 )
 def test_impossible_scenes_are_refused(kind: type[SceneSpec], bad: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="validation error"):
-        kind(**bad)  # type: ignore[arg-type]
+        kind(**bad)

@@ -99,7 +99,7 @@ def test_all_executors_give_the_same_records_bit_by_bit(cluster: Any) -> None:
 
 def written(done: Iterable[Completion]) -> list[str]:
     """Records digit by digit, but for their wall-clock time."""
-    return sorted(repr(replace(one, wall_s=0.0)) for one in done)  # type: ignore[arg-type]
+    return sorted(repr(replace(one, wall_s=0.0)) for one in done)
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def test_a_pixel_of_millions_that_matched_elsewhere_is_no_difference() -> None:
 @pytest.mark.parametrize("change", [{"drone": 1}, {"other": "tower-0-6"}, {"kind": "drone"}])
 def test_what_was_hit_by_whom_must_be_equal(change: dict[str, object]) -> None:
     before = flown()
-    now = replace(before, contacts=(replace(before.contacts[0], **change),))  # type: ignore[arg-type]
+    now = replace(before, contacts=(replace(before.contacts[0], **change),))
     assert differences(before, now) == [f"contact 0 {name}" for name in change]
 
 

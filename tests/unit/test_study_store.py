@@ -134,7 +134,7 @@ def test_only_what_is_missing_is_flown_again(tmp_path: Path) -> None:
     tiny = study(arm("a"), arm("raises"))
     flown = []
 
-    def counted(spec):  # type: ignore[no-untyped-def]
+    def counted(spec):
         flown.append(spec.key)
         return fake(spec)
 

@@ -64,12 +64,12 @@ def test_without_votes_of_one_sided_ends_a_half_empty_image_stays_half_empty() -
 
 def test_the_evaluation_finds_an_ablation_by_name_beside_settings_and_results_tell_it_from_others() -> None:
     method = find_method("temporal[without=median,fill=all]")
-    assert method.config == {**find_method("temporal[fill=all]").config, "without": "median"}  # type: ignore[dict-item]
+    assert method.config == {**find_method("temporal[fill=all]").config, "without": "median"}
     frames, config = stream()[:3], TemporalConfig(fill="all", without="median")
     expected = run(TemporalCorrector(CAMERA, config), frames)
     assert shown(run(method.make(CAMERA), frames)) == shown(expected)
     assert (expected[0].depth_m > 0).all()
-    assert find_method("temporal[without=memory]").config == {**find_method("temporal").config, "without": "memory"}  # type: ignore[dict-item]
+    assert find_method("temporal[without=memory]").config == {**find_method("temporal").config, "without": "memory"}
 
 
 @pytest.mark.parametrize(

@@ -139,4 +139,4 @@ def test_an_image_of_another_type_is_refused() -> None:
 
 def test_steps_say_what_they_take() -> None:
     with pytest.raises(ConfigError, match="TemporalConfig"):
-        Steps(CAMERA, {"fill": "all"})  # type: ignore[arg-type]
+        Steps(CAMERA, {"fill": "all"})

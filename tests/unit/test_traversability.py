@@ -30,7 +30,7 @@ def room(half_m: float = HALF_M) -> list[Body]:
 
 
 def measure(world: World, half_m: float = 4.0, **options: float) -> float:
-    return traversability(world, low_m=(-half_m, -half_m), high_m=(half_m, half_m), height_m=2.0, **options)  # type: ignore[arg-type]
+    return traversability(world, low_m=(-half_m, -half_m), high_m=(half_m, half_m), height_m=2.0, **options)
 
 
 def test_an_empty_world_is_as_free_as_the_horizon() -> None:

@@ -112,7 +112,7 @@ def test_intrinsics_from_hfov_see_that_angle() -> None:
 def test_intrinsics_that_do_not_fit_the_image_are_refused(bad: dict[str, float], message: str) -> None:
     good = {"fx_px": 80.0, "fy_px": 80.0, "cx_px": 63.5, "cy_px": 47.5, "width_px": 128, "height_px": 96}
     with pytest.raises(FrameError, match=message):
-        Intrinsics(**(good | bad))  # type: ignore[arg-type]
+        Intrinsics(**(good | bad))
 
 
 @pytest.mark.parametrize("width_px", [640, 848, 1280])
@@ -214,7 +214,7 @@ def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite(kind: st
 )
 def test_times_and_poses_must_be_finite(bad: dict[str, object]) -> None:
     with pytest.raises(FrameError, match=r"(stamp_s|T_world_cam) must be"):
-        Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]
+        Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))
 
 
 @pytest.mark.parametrize("share_near", [0.0, 0.04, 0.4])

@@ -91,7 +91,7 @@ def test_an_image_without_depth_contradicts_nothing() -> None:
 @pytest.mark.parametrize("units_per_m", [0, 0.001, -1000, 1e7, np.nan, np.inf, "1000", [1000]])
 def test_a_unit_that_makes_no_sense_is_refused(units_per_m: object) -> None:
     with pytest.raises(FrameError, match="units_per_m must be a number of 1 to 1,000,000"):
-        Unit(units_per_m)  # type: ignore[arg-type]
+        Unit(units_per_m)
 
 
 def test_the_median_of_large_images_is_nearly_that_of_all_pixels() -> None:

@@ -56,7 +56,7 @@ def test_the_default_grid_is_packed_in_less_than_48_megabytes() -> None:
 @DEVICES
 @pytest.mark.parametrize("T", [np.eye(4), TURNED])
 def test_images_mark_the_cells_of_their_moved_points_until_the_grid_is_cleared(device: str, T: np.ndarray) -> None:
-    grid, expected = create_grid(device, SMALL, CAMERA), set()  # type: ignore[arg-type]
+    grid, expected = create_grid(device, SMALL, CAMERA), set()
     for seed in (1, 2):
         grid.integrate(depth_image(seed), T)
         expected |= cells(transform(T, back_project(depth_image(seed), CAMERA)))
@@ -84,7 +84,7 @@ def test_both_grids_have_the_same_bits_and_project_the_nearest_centres(warp_devi
 @pytest.mark.parametrize("name", DEPTHS)
 @pytest.mark.parametrize("T", [np.eye(4), TURNED])
 def test_only_what_is_a_depth_within_the_grid_is_marked(device: str, name: str, T: np.ndarray) -> None:
-    grid = create_grid(device, SMALL, CAMERA)  # type: ignore[arg-type]
+    grid = create_grid(device, SMALL, CAMERA)
     grid.integrate(DEPTHS[name], T)
     assert len(grid.occupied().centres_m) == (name == "one pixel")
     assert np.isfinite(grid.project()).all()
@@ -116,4 +116,4 @@ def test_grids_whose_rows_end_within_a_word_are_projected_alike(warp_device: str
 )
 def test_impossible_grids_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
-        VoxelConfig(**bad)  # type: ignore[arg-type]
+        VoxelConfig(**bad)
