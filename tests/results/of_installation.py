@@ -3,7 +3,6 @@
 import os
 import re
 import subprocess
-import sys
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,7 +13,7 @@ from voxdepth.tools.results.table import Column, Table, Value
 
 from .data import ROOT, Data, Made, MissingDataError
 
-EXTRAS = ("rerun", "ros", "evaluate", "cuda", "learned")
+EXTRAS = ("rerun", "ros", "evaluate", "cuda", "learned", "noise")
 MEGABYTE = 2**20
 TOOLS = re.compile(r"(pip|setuptools|wheel|uv|_distutils_hack)\b")
 """Packages of an environment that nothing of ours needs."""
@@ -31,7 +30,8 @@ def installation(_: Data) -> Made:
         for extra in EXTRAS:
             added = sum(_sizes(_installed(environment / extra, f"[{extra}]")).values()) - whole
             rows.append([f"`{extra}`", f"+{added:.0f}"])
-        rows.append(["`all` and `dev`, as `make setup` installs them", sum(_sizes(Path(sys.executable)).values())])
+        everything = sum(_sizes(_installed(environment / "all", "[all,dev]")).values())
+        rows.append(["`all` and `dev`, as `make setup` installs them", everything])
         largest = sorted(packages, key=lambda name: -packages[name])[:4]
         first = [["on a new machine", _first_frame_s(alone, environment)]]
         first.append(["in a new process", _first_frame_s(alone, environment)])
