@@ -18,8 +18,8 @@ setup: $(READY)  ## create .venv and install everything with pinned versions
 $(INSTALLED): pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "make: python3.11 not found; install Python 3.11 (PyBullet has no wheels for later versions)" >&2; exit 1; }
 	@test "$$(uname -sm)" = "Linux x86_64" || { echo "make: this is $$(uname -sm), and the testbed needs Linux on x86-64 (PyBullet has no wheels for others); pip install . installs the library" >&2; exit 1; }
-	@echo "installing the pinned packages into $(VENV), 3.5 GB; this takes two to three minutes and prints nothing"
-	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || "$(PYTHON)" -m venv --clear $(VENV)
+	@echo "installing the pinned packages into $(VENV), in place of any other Python there, 3.5 GB; this takes two to three minutes and prints nothing"
+	@$(BIN)/python -c 'import pip, sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || "$(PYTHON)" -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[all,dev]'
 	@touch $@
 

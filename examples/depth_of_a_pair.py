@@ -2,7 +2,8 @@
 
     python examples/depth_of_a_pair.py left.png right.png --hfov 87 --baseline 0.095 --out depth.png
 
-Writes 16-bit millimetres, 0 = invalid. The images must have the size and the field of view that you name.
+It needs `pip install -e '.[noise]'`, and writes 16-bit millimetres, 0 = invalid. The images must have the size and the
+field of view that you name.
 """
 
 import argparse

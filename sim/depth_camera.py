@@ -7,7 +7,7 @@
     capture = camera.from_pair(left, right, frame=0)  # stereo matching of two gray images
     capture.depth_raw_m                               # metres, 0 = invalid
 
-Only NumPy, OpenCV, Numba and pydantic are needed for that.
+The library with the extra `noise` is all that it needs.
 """
 
 from functools import partial

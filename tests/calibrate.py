@@ -4,8 +4,8 @@
     python -m tests.calibrate --write FOLDER FOLDER...
 
 The first command is about the default method. Each line says by which factor the others would multiply the odds of
-`voxdepth.temporal.confidence`, and what that does to a recording: its error of calibration, and how much of what is
-believed at 0.8 is right. The last line is the factor of all; after a change of the method, multiply `FILL_ODDS` and
+`voxdepth.temporal.confidence`, and what that does to a recording: its calibration error, and how many of the pixels of
+high confidence are right. The last line is the factor of all; after a change of the method, multiply `FILL_ODDS` and
 `MEASURED_ODDS` by it. The second command fits the other correctors, which have one probability for each source of
 their fills, and writes `voxdepth/confidence.toml`.
 

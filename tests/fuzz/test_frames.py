@@ -223,7 +223,7 @@ def bits(corrected: CorrectedDepth) -> tuple[bytes, bytes, bytes]:
 def fed(corrector: DepthCorrector, given: Given) -> tuple[Frame, CorrectedDepth] | None:
     """Pass a frame to a corrector; None if it was refused as documented.
 
-    Types and values of arguments are refused where a frame is made. A corrector has errors of its own alone.
+    Types and values of arguments are refused where a frame is made. A corrector raises only a `VoxDepthError`.
     """
     before = {name: content(value) for name, value in given.arguments.items()}
     try:

@@ -94,3 +94,14 @@ def test_only_a_promise_that_is_broken_fails(monkeypatch: pytest.MonkeyPatch) ->
     assert not found("OpenBLAS Prescott", "flight gap")
     assert found("OpenBLAS Prescott", "corrector learned")
     assert found("libm without FMA", "flight gap")
+
+
+def test_a_workload_that_is_gone_is_reported_and_is_no_success(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(kept, "differences", lambda rev, workloads: (3, [], ["flight city"]))
+    assert kept.main(["--against", "HEAD"]) == 1
+    assert capsys.readouterr().out.splitlines() == [
+        "flight city: it is gone",
+        "3 of 3 workloads are equal to those of HEAD to the bit",
+    ]

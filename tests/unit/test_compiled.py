@@ -53,7 +53,6 @@ except TypeError:
     print(sum_of_next(np.array([1.0, 2.0, 3.0])))
 """
 INTERRUPTED = """
-import os
 import signal
 from llvmlite.binding.executionengine import ExecutionEngine
 import numpy as np

@@ -2,7 +2,9 @@
 
 import errno
 import re
+import tomllib
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 from packaging.specifiers import SpecifierSet
@@ -15,6 +17,7 @@ from voxdepth.tools.cli import explained
 from voxdepth.tools.requirements import Requirement, bringing
 from voxdepth.tools.system import missing_library
 
+REPOSITORY = Path(__file__).parents[2]
 TEXTS = (
     "numpy<3,>=2",
     "no-such-base>=1",
@@ -183,3 +186,10 @@ def test_doctor_lets_a_damaged_wheel_be_installed_again(monkeypatch: pytest.Monk
     (bags,) = (each for each in doctor.examine() if each.what == "extra ros")
     assert "does not load (ZeroDivisionError: division by zero)" in bags.state
     assert bags.remedy == "for bags: pip install --force-reinstall --no-deps 'rosbags<1'"
+
+
+def test_the_doctor_knows_every_extra_of_users() -> None:
+    extras = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
+    assert doctor.EXTRAS.keys() == extras.keys() - {"all", "dev", "docs", "release", "test"}

@@ -437,7 +437,10 @@ def test_images_that_are_lost_now_and_then_are_not_many() -> None:
         for topic in (0, 1) if index % 20 != 7 else (1,):
             pairs.add(topic, stamp_of(100 * index))
     assert pairs.n_alone == 20
-    assert not pairs.are_many_alone
+    assert not pairs.many_alone()
+    for index in range(400, 420):
+        pairs.add(1, stamp_of(100 * index))
+    assert pairs.many_alone() == "17 of the last 100 images"
 
 
 def test_the_node_warns_of_images_without_a_partner_and_of_other_cameras(node: Any) -> None:
@@ -448,7 +451,7 @@ def test_the_node_warns_of_images_without_a_partner_and_of_other_cameras(node: A
         assert not node.warnings
         node.callbacks["depth"](depth_message(stamp_ns))
     node.callbacks["depth"](depth_message(16 * S))
-    assert node.warnings[-1] == "10 images so far had no partner within slop_s, as in topics of different rates"
+    assert node.warnings[-1] == "10 of the last 10 images had no partner within slop_s, as in topics of different rates"
     gray = gray_message(16 * S)
     gray.header.frame_id = "rear"
     node.callbacks["image"](gray)

@@ -108,9 +108,10 @@ class TestMeasurement:
     def test_surfaces_without_noise_are_exact_unless_they_are_matched_in_whole_pixels(self, decimation: int) -> None:
         rows, cols = np.indices(CAMERA.shape)
         slope_px = 6 + cols / 40
-        exact = {"wall": constant(6), "floor": 4 + rows / 20, "slope": slope_px}
+        floor_px = 4 + rows / 20
+        exact = {"wall": constant(6), "floor": floor_px, "slope": slope_px}
         noise_px = np.random.default_rng(0).normal(0, 0.05, CAMERA.shape)
-        inexact = {"stairs": np.floor(slope_px), "noise": slope_px + noise_px}
+        inexact = {"stairs": np.floor(slope_px), "stepped floor": np.floor(floor_px), "noise": slope_px + noise_px}
         for name, full_px in (exact | inexact).items():
             new = measurement_of(np.asarray(full_px, np.float32), decimation)
             assert new.is_exact == (name in exact), name

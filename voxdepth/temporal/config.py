@@ -43,11 +43,11 @@ class TemporalConfig(Model):
     shadow_factor: float = Field(default=10.0, gt=0)
     """Factor of the weight of the background in an occlusion shadow, the strip without depth on the left of a near
     object. 1 for a projector or a second camera on the left."""
+    without: Part | Literal["nothing"] = "nothing"
+    """Part of the method to leave out: `memory` if the gray image shows the dots of a projector; the others are for
+    ablation, see `voxdepth.temporal.ablations`."""
     smoothing_window_px: Literal[1, 3, 5, 7] = 5
     """Window of the edge-preserving smoothing; 1 disables it."""
-    without: Part | None = None
-    """Part that is left out, see `voxdepth.temporal.ablations`: `memory`, beside a projector whose dots the gray image
-    shows, and others to find out what they are worth."""
 
     @property
     def min_shown_confidence(self) -> float:

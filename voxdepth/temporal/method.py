@@ -40,17 +40,17 @@ class TemporalCorrector(StreamCorrector):
             None for those of the configuration.
 
     Raises:
-        ConfigError: An argument has another type, the images are too small, or the configuration leaves out a part of
-            other steps.
+        ConfigError: An argument has another type, the images are too small, or both `steps` and `config.without` are
+            given.
     """
 
     def __init__(
         self, intrinsics: Intrinsics, config: TemporalConfig | None = None, steps: MakeSteps | None = None
     ) -> None:
         config = checked_config(intrinsics, config, TemporalConfig)
-        if steps is not None and config.without is not None:
+        if steps is not None and config.without != "nothing":
             raise ConfigError(f"expected steps of your own or without = {config.without!r}, got both: leave one out")
-        make = steps or (Steps if config.without is None else ABLATIONS[config.without])
+        make = steps or (Steps if config.without == "nothing" else ABLATIONS[config.without])
         self._steps = make(intrinsics, config)
         super().__init__(intrinsics, config, steps)
 

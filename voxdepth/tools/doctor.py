@@ -21,6 +21,7 @@ EXTRAS = {
     "ros": "bags",
     "learned": "the corrector learned",
     "cuda": "the paper's method on a GPU",
+    "noise": "realistic depth for another simulator",
     "sim": "the testbed",
     "gym": "learning with the testbed",
 }

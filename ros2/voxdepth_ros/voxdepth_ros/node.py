@@ -154,8 +154,8 @@ class VoxDepthNode(Node):
         pair = self._pairs.add(topic, image)
         n_alone = self._pairs.n_alone - n_before
         self._health.leave_out(Reason.ALONE, n_alone)
-        if n_alone and self._pairs.are_many_alone:
-            text = f"{self._pairs.n_alone} images so far had no partner within slop_s, as in topics of different rates"
+        if n_alone and (many := self._pairs.many_alone()):
+            text = f"{many} had no partner within slop_s, as in topics of different rates"
             self.get_logger().warning(text, throttle_duration_sec=REMIND_EVERY_S)
         if pair is not None:
             self._keep_pair(*pair)

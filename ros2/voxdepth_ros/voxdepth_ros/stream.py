@@ -26,10 +26,10 @@ MOST_WAITING = 5
 """Images of a topic that wait for one of the other topic."""
 INTERVALS = 9
 """Intervals between images of a topic whose median is its period."""
+RECENT = 100
+"""Latest images of both topics of which those without a partner are counted."""
 MANY_ALONE = 10
-"""Images without a partner that are reported: a few of them are lost at a start."""
-MANY_ALONE_PER_PAIR = 0.1
-"""Images without a partner for each pair that are reported: best-effort topics lose a few now and then."""
+"""How many of them without a partner are reported: a few are lost at a start, and now and then."""
 PATIENCE_S = 5.0
 """Time after which topics without a message are reported [s]."""
 TYPICAL = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=80, baseline_m=ASSUMED_BASELINE_M)
@@ -183,26 +183,30 @@ class Pairs:
     def __init__(self, slop_s: float) -> None:
         self._slop_ns = round(slop_s * 1e9)
         self._topics = (_Topic(), _Topic())
-        self._n_alone = self._n_pairs = 0
+        self._n_alone = 0
+        self._recent: deque[bool] = deque(maxlen=RECENT)
+        """Whether each of the latest images had no partner."""
 
     @property
     def n_alone(self) -> int:
         """Images that were left out for want of a partner since both topics have come."""
         return self._n_alone
 
-    @property
-    def are_many_alone(self) -> bool:
-        """Whether so many, and so large a share, had no partner that it is worth a line."""
-        return self._n_alone >= max(MANY_ALONE, MANY_ALONE_PER_PAIR * self._n_pairs)
+    def many_alone(self) -> str:
+        """Return how many of the latest images had no partner, if it is worth a line, or else an empty text."""
+        n_alone = sum(self._recent)
+        return f"{n_alone} of the last {len(self._recent)} images" if n_alone >= MANY_ALONE else ""
 
     def add(self, topic: int, image: Any) -> tuple[Any, Any] | None:
         """Add an image of topic 0 or 1; return it with its partner, in the order of the topics, if that was there."""
         n_before = self._n_waiting() + 1
         have_come = all(each.n for each in self._topics)
         pair = self._added(topic, image)
-        self._n_pairs += pair is not None
+        n_paired = 0 if pair is None else 2
         if have_come:
-            self._n_alone += n_before - self._n_waiting() - (0 if pair is None else 2)
+            n_alone = n_before - self._n_waiting() - n_paired
+            self._n_alone += n_alone
+            self._recent.extend([True] * n_alone + [False] * n_paired)
         return pair
 
     def _n_waiting(self) -> int:
