@@ -26,7 +26,7 @@ from voxdepth.paper.odometry import (
     view_of,
 )
 from voxdepth.temporal.method import TemporalCorrector
-from voxdepth.temporal.odometry import TrackingResult
+from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.tools.results.table import Table, Value
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
@@ -92,10 +92,14 @@ def bad_pairs() -> list[Pair]:
 
 
 def motions_of_the_default(film: list[Frame]) -> list[FloatArray | None]:
-    """The motion of the camera to each frame but the first; None where the default method does not find it."""
+    """The motion of the camera to each frame but the first; None where the default method does not find it.
+
+    After a frame whose motion is not known, the next one is told from an earlier view.
+    """
     corrector = TemporalCorrector(CAMERA)
     found = [corrector.process(frame).diagnostics for frame in film]
-    return [one.T_frame_keyframe for one in found[1:] if isinstance(one, TrackingResult)]
+    known = (TrackingStatus.FIRST_FRAME, TrackingStatus.OK)
+    return [now.T_frame_keyframe if before.status in known else None for before, now in pairwise(found)]
 
 
 Found = FloatArray | None
