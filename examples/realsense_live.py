@@ -92,10 +92,10 @@ class Camera:
             if depth and gray and abs(depth.get_timestamp() - gray.get_timestamp()) <= ONE_EXPOSURE_MS:
                 # The clock of a camera may repeat a time or jump back; only the order of the frames matters here.
                 stamp_s = max(depth.get_timestamp() / 1000, stamp_s + SHORTEST_S)
-                yield Frame.from_millimetres(
+                yield Frame.from_units(
                     stamp_s=stamp_s,
                     gray=pixels(gray),
-                    depth_mm=pixels(depth),
+                    depth=pixels(depth),
                     units_per_m=self._units_per_m,
                 )
             else:

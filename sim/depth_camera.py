@@ -44,6 +44,10 @@ CAMERAS: dict[CameraName, RigConfig] = {
 matcher and its noise are ours. Cameras of one kind differ: `RigConfig` takes your calibration."""
 
 
+NEED_A_WORLD = ("color_offset_m", "projected_texture", "artefacts", "shutter")
+"""Settings of a rig that two images cannot honour."""
+
+
 class DepthCamera:
     """A stereo camera that measures images of any renderer. The same seed and frame give the same noise.
 
@@ -56,10 +60,10 @@ class DepthCamera:
         if isinstance(camera, str) and camera not in CAMERAS:
             raise SensorError(f"there is no camera {camera!r}; choose one of {', '.join(CAMERAS)} or give a RigConfig")
         config = CAMERAS[camera] if isinstance(camera, str) else camera
-        if config.depth != "stereo" or config.color_offset_m or config.projected_texture or config.artefacts:
+        if config.depth != "stereo" or any(getattr(config, name) for name in NEED_A_WORLD):
             raise SensorError(
                 f"a pair of images can only be matched, got the sensor model {config.depth!r}: expected 'stereo' "
-                "without a colour camera, a projected texture and artefacts, which need a world and StereoSensor"
+                f"without {', '.join(NEED_A_WORLD)}, which need a world and StereoSensor"
             )
         self._copy = partial(DepthCamera, config, seed=seed)
         self._rate_hz = config.rate_hz

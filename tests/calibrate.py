@@ -27,7 +27,7 @@ from rich.console import Console
 from voxdepth import Source, TemporalCorrector
 from voxdepth.calibration import FILE, Fills, sealed
 from voxdepth.metrics import BELIEVED, BINS, is_correct
-from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
+from voxdepth.registry import BUILTIN_NAMES, DEFAULT, create_bare
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.evaluation.frames import HOLES
 from voxdepth.tools.evaluation.recordings import RecordedSource, kinds_of
@@ -163,7 +163,7 @@ def tables_of(folders: Sequence[Path], frames: int) -> Iterator[Table]:
 def write_fills(folders: Sequence[Path], frames: int) -> None:
     """Fit all correctors but the default one, which computes its confidence, and write their file."""
     fitted = {}
-    for name in CORRECTOR_NAMES:
+    for name in BUILTIN_NAMES:
         if name != DEFAULT:
             fitted[name] = fitted_fills([sample_of(each, partial(create_bare, name), frames) for each in folders])
             Console().print(f"{name} {fitted[name]}")

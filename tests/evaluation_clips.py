@@ -16,7 +16,7 @@ from voxdepth.tools.evaluation.measurements import MetricValue
 from voxdepth.tools.evaluation.methods import Method
 from voxdepth.tools.evaluation.record import MethodResult, SequenceInfo
 from voxdepth.tools.evaluation.references import held_out
-from voxdepth.tools.evaluation.scoring import Score
+from voxdepth.tools.evaluation.scoring import Scorer
 from voxdepth.tools.evaluation.suite import Evaluation
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics, MaskImage
 
@@ -111,7 +111,7 @@ def scores_of(
     reference: Reference, frames: Iterable[EvaluationFrame], change: Change
 ) -> dict[tuple[str, ...], MetricValue]:
     """What is measured where a function makes the corrected depth of a frame, by metric, mask, range and pixels."""
-    score = Score(reference, CAMERA)
+    score = Scorer(reference, CAMERA)
     for frame in frames:
         score.add(frame, CorrectedDepth.of(frame.frame, change(frame.frame.depth_m)))
     return {found[:4]: found for found in score.measurements()}

@@ -14,7 +14,7 @@ from scenarios.sequences import SeededSequence, load_sequence, simulation
 from sim.render.raycast import open3d
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.geometry import exp_se3, inverse_rigid
+from voxdepth.geometry import inverse_rigid, retract
 from voxdepth.paper.odometry import (
     MAX_DEPTH_DIFFERENCE_M,
     MAX_DEPTH_M,
@@ -224,7 +224,7 @@ def drifting(film: list[Frame], seed: int) -> list[Frame]:
     rng, drift, drifted = np.random.default_rng(seed), np.eye(4), []
     for frame in film:
         step = np.repeat([0.006, np.radians(0.03)], 3) * rng.standard_normal(6)
-        drift = drift @ exp_se3(step)
+        drift = drift @ retract(step)
         drifted.append(replace(frame, T_world_cam=frame.T_world_cam @ drift))
     return drifted
 

@@ -42,7 +42,7 @@ from tests.temporal_scenes import frame_of as frame_at
 from tests.temporal_scenes import noisy as noisy_frame
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.datasets import open_dataset
-from voxdepth.registry import CORRECTOR_NAMES
+from voxdepth.registry import BUILTIN_NAMES
 from voxdepth.tools.evaluation.methods import find_method, run
 from voxdepth.tools.evaluation.recordings import RecordedSource, kinds_of
 from voxdepth.types import Frame, Intrinsics
@@ -65,7 +65,7 @@ SENSORS: Mapping[str, dict[str, Any]] = {
 }
 """Changes of the sequence `sim-MB` that no shipped sequence has."""
 CORRECTORS = (
-    *CORRECTOR_NAMES,
+    *BUILTIN_NAMES,
     "temporal[decimation=2]",
     "temporal[fill=all,smoothing_window_px=3]",
     "temporal[fill=none,shadow_factor=1]",

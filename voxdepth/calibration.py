@@ -19,7 +19,7 @@ from .checksums import DamageError, digest_of
 from .errors import ConfigError
 from .pipeline import StagedCorrector
 from .text import decoded, parsed_toml
-from .types import CorrectedDepth, DepthCorrector, Frame
+from .types import CorrectedDepth, DepthCorrector, Frame, close
 
 FILE = Path(__file__).with_name("confidence.toml")
 SEAL = "# sha256 "
@@ -62,8 +62,7 @@ class Calibrated:
 
     def close(self) -> None:
         """End the threads of the corrector, if it has some."""
-        if (close := getattr(self.bare, "close", None)) is not None:
-            close()
+        close(self.bare)
 
     def _calibrated(self, corrected: CorrectedDepth) -> CorrectedDepth:
         confidence: Any = cv2.LUT(corrected.source, self._table)

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .errors import ConfigError, CopyError, FrameError, LateFrameError
+from .errors import ConfigError, CopyError, CorrectorUnavailableError, FrameError, LateFrameError
 from .model import Model
 from .types import CorrectedDepth, Frame, Intrinsics
 
@@ -66,8 +66,9 @@ class StreamCorrector(ABC):
         """Correct one frame.
 
         Raises:
-            FrameError: The frame has another size than the camera; or the corrector is closed, or another thread uses
-                it. A frame that is not later than the one before is a `LateFrameError`, and forgets nothing.
+            FrameError: The frame has another size than the camera. A frame that is not later than the one before is a
+                `LateFrameError`, and forgets nothing.
+            CorrectorUnavailableError: The corrector is closed, or another thread uses it.
         """
         with self._alone():
             return self.combine(self.align(frame))
@@ -76,10 +77,10 @@ class StreamCorrector(ABC):
         """Do the first half of the work, which holds all state. Only `combine` may use the result.
 
         Raises:
-            FrameError: As in `process`.
+            FrameError, CorrectorUnavailableError: As in `process`.
         """
         if self._closed:
-            raise FrameError("this corrector is closed: make a new one for more frames")
+            raise CorrectorUnavailableError("this corrector is closed: make a new one for more frames")
         if not isinstance(frame, Frame):
             raise FrameError(f"expected a Frame, got {type(frame).__name__}")
         frame.require_shape(self._intrinsics.shape)
@@ -99,7 +100,9 @@ class StreamCorrector(ABC):
         if not self._busy.acquire(blocking=False):
             if not main_thread().is_alive():
                 raise SystemExit
-            raise FrameError("another thread is using this corrector: make one for each stream of frames")
+            raise CorrectorUnavailableError(
+                "another thread is using this corrector: make one for each stream of frames"
+            )
         try:
             yield
         finally:

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -56,7 +56,9 @@ class CorrectorSpec(Model):
         return {"name": self.name, "config": self.config} if self.config else self.name
 
     def __str__(self) -> str:
-        return f"{self.name} {json.dumps(self.config, sort_keys=True)}" if self.config else self.name
+        """Return the text that `of` takes, as in `temporal[fill=all]`."""
+        settings = ",".join(f"{key}={value}" for key, value in _settings(self.config))
+        return f"{self.name}[{settings}]" if settings else self.name
 
     @classmethod
     def of(cls, text: str) -> "CorrectorSpec":
@@ -71,6 +73,23 @@ class CorrectorSpec(Model):
     def create(self, intrinsics: Intrinsics) -> DepthCorrector:
         """Create the corrector for one camera."""
         return create_corrector(self.name, intrinsics, self.resolved_config())
+
+
+def _settings(config: Mapping[str, Any], table: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the keys of a configuration, with dots, and their values as `parse_corrector` reads them, sorted."""
+    for key, value in sorted(config.items()):
+        if isinstance(value, Mapping):
+            yield from _settings(value, f"{table}{key}.")
+        else:
+            yield f"{table}{key}", value if isinstance(value, str) and not _is_json(value) else json.dumps(value)
+
+
+def _is_json(text: str) -> bool:
+    try:
+        json.loads(text)
+    except ValueError:
+        return False
+    return True
 
 
 def parse_corrector(text: str) -> tuple[str, dict[str, Any]]:

@@ -25,6 +25,10 @@ class LateFrameError(FrameError):
     """A frame is not later than one before it; the stream may go on without it."""
 
 
+class CorrectorUnavailableError(VoxDepthError, RuntimeError):
+    """A corrector is closed, or another thread uses it, so that it corrects no frame."""
+
+
 class CopyError(VoxDepthError, TypeError):
     """An object holds what cannot be copied or sent to another process, as threads or a memory of frames."""
 

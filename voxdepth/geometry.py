@@ -74,11 +74,11 @@ def inverse_rigid(T_a_b: FloatArray) -> FloatArray:
 
 
 @compiled(float64[:, ::1](float64[::1]))
-def exp_se3(step: FloatArray) -> FloatArray:
+def retract(step: FloatArray) -> FloatArray:
     """Return the rigid motion, shape (4, 4), of a translation [m] and a rotation vector [rad], shape (6,).
 
-    The rotation is that of Rodrigues' formula. The translation is not coupled with the rotation, so this is the
-    exponential map of SE(3) to first order, which suffices for iterations whose step converges to zero.
+    The rotation is that of Rodrigues' formula, and the translation is not coupled with it: a retraction, which is the
+    exponential map of SE(3) to first order. That suffices for iterations whose step converges to zero.
     """
     rotation = step[3], step[4], step[5]
     angle = np.sqrt(step[3] * step[3] + step[4] * step[4] + step[5] * step[5])
@@ -97,8 +97,8 @@ def exp_se3(step: FloatArray) -> FloatArray:
 
 
 @compiled(float64[::1](float64[:, ::1]))
-def log_se3(T: FloatArray) -> FloatArray:
-    """Return the translation [m] and the rotation vector [rad] of a rigid motion, shape (6,): the inverse of `exp_se3`.
+def local_coordinates(T: FloatArray) -> FloatArray:
+    """Return the translation [m] and the rotation vector [rad] of a rigid motion, shape (6,): the inverse of `retract`.
 
     The angle must be less than 180 degrees.
     """

@@ -7,7 +7,6 @@ by its code, as `module:factory`.
 """
 
 import json
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -66,14 +65,14 @@ _REGISTRY = {
     DEFAULT: Entry("temporal.method:TemporalCorrector", 0.0087, config="temporal.config:TemporalConfig"),
 }
 
-CORRECTOR_NAMES = tuple(_REGISTRY)
+BUILTIN_NAMES = tuple(_REGISTRY)
 """The correctors of this library."""
 
 
 def corrector_names() -> tuple[str, ...]:
     """Return the correctors of this library and those of other distributions, which are not loaded for that."""
     others = {entry.name for entry in entry_points(group=ENTRY_POINTS)}
-    return (*CORRECTOR_NAMES, *sorted(others.difference(CORRECTOR_NAMES)))
+    return (*BUILTIN_NAMES, *sorted(others.difference(BUILTIN_NAMES)))
 
 
 def installed_names() -> tuple[str, ...]:
@@ -83,14 +82,14 @@ def installed_names() -> tuple[str, ...]:
 
 def title(text: str) -> str:
     """Return a corrector, perhaps with settings behind its name, as people read it: `VoxDepth (the paper)`."""
-    name = re.split(r"[\[ ]", text, maxsplit=1)[0]
+    name = text.partition("[")[0]
     shown, origin = TITLES.get(name, (name, ""))
     return text.replace(name, shown, 1) + origin
 
 
 def require_known(name: str) -> None:
     """Raise a `ConfigError` if no corrector has that name. Only `module:factory` is loaded."""
-    if name in CORRECTOR_NAMES:
+    if name in BUILTIN_NAMES:
         return
     if ":" in name:
         _load(name)

@@ -244,7 +244,8 @@ class Frame:
     stamp_s: float
     """Time of capture [s]; strictly increasing within a stream."""
     gray: GrayImage
-    """Left image, shape (H, W), uint8."""
+    """Image of the pixels of the depth, shape (H, W), uint8: the left one of a stereo pair, or that which the depth is
+    aligned to."""
     depth_m: FloatImage
     """Depth along the optical axis [m], shape (H, W), float32, finite; 0 = invalid."""
     T_world_cam: FloatArray | None = None
@@ -257,24 +258,46 @@ class Frame:
         stamp_s: float,
         gray: GrayImage,
         depth_mm: npt.NDArray[np.uint16],
-        units_per_m: float = 1000.0,
         T_world_cam: FloatArray | None = None,
     ) -> "Frame":
-        """Create a frame from the 16-bit depth of a camera; 0 and 65535, a saturated depth, are invalid.
+        """Create a frame from 16-bit depth in millimetres; 0 and 65535, a saturated depth, are invalid.
 
         Args:
             stamp_s: Time of capture; strictly increasing within a stream.
-            gray: Left image, shape (H, W), uint8.
-            depth_mm: Depth along the optical axis in steps, shape (H, W), uint16.
-            units_per_m: Steps in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
+            gray: Gray image, shape (H, W), uint8.
+            depth_mm: Depth along the optical axis, shape (H, W), uint16.
+            T_world_cam: Pose estimate of the caller, shape (4, 4); None without one.
+
+        Raises:
+            FrameError: The depth is not uint16, or the images have different shapes.
+        """
+        return cls.from_units(stamp_s=stamp_s, gray=gray, depth=depth_mm, units_per_m=1000.0, T_world_cam=T_world_cam)
+
+    @classmethod
+    def from_units(
+        cls,
+        *,
+        stamp_s: float,
+        gray: GrayImage,
+        depth: npt.NDArray[np.uint16],
+        units_per_m: float,
+        T_world_cam: FloatArray | None = None,
+    ) -> "Frame":
+        """Create a frame from 16-bit depth in any unit; 0 and 65535, a saturated depth, are invalid.
+
+        Args:
+            stamp_s: Time of capture; strictly increasing within a stream.
+            gray: Gray image, shape (H, W), uint8.
+            depth: Depth along the optical axis in units of the camera, shape (H, W), uint16.
+            units_per_m: Units in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
             T_world_cam: Pose estimate of the caller, shape (4, 4); None without one.
 
         Raises:
             FrameError: The depth is not uint16, the images have different shapes, or `units_per_m` is not 1 to 1e6.
         """
-        if _kind(depth_mm) != "uint16":
-            raise FrameError(f"expected depth as a uint16 array, got {_kind(depth_mm)}; Frame.from_metres takes metres")
-        depth_m = Unit(units_per_m).metres(depth_mm)
+        if _kind(depth) != "uint16":
+            raise FrameError(f"expected depth as a uint16 array, got {_kind(depth)}; Frame.from_metres takes metres")
+        depth_m = Unit(units_per_m).metres(depth)
         return cls(stamp_s=stamp_s, gray=gray, depth_m=depth_m, T_world_cam=T_world_cam)
 
     @classmethod
@@ -285,7 +308,7 @@ class Frame:
 
         Args:
             stamp_s: Time of capture; strictly increasing within a stream.
-            gray: Left image, shape (H, W), uint8.
+            gray: Gray image, shape (H, W), uint8.
             depth_m: Depth along the optical axis, shape (H, W), of floating point; 0 is invalid, too.
             T_world_cam: Pose estimate of the caller, shape (4, 4); None without one.
 
@@ -405,7 +428,8 @@ class Diagnostics(Protocol):
     def facts(self) -> Mapping[str, str | int | float]:
         """Return scalars for logs and reports, by name; what is a `StrEnum` or a `bool` is counted.
 
-        A `StrEnum` is a state, or the kind of an event if `none` is one of its values. A `bool` is an event, too.
+        A `StrEnum` is a state, or the kind of an event if `none` is one of its values. A `bool` is an event, too. Any
+        fact that is `passthrough` says that the method handed the depth on as it came.
         """
 
 

@@ -1,11 +1,13 @@
 """Commands about missions of the swarm."""
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from voxdepth.tools.errors import ToolError
 from voxdepth.tools.options import CORRECTOR_HELP, counter
 from voxdepth.tools.signals import INTERRUPTED
 from voxdepth.tools.viewer import RECORDING, open_viewer, require_display
@@ -96,9 +98,11 @@ def picture(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Master seed. Default: the scenario's or 0; of scenes, 1.")
     ] = None,
-    drone: Annotated[int, typer.Option(min=0, help="Number of the drone; 0 is the leader.")] = 0,
-    at: Annotated[float, typer.Option(min=0.1, help="Simulated time of the picture, in seconds.")] = 12.0,
-    size: Size = "640x360",
+    drone: Annotated[int | None, typer.Option(min=0, help="Number of the drone. Default: 0, the leader.")] = None,
+    at: Annotated[
+        float | None, typer.Option(min=0.1, help="Simulated time of the picture, in seconds. Default: 12.")
+    ] = None,
+    size: Annotated[str | None, typer.Option(help="Image size. Default: 640x360.")] = None,
 ) -> None:
     """Make a picture of a scenario, of a recording, or of every kind of scene.
 
@@ -113,10 +117,21 @@ def picture(
     from ..mission_pictures import take_picture
     from ..sensor_pictures import make_gallery, make_sheet
 
+    of_flights = {"--drone": drone, "--at": at, "--size": size}
     if what == "scenes":
+        _require_none(of_flights, what)
         make_gallery(1 if seed is None else seed, out).print(Console())
     elif Path(what).is_dir() and what not in shipped_names("scenarios"):
+        _require_none({"--seed": seed, **of_flights}, "a recording")
         make_sheet(Path(what), out)
     else:
-        take_picture(load_run(what, seed, given({}, size)), out, drone=drone, at_s=at)
+        run = load_run(what, seed, given({}, size or "640x360"))
+        take_picture(run, out, drone=drone or 0, at_s=12.0 if at is None else at)
     typer.echo(f"written to {out}", err=True)
+
+
+def _require_none(options: Mapping[str, object], what: str) -> None:
+    """Raise a `ToolError` for an option that a picture does not heed."""
+    for name, value in options.items():
+        if value is not None:
+            raise ToolError(f"a picture of {what} takes no {name}: leave it out")

@@ -17,7 +17,7 @@ import numpy as np
 from voxdepth import registry
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import VoxDepthError
-from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
+from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, close
 
 IMAGES = ("depth_m", "source", "confidence")
 """Images of a correction that are passed on."""
@@ -48,7 +48,8 @@ def correct(
         except Exception as error:  # A user's corrector may raise anything; the message says where.
             text = str(error) if isinstance(error, VoxDepthError) else f"{type(error).__name__}: {error}"
             raise CorrectorError(f"frame {k}: {text}") from error
-    getattr(corrector, "close", lambda: None)()
+    if corrector is not None:
+        close(corrector)
     return results, times_s
 
 

@@ -255,6 +255,20 @@ def test_doctor_finds_what_works_here() -> None:
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.parametrize(
+    ("words", "reported"),
+    [
+        (["scenes", "--drone", "3"], "a picture of scenes takes no --drone"),
+        ([".", "--seed", "4"], "a picture of a recording takes no --seed"),
+    ],
+)
+def test_a_picture_takes_no_option_that_it_does_not_heed(words: list[str], reported: str, tmp_path: Path) -> None:
+    done = voxdepth("picture", *words, "--out", "p.jpg", cwd=tmp_path)
+    assert done.returncode == 2
+    assert reported in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.slow
 def test_a_picture_is_written(tmp_path: Path) -> None:
     done = voxdepth("picture", "city", "--at", "0.5", "--size", "160x120", "--out", tmp_path / "p.jpg")

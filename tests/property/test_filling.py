@@ -76,7 +76,7 @@ def test_a_fill_less_probable_than_the_threshold_is_invalid(seed: int, decimatio
     rng = np.random.default_rng(seed)
     frames = [noisy(frame, seed, holes=rng.uniform(0.05, 3)) for frame in frames_of(ROOM, walk(3))]
     everything = run(method(decimation=decimation, fill="all"), frames)
-    likely = run(method(decimation=decimation, fill="likely", min_fill_probability=threshold), frames)
+    likely = run(method(decimation=decimation, fill="likely", min_fill_confidence=threshold), frames)
     for full, result in zip(everything, likely, strict=True):
         assert (full.depth_m > 0).all()
         improbable = (full.source == Source.INPAINTED) & (full.confidence < np.float32(threshold))

@@ -7,7 +7,7 @@ from tests.calibrate import Sample, believed, calibration_error, fitted_factor, 
 from tests.frames import require_equal
 from voxdepth.calibration import fitted
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
-from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare, create_corrector, installed_names
+from voxdepth.registry import BUILTIN_NAMES, DEFAULT, create_bare, create_corrector, installed_names
 from voxdepth.types import Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=80, baseline_m=0.1)
@@ -50,7 +50,7 @@ def test_two_stages_stay_two_and_give_the_same_in_a_pipeline() -> None:
 
 
 def test_every_corrector_but_the_default_is_in_the_file_and_no_fill_is_certain() -> None:
-    assert [*fitted(), DEFAULT] == list(CORRECTOR_NAMES)
+    assert [*fitted(), DEFAULT] == list(BUILTIN_NAMES)
     assert all(0 <= share < 1 for fills in fitted().values() for share in fills.values())
 
 

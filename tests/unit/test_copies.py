@@ -27,7 +27,7 @@ from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import CopyError
 from voxdepth.geometry import compose
 from voxdepth.pipeline import CorrectionPipeline
-from voxdepth.registry import CORRECTOR_NAMES
+from voxdepth.registry import BUILTIN_NAMES
 from voxdepth.types import CorrectedDepth, DepthCorrector, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
@@ -40,7 +40,7 @@ each_copy = pytest.mark.parametrize("copied", COPIES.values(), ids=COPIES)
 
 
 @each_copy
-@pytest.mark.parametrize("name", CORRECTOR_NAMES)
+@pytest.mark.parametrize("name", BUILTIN_NAMES)
 def test_a_copy_of_a_new_corrector_gives_what_it_gives(name: str, copied: Callable[[Any], Any]) -> None:
     corrector = create_corrector(name, CAMERA)
     other = copied(corrector)

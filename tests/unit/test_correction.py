@@ -74,6 +74,7 @@ class Remembering:
             timings_s={"warp": 0.001 * (index + 1)},
             diagnostics=VoxDepthDiagnostics(
                 phase=Phase.CORRECTING if index else Phase.PASSTHROUGH,
+                new_epoch=index == 0,
                 registration=Registration(status=status, n_matches=index),
                 epoch_end=EpochEnd.FEW_MATCHES if index == 3 else EpochEnd.NONE,
             ),
@@ -199,6 +200,7 @@ def test_the_report_counts_what_happened(whole: Path) -> None:
     assert report["facts"]["epoch_end"] == {"few_matches": 1, "none": 6}
     assert report["facts"]["phase"] == {"correcting": 6, "passthrough": 1}
     assert report["facts"]["registration"] == {"not_tried": 1, "ok": 6}
+    assert report["facts"]["new_epoch"] == {"yes": 1, "no": 6}
     assert report["facts"]["n_matches"] == pytest.approx({"p50": 3, "p95": 5.7, "max": 6})
     assert report["wall"]["steps_s"]["warp"] == pytest.approx({"p50": 0.004, "p95": 0.0067, "max": 0.007})
 

@@ -20,7 +20,7 @@ from voxdepth import (
     create_corrector,
 )
 from voxdepth.corrector import StreamCorrector
-from voxdepth.errors import ConfigError, FrameError
+from voxdepth.errors import ConfigError, CorrectorUnavailableError, FrameError
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
 DEPTH_M = 4.0
@@ -88,7 +88,7 @@ def test_a_closed_corrector_takes_no_more_frames(create: Create) -> None:
     corrector.process(first)
     corrector.close()
     for _ in range(2):
-        with pytest.raises(FrameError, match="this corrector is closed"):
+        with pytest.raises(CorrectorUnavailableError, match="this corrector is closed"):
             corrector.process(second)
         corrector.reset()
 
@@ -147,5 +147,5 @@ def test_the_paper_by_name_can_be_closed() -> None:
     corrector = create_corrector("voxdepth", CAMERA)
     corrector.process(walk(1, CAMERA)[0])
     corrector.close()
-    with pytest.raises(FrameError, match="closed"):
+    with pytest.raises(CorrectorUnavailableError, match="closed"):
         corrector.process(walk(2, CAMERA)[1])

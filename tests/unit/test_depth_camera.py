@@ -62,7 +62,7 @@ def test_what_does_not_fit_is_refused_with_what_to_do() -> None:
         camera.from_pair(gray, gray.astype(np.uint16), frame=0)
     with pytest.raises(SensorError, match="there is no camera 'kinect'; choose one of d435"):
         DepthCamera("kinect", seed=0)
-    for change in ({"projected_texture": 0.4}, {"color_offset_m": 0.02}, {"depth": "truth"}):
+    for change in ({"projected_texture": 0.4}, {"color_offset_m": 0.02}, {"shutter": 0.5}, {"depth": "truth"}):
         with pytest.raises(SensorError, match="can only be matched"):
             DepthCamera(SMALL.model_copy(update=change), seed=0)
 

@@ -29,7 +29,7 @@ from voxdepth.tools.evaluation.measurements import MetricValue
 from voxdepth.tools.evaluation.quantities import QUANTITIES
 from voxdepth.tools.evaluation.references import held_out
 from voxdepth.tools.evaluation.report import method_table, range_table
-from voxdepth.tools.evaluation.scoring import METRICS, SETTLED_FRAMES, Score
+from voxdepth.tools.evaluation.scoring import METRICS, SETTLED_FRAMES, Scorer
 from voxdepth.types import CorrectedDepth, Frame
 
 PATCHES = held_out("patches")
@@ -92,11 +92,11 @@ def test_unfilled_pixels_do_not_hide() -> None:
 
 
 def test_the_close_pixels_of_each_frame_and_tile_are_those_of_hidden_ones_that_a_method_fills() -> None:
-    frames, score = evaluation_frames(2), Score(TRUTH, CAMERA)
+    frames, score = evaluation_frames(2), Scorer(TRUTH, CAMERA)
     for frame, depth_m in zip(frames, (frames[0].reference_m, frames[1].frame.depth_m), strict=True):
         score.add(frame, CorrectedDepth.of(frame.frame, depth_m))
     holes = tuple(tuple(tiles.count(frame.hidden).tolist()) for frame in frames)
-    assert score.evaluated == holes
+    assert score.judged == holes
     assert score.close == (holes[0], (0,) * tiles.TILES)
 
 
@@ -105,7 +105,7 @@ def test_mirrored_images_are_counted_in_the_tiles_of_the_recording() -> None:
     frame = evaluation_frames(1)[0]
     left = np.broadcast_to(np.arange(CAMERA.width_px) < 5, CAMERA.shape)
     for is_mirrored, column in ((False, 0), (True, tiles.COLUMNS - 1)):
-        score = Score(held_out("shadows", is_mirrored=is_mirrored), CAMERA)
+        score = Scorer(held_out("shadows", is_mirrored=is_mirrored), CAMERA)
         score.add(replace(frame, hidden=left), CorrectedDepth.of(frame.frame, frame.reference_m))
         counts = np.reshape(score.close, (tiles.ROWS, tiles.COLUMNS))
         assert np.flatnonzero(counts.any(axis=0)).tolist() == [column]

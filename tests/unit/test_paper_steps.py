@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.paper.config import VoxDepthConfig
-from voxdepth.paper.method import combine, dilated
+from voxdepth.paper.method import dilated, merge
 
 
 def sparse(seed: int, filled: float = 0.2, shape: tuple[int, int] = (19, 23)) -> np.ndarray:
@@ -55,6 +55,6 @@ RAW = np.array([[0.0, 4.9, 5.0, 10.0, 10.1, 3, 0]], np.float32)
 )
 def test_invalid_pixels_take_the_template(rule: dict[str, float], expected: list[float], source: list[int]) -> None:
     depth_m, labels = TEMPLATE.copy(), np.empty(RAW.shape, np.uint8)
-    combine(RAW, *VoxDepthConfig.model_validate(rule).bounds, depth_m, labels)
+    merge(RAW, *VoxDepthConfig.model_validate(rule).bounds, depth_m, labels)
     np.testing.assert_array_equal(depth_m, np.array([expected], np.float32))
     assert labels.tolist() == [source]

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from tests.plugins import offer
-from voxdepth.errors import ConfigError, FrameError
+from voxdepth.errors import ConfigError, CorrectorUnavailableError
 from voxdepth.paper.config import VoxDepthConfig, authors_config
 from voxdepth.registry import (
-    CORRECTOR_NAMES,
+    BUILTIN_NAMES,
     config_of,
     corrector_names,
     create_bare,
@@ -40,7 +40,7 @@ def holed_frame(stamp_s: float) -> Frame:
     return Frame(stamp_s=stamp_s, gray=rng.integers(0, 256, CAMERA.shape, np.uint8), depth_m=depth_m)
 
 
-@pytest.mark.parametrize("name", CORRECTOR_NAMES)
+@pytest.mark.parametrize("name", BUILTIN_NAMES)
 def test_only_the_methods_of_voxdepth_take_a_configuration(name: str) -> None:
     configs = {"temporal": TemporalConfig(), "voxdepth": VoxDepthConfig(), "voxdepth-authors": authors_config()}
     own = configs.get(name)
@@ -74,7 +74,7 @@ def test_a_wrong_configuration_is_refused(name: str, config: Any, message: str) 
 
 def test_every_corrector_has_a_simulated_latency() -> None:
     assert latency_s("raw") == 0
-    assert all(0 < latency_s(name) < 0.1 for name in CORRECTOR_NAMES if name != "raw")
+    assert all(0 < latency_s(name) < 0.1 for name in BUILTIN_NAMES if name != "raw")
 
 
 @pytest.mark.parametrize("ask", [latency_s, lambda name: create_corrector(name, CAMERA)])
@@ -180,7 +180,9 @@ def test_a_corrector_that_another_thread_uses_is_refused(name: str, monkeypatch:
     with ThreadPoolExecutor(1) as pool:
         first = pool.submit(corrector.align, holed_frame(0.0))
         assert started.wait(30)
-        with pytest.raises(FrameError, match="another thread is using this corrector: make one for each stream"):
+        with pytest.raises(
+            CorrectorUnavailableError, match="another thread is using this corrector: make one for each stream"
+        ):
             corrector.process(holed_frame(1.0))
         go_on.set()
         first.result()

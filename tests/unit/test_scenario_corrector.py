@@ -8,7 +8,7 @@ import pytest
 from scenarios.config import Run, Scenario, load_run
 from scenarios.errors import ScenarioError
 from voxdepth import registry
-from voxdepth.corrector_spec import parse_corrector
+from voxdepth.corrector_spec import CorrectorSpec, parse_corrector
 from voxdepth.errors import ConfigError
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.tools.files import to_toml
@@ -84,6 +84,16 @@ def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Pa
     assert load_run(str(path), None, {"corrector": "temporal"}) == with_corrector("temporal")
     path.write_text(to_toml(run).replace("seed = 0\n", "seed = 7\n", 1))
     assert [load_run(str(path), seed, {}).seed for seed in (None, 0)] == [7, 0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["raw", "temporal[fill=all]", "temporal[decimation=2,fill=all]", "voxdepth[device=warp-cpu,voxels.depth_m=20.0]"],
+)
+def test_a_corrector_is_written_as_it_is_given(text: str) -> None:
+    spec = CorrectorSpec.of(text)
+    assert str(spec) == text
+    assert CorrectorSpec.of(str(spec)) == spec
 
 
 def test_settings_in_brackets_are_keys_of_the_configuration() -> None:

@@ -219,7 +219,7 @@ def test_a_bias_counts_as_well_where_few_neighbours_are_measured() -> None:
 def test_the_error_of_a_surface_that_was_not_measured_again_grows_with_the_square_of_its_disparity() -> None:
     memory = memory_of(image(10))._replace(seen_px=image(5))
     fused, updated = fuse(memory, measurement_of(image(0)))
-    np.testing.assert_array_equal(fused.magnification, 4)
+    np.testing.assert_array_equal(fused.error_growth, 4)
     np.testing.assert_array_equal(updated.seen_px, 5)
     np.testing.assert_array_equal(updated.age, 255)
     _, seen = fuse(memory, measurement_of(image(10)))

@@ -11,7 +11,7 @@ from voxdepth.temporal import odometry as parts
 from voxdepth.temporal.config import TemporalConfig
 from voxdepth.temporal.memory import Memory
 from voxdepth.temporal.odometry import TrackingResult, TrackingStatus, VisualOdometry, find_corners, track_corners
-from voxdepth.temporal.pose_fit import KnownMotion, fit_pose, project
+from voxdepth.temporal.pose_fit import MotionPrior, fit_pose, project
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
@@ -131,10 +131,10 @@ class TestVisualOdometry:
 
 class TestPosesOfTheCaller:
     @staticmethod
-    def tracked(T_said: FloatArray, second: Frame) -> TrackingResult:
+    def tracked(T_prior: FloatArray, second: Frame) -> TrackingResult:
         origin = pose(4.0, -2.0, 7.0, yaw=40)  # where the world begins does not matter
         first = replace(frame_of(ROOM, pose()), T_world_cam=origin)
-        return with_keyframe(first).track(replace(second, T_world_cam=origin @ T_said))
+        return with_keyframe(first).track(replace(second, T_world_cam=origin @ T_prior))
 
     def test_they_are_copied(self) -> None:
         T_world_cam = pose(4.0, -2.0, 7.0, yaw=40)
@@ -144,17 +144,17 @@ class TestPosesOfTheCaller:
         np.testing.assert_allclose(known.track(second).T_frame_keyframe, np.eye(4), atol=1e-9)
 
     def test_a_caller_who_is_sure_is_believed(self) -> None:
-        T, T_said = MOTIONS["forward"], MOTIONS["forward"].copy()
-        T_said[0, 3] += 0.03
+        T, T_prior = MOTIONS["forward"], MOTIONS["forward"].copy()
+        T_prior[0, 3] += 0.03
         sure = TemporalConfig(pose_sigma_m=1e-6, pose_sigma_deg=90)  # of where the camera is
         off_m = []
         for config in (TemporalConfig(), sure):
             known = VisualOdometry(CAMERA, WorkingResolution.of(CAMERA, 1), config)
             set_keyframe(known, replace(frame_of(ROOM, pose()), T_world_cam=pose()))
-            tracking = known.track(replace(frame_of(ROOM, T, 1), T_world_cam=T_said))
+            tracking = known.track(replace(frame_of(ROOM, T, 1), T_world_cam=T_prior))
             assert tracking.n_inliers > 0
             assert tracking.T_frame_keyframe is not None
-            off_m.append(np.linalg.norm(tracking.T_frame_keyframe[:3, 3] - inverse_rigid(T_said)[:3, 3]))
+            off_m.append(np.linalg.norm(tracking.T_frame_keyframe[:3, 3] - inverse_rigid(T_prior)[:3, 3]))
         assert off_m[0] > 0.02
         assert off_m[1] < 1e-3
 
@@ -219,7 +219,7 @@ class TestFit:
         T, rng = MOTIONS["forward"], np.random.default_rng(3)
         points = rng.uniform([-2, -1.5, 25], [-1, 1.5, 30], (20, 3))
         seen = self.seen(points, T) + rng.normal(0, 0.3, (20, 2))
-        known = KnownMotion(T, 0.01, 0.005)
+        known = MotionPrior(T, 0.01, 0.005)
         alone, helped = (fit_pose(points, seen, TRACKING_CAMERA, T, 1.0, one).T_target_source for one in (None, known))
         assert np.linalg.norm(alone[:3, 3] - T[:3, 3]) > 0.1
         assert np.linalg.norm(helped[:3, 3] - T[:3, 3]) < 0.01
@@ -229,7 +229,7 @@ class TestFit:
         T_known, errors_m = T.copy(), []
         T_known[0, 3] += 0.01
         for sigma_m in (1.0, 0.1, 0.03, 0.01):
-            known = KnownMotion(T_known, sigma_m, 1.0)
+            known = MotionPrior(T_known, sigma_m, 1.0)
             fit = fit_pose(points, self.seen(points, T), TRACKING_CAMERA, T, 1.0, known)
             errors_m.append(fit.T_target_source[0, 3] - T[0, 3])
         assert 0 < errors_m[0] < errors_m[1] < errors_m[2] < errors_m[3] < 0.01

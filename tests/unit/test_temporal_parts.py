@@ -296,11 +296,11 @@ def confidence_of(
     weight: int = WEIGHT_UNIT,
     probability: float = 1.0,
     *,
-    magnification: float = 1.0,
+    error_growth: float = 1.0,
     roughness_px: float = 0.1,
 ) -> float:
     """The confidence of one pixel; only a fill has a probability below 1."""
-    numbers = (np.full((1, 1), value, np.float32) for value in (magnification, probability, roughness_px))
+    numbers = (np.full((1, 1), value, np.float32) for value in (error_growth, probability, roughness_px))
     levels = (np.full((1, 1), value, np.uint8) for value in (kind, weight))
     return float(estimate_confidence(np.full((1, 1), disparity_px, np.float32), *levels, *numbers)[0, 0])
 
@@ -328,9 +328,9 @@ class TestConfidence:
 
     def test_only_a_remembered_disparity_is_less_certain_when_its_error_is_magnified(self) -> None:
         for kind in (PixelClass.FUSED, PixelClass.MEASURED):
-            assert confidence_of(20, kind, magnification=9) == confidence_of(20, kind)
-        assert confidence_of(20, PixelClass.REMEMBERED, magnification=9) < confidence_of(20, PixelClass.REMEMBERED)
-        assert 0 < confidence_of(20, PixelClass.REMEMBERED, magnification=1000) < 0.05
+            assert confidence_of(20, kind, error_growth=9) == confidence_of(20, kind)
+        assert confidence_of(20, PixelClass.REMEMBERED, error_growth=9) < confidence_of(20, PixelClass.REMEMBERED)
+        assert 0 < confidence_of(20, PixelClass.REMEMBERED, error_growth=1000) < 0.05
 
     def test_nothing_is_certain_or_without_any_confidence(self) -> None:
         assert confidence_of(1000, PixelClass.FUSED, 255, roughness_px=0) < 1

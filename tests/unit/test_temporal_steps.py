@@ -130,6 +130,15 @@ def test_images_of_another_size_are_refused(call: Callable[[Steps, Made], object
         call(steps, made)
 
 
+@pytest.mark.parametrize("name", ["disparity_px", "weight", "gray"])
+def test_an_image_at_half_of_the_working_resolution_is_refused(name: str) -> None:
+    steps = Steps(CAMERA, HALF)
+    made = step_by_step(steps, stream(1)[0])
+    small = made.measurement._replace(**{name: getattr(made.measurement, name)[::2, ::2].copy()})
+    with pytest.raises(FrameError, match=rf"Measurement\.{name} must have the shape \(60, 80\)"):
+        steps.fuse(made.prediction, small)
+
+
 def test_an_image_of_another_type_is_refused() -> None:
     steps = Steps(CAMERA)
     made = step_by_step(steps, stream(1)[0])

@@ -41,7 +41,7 @@ def test_bad_frames_are_refused(gray: Any, depth: Any, message: str) -> None:
         (lambda: Intrinsics.from_hfov(width_px=64, height_px=48.5, hfov_deg=80), "height_px must be a whole number"),
         (lambda: Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=True), "hfov_deg must be a number"),
         (
-            lambda: Frame.from_millimetres(stamp_s=0, gray=GRAY, depth_mm=DEPTH.astype(np.uint16), units_per_m="1000"),
+            lambda: Frame.from_units(stamp_s=0, gray=GRAY, depth=DEPTH.astype(np.uint16), units_per_m="1000"),
             "units_per_m must be a number",
         ),
     ],
@@ -186,7 +186,7 @@ def test_millimetres_and_other_units_become_metres() -> None:
     gray, depth_mm = np.zeros((1, 3), np.uint8), np.array([[0, 1500, 65535]], np.uint16)
     frame = Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm)
     np.testing.assert_allclose(frame.depth_m, [[0, 1.5, 0]], rtol=1e-6)
-    fine = Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm.astype(">u2"), units_per_m=5000)
+    fine = Frame.from_units(stamp_s=0.0, gray=gray, depth=depth_mm.astype(">u2"), units_per_m=5000)
     np.testing.assert_allclose(fine.depth_m, [[0, 0.3, 0]], rtol=1e-6)
     with pytest.raises(FrameError, match=r"Frame\.from_metres"):
         Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm.astype(np.float32))

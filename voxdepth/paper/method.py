@@ -121,7 +121,7 @@ class VoxDepth(StreamCorrector):
         with timer("merge"):
             if template is not None:
                 source_before = np.empty_like(source_before)
-                combine(measured_m, *self._config.bounds, depth_m, source_before)
+                merge(measured_m, *self._config.bounds, depth_m, source_before)
         with timer("filter"):
             depth_m = np.asarray(cv2.medianBlur(depth_m, self._config.median_size_px), np.float32)
         with timer("label"):  # after the median has emptied some pixels and filled others
@@ -137,7 +137,7 @@ class VoxDepth(StreamCorrector):
 
 
 @compiled(void(READABLE_IMAGE, float32, float32, float32, FLOAT_IMAGE, BYTE_IMAGE))
-def combine(
+def merge(
     raw_m: FloatImage,
     low: float,
     high: float,

@@ -10,10 +10,10 @@ from ..arithmetic import length, matmul
 from ..geometry import (
     PointArray,
     back_project,
-    exp_se3,
     interpolate,
     inverse_rigid,
-    log_se3,
+    local_coordinates,
+    retract,
     solve_symmetric,
     transform,
 )
@@ -101,7 +101,9 @@ class PhotometricOdometry:
         gray_b, units_b = _opencv_images(target, self._coarse_camera)
         solved, T_target_source = self._solver.compute(units_a, gray_a, units_b, gray_b)
         # The processor decides about the last digits, which make no difference after the refinement.
-        return exp_se3(np.round(log_se3(np.ascontiguousarray(T_target_source, np.float64)), 4)) if solved else None
+        if not solved:
+            return None
+        return retract(np.round(local_coordinates(np.ascontiguousarray(T_target_source, np.float64)), 4))
 
 
 def motion_between(source: Frame, target: Frame, odometry: PhotometricOdometry) -> FloatArray | None:
@@ -157,7 +159,7 @@ class PhotometricComparison:
             step = self._step(T)
             if step is None:
                 break
-            T = matmul(exp_se3(step), T)
+            T = matmul(retract(step), T)
             if length(step) < SETTLED:
                 break
         return T

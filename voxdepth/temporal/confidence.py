@@ -9,7 +9,7 @@ The odds p / (1 - p) of every depth are inversely proportional to s, the roughne
 
 Here t is the tolerance: an error of the disparity of 5 %, or of a quarter of a pixel, is right. A fill has the odds of
 its votes, with q the probability of `fill_probability` times t / (t + `FILL_ERROR_PX`). The error of what is remembered
-grows while the camera comes nearer, see `Fused.magnification`.
+grows while the camera comes nearer, see `Fused.error_growth`.
 
 The two factors of the odds were fitted to real recordings: `python -m tests.calibrate FOLDER...` fits them, and
 evaluates each recording by the factors that the others give.
@@ -56,7 +56,7 @@ def estimate_confidence(
     disparity_px: FloatImage,
     pixel_class: GrayImage,
     weight: GrayImage,
-    magnification: FloatImage,
+    error_growth: FloatImage,
     inpainting_probability: FloatImage,
     roughness_px: FloatImage,
 ) -> FloatImage:
@@ -66,7 +66,7 @@ def estimate_confidence(
         disparity_px: Disparity.
         pixel_class: One `PixelClass` per pixel, uint8.
         weight: Weight of the measurements in units of `1 / WEIGHT_UNIT`, uint8.
-        magnification: Factor of the error of remembered disparities.
+        error_growth: Factor of the error of remembered disparities.
         inpainting_probability: Probability of a fill, see `fill_probability`; 1 where nothing is filled.
         roughness_px: Roughness of the measurements around.
     """
@@ -74,7 +74,7 @@ def estimate_confidence(
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):
             is_remembered = pixel_class[row, col] == PixelClass.REMEMBERED
-            growth = magnification[row, col] if is_remembered else float32(1)
+            growth = error_growth[row, col] if is_remembered else float32(1)
             tolerance_px = max(float32(CORRECT_SHARE) * disparity_px[row, col], float32(CORRECT_PX)) / growth
             noise_px, q = roughness_px[row, col] + SENSOR_NOISE_PX, inpainting_probability[row, col]
             q_right = q * tolerance_px / (tolerance_px + FILL_ERROR_PX)

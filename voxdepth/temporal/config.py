@@ -38,7 +38,7 @@ class TemporalConfig(Model):
     fill: Literal["none", "likely", "all"] = "likely"
     """Which pixels without measurement and memory are inpainted: none, those that are likely enough right, or all. The
     others stay invalid."""
-    min_fill_probability: float = Field(default=0.2, ge=0, le=1)
+    min_fill_confidence: float = Field(default=0.2, ge=0, le=1)
     """Confidence that an inpainted pixel must have to be shown with `fill = "likely"`."""
     shadow_factor: float = Field(default=10.0, gt=0)
     """Factor of the weight of the background in an occlusion shadow, the strip without depth on the left of a near
@@ -52,7 +52,7 @@ class TemporalConfig(Model):
     @property
     def min_shown_confidence(self) -> float:
         """Confidence that an inpainted pixel must have to be shown."""
-        return {"none": np.inf, "likely": self.min_fill_probability, "all": 0.0}[self.fill]
+        return {"none": np.inf, "likely": self.min_fill_confidence, "all": 0.0}[self.fill]
 
     @property
     def warm_up_frames(self) -> int:

@@ -327,7 +327,7 @@ def situation_of(before_px: float, after_px: float, length: float, is_row: bool,
 
 
 @compiled_part(float32(int32, *[float32] * 4))
-def disparity_of(situation: int, before_px: float, after_px: float, to_before: float, to_after: float) -> float:
+def voted_disparity(situation: int, before_px: float, after_px: float, to_before: float, to_after: float) -> float:
     """Return the disparity that an axis votes for.
 
     Args:
@@ -393,7 +393,7 @@ def cast_votes(
         for k in range(len(pixels)):
             situation[k] = situation_of(before_px[k], after_px[k], to_before[k] + to_after[k], is_row, rules)
         for k in range(len(pixels)):
-            axis_px[k] = disparity_of(situation[k], before_px[k], after_px[k], to_before[k], to_after[k])
+            axis_px[k] = voted_disparity(situation[k], before_px[k], after_px[k], to_before[k], to_after[k])
         for k in range(len(pixels)):
             axis_weight[k] = weight_of(
                 situation[k], to_before[k], to_after[k], spacing_px, row_factor, rules.shadow_factor

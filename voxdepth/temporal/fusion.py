@@ -57,7 +57,7 @@ NOISE_STRIDE_PX = 4
 """Stride of the rows and columns that the gray noise is estimated from."""
 STEADY_PX = 0.02
 """Median difference of disparity between a measurement without noise and the memory, whose warp is not exact."""
-MAX_MAGNIFICATION = float32(1000)
+MAX_ERROR_GROWTH = float32(1000)
 """Largest factor of the error of a remembered disparity. Far beyond it, its confidence would be rounded to 0, which
 means that there is no depth."""
 
@@ -103,9 +103,9 @@ class Fused(NamedTuple):
     """Weight of the measurements that it is made of in units of `1 / WEIGHT_UNIT`, uint8."""
     remembered_px: FloatImage
     """Disparity of the memory where nothing is measured and the memory has enough evidence, float32; 0 elsewhere."""
-    magnification: FloatImage
+    error_growth: FloatImage
     """Factor by which the error of the memory has grown since it was measured, float32: the error of a depth stays, so
-    that of its disparity is proportional to the square of the disparity. It is in 1..`MAX_MAGNIFICATION`."""
+    that of its disparity is proportional to the square of the disparity. It is in 1..`MAX_ERROR_GROWTH`."""
 
     def as_measured(self, measurement: Measurement) -> "Fused":
         """Show the measurement where the memory agrees with it: without noise, nothing is gained by a mean."""
@@ -161,9 +161,9 @@ def fuse(memory: Memory, measurement: Measurement, comparison: MemoryComparison)
     """Return the fused disparity, and the memory for the next frame, from the memory warped to this frame."""
     max_gray_change = max(MAX_GRAY_CHANGE, MAX_RELATIVE_GRAY_CHANGE * _sparse_median(comparison.gray_change))
     shape = comparison.gray_change.shape
-    fused_px, remembered_px, magnification, updated_px, seen_px = (np.empty(shape, np.float32) for _ in range(5))
+    fused_px, remembered_px, error_growth, updated_px, seen_px = (np.empty(shape, np.float32) for _ in range(5))
     pixel_class, fused_weight, updated_weight, gray, age = (np.empty(shape, np.uint8) for _ in range(5))
-    fused = Fused(fused_px, pixel_class, fused_weight, remembered_px, magnification)
+    fused = Fused(fused_px, pixel_class, fused_weight, remembered_px, error_growth)
     updated = Memory(updated_px, updated_weight, gray, seen_px, age, comparison.drift_px, memory.filled_px)
     rules = _find_rules(memory, measurement, comparison, max_gray_change)
     _fuse_pixels(memory, measurement, comparison.memory_factor, rules, fused)
@@ -400,7 +400,7 @@ def _fuse_pixels(
         rule, before, after, age = rules.rule[row], rules.weight_before[row], rules.weight_after[row], memory.age[row]
         measured_px, memory_px, seen_px = measurement.disparity_px[row], memory.disparity_px[row], memory.seen_px[row]
         fused_px, pixel_class, fused_weight = fused.disparity_px[row], fused.pixel_class[row], fused.weight[row]
-        remembered_px, magnification = fused.remembered_px[row], fused.magnification[row]
+        remembered_px, error_growth = fused.remembered_px[row], fused.error_growth[row]
         measured_weight, factor = measurement.weight[row], memory_factor[row]
         for col in range(len(rule)):
             of_measurement = float32(measured_weight[col])
@@ -421,7 +421,7 @@ def _fuse_pixels(
         for col in range(len(rule)):
             approach = memory_px[col] / seen_px[col]
             growth = approach * approach if seen_px[col] > 0 else float32(1)
-            magnification[col] = min(max(growth, float32(1)), MAX_MAGNIFICATION)
+            error_growth[col] = min(max(growth, float32(1)), MAX_ERROR_GROWTH)
 
 
 @compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, FLOAT_IMAGE, RULES_TYPE, MEMORY_TYPE))

@@ -4,9 +4,9 @@ One corner per grid cell is tracked by pyramidal Lucas-Kanade optical flow.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import cv2
@@ -22,7 +22,7 @@ from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, MaskIm
 from .config import TemporalConfig
 from .memory import Memory
 from .pose_check import PoseCheck
-from .pose_fit import KnownMotion, PoseFit, fit_pose, project
+from .pose_fit import MotionPrior, PoseFit, fit_pose, project
 from .relocalisation import Relocaliser
 from .tracking_camera import Pixels, TrackingCamera
 from .views import View, Views
@@ -301,21 +301,28 @@ class VisualOdometry:
         image, keyframe = self._tracking_image(frame.gray), self._views.keyframe
         if keyframe is None:
             return TrackingResult(status=TrackingStatus.FIRST_FRAME, image=image)
-        lost = TrackingResult(status=TrackingStatus.LOST, image=image, n_tracks=len(keyframe.corners))
-        T_said = None
+        T_prior: FloatArray | None = None
+        contradicts: bool | None = None
         if keyframe.T_world_cam is not None and frame.T_world_cam is not None:
-            T_said = matmul(inverse_rigid(frame.T_world_cam), keyframe.T_world_cam)
-            lost = replace(lost, contradicts_poses=self._pose_check.is_contradicted)
-        T_followed = None if lost.contradicts_poses else T_said
+            T_prior = matmul(inverse_rigid(frame.T_world_cam), keyframe.T_world_cam)
+            contradicts = self._pose_check.is_contradicted
+        T_followed = None if contradicts else T_prior
+        result = partial(TrackingResult, image=image, contradicts_poses=contradicts)
         fit = self._motion(keyframe, frame, image, T_followed)
         if fit is not None:
-            if T_said is not None and self._views.keyframe is keyframe:
-                self._pose_check.add(fit.T_target_source, T_said)
-            found = replace(lost, status=TrackingStatus.OK, n_tracks=fit.n_points, n_inliers=fit.n_inliers)
-            return replace(found, T_frame_keyframe=fit.T_target_source, residual_px=fit.median_residual_px)
+            if T_prior is not None and self._views.keyframe is keyframe:
+                self._pose_check.add(fit.T_target_source, T_prior)
+            return result(
+                status=TrackingStatus.OK,
+                T_frame_keyframe=fit.T_target_source,
+                n_tracks=fit.n_points,
+                n_inliers=fit.n_inliers,
+                residual_px=fit.median_residual_px,
+            )
+        status = TrackingStatus.LOST if self._has_features(image) else TrackingStatus.NO_FEATURES
         if T_followed is not None:
-            return replace(lost, status=TrackingStatus.OK, T_frame_keyframe=T_followed)
-        return lost if self._has_features(image) else replace(lost, status=TrackingStatus.NO_FEATURES)
+            status = TrackingStatus.OK
+        return result(status=status, T_frame_keyframe=T_followed, n_tracks=len(keyframe.corners))
 
     def set_keyframe(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:
         """Make a frame, with the result of `track`, the keyframe for the next ones, with the memory after it.
@@ -345,18 +352,18 @@ class VisualOdometry:
         reduced = np.asarray(cv2.resize(gray, self._camera.size, interpolation=cv2.INTER_AREA), np.uint8)
         return TrackingImage(reduced, find_corners(reduced))
 
-    def _motion(self, keyframe: View, frame: Frame, image: TrackingImage, T_said: FloatArray | None) -> PoseFit | None:
+    def _motion(self, keyframe: View, frame: Frame, image: TrackingImage, T_prior: FloatArray | None) -> PoseFit | None:
         """Return the motion since the keyframe, or since a stored view, which then becomes the keyframe.
 
-        `T_said` is the motion since the keyframe by the poses of the caller. Without it, and when the keyframe began
+        `T_prior` is the motion since the keyframe by the poses of the caller. Without it, and when the keyframe began
         without memory, the stored views come first: one of them may show the same scene.
         """
         stored, known = self._views.stored, None
-        if T_said is not None:
-            stored, known = [], KnownMotion(T_said, self._pose_sigma_m, self._pose_sigma_rad)
+        if T_prior is not None:
+            stored, known = [], MotionPrior(T_prior, self._pose_sigma_m, self._pose_sigma_rad)
         previous = keyframe.T_view_previous
-        likely = previous if T_said is None else T_said
-        predictions = [(T_said, NEAR_LEVELS), (previous, NEAR_LEVELS)]
+        likely = previous if T_prior is None else T_prior
+        predictions = [(T_prior, NEAR_LEVELS), (previous, NEAR_LEVELS)]
         predictions += [(likely, PYRAMID_LEVELS), (np.eye(4), PYRAMID_LEVELS)]
         describe = cache(lambda: self._relocaliser.describe(frame.gray))
 
@@ -371,7 +378,7 @@ class VisualOdometry:
         view: View,
         image: TrackingImage,
         predictions: Iterable[tuple[FloatArray | None, int]],
-        known: KnownMotion | None = None,
+        known: MotionPrior | None = None,
     ) -> PoseFit | None:
         """Return the motion of tracked corners, whose search starts from the first prediction that leads to one.
 
@@ -405,7 +412,7 @@ class VisualOdometry:
         return len(image.corners) >= MIN_TRACKS
 
     def _fit(
-        self, points_m: FloatArray, observed_px: FloatArray, T_initial: FloatArray, known: KnownMotion | None = None
+        self, points_m: FloatArray, observed_px: FloatArray, T_initial: FloatArray, known: MotionPrior | None = None
     ) -> PoseFit | None:
         """Return the motion that moves points to the pixels where they are observed; None if it is not accepted."""
         if len(points_m) < MIN_TRACKS:

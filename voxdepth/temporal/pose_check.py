@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 
 from ..arithmetic import length
-from ..geometry import compose, inverse_rigid, log_se3
+from ..geometry import compose, inverse_rigid, local_coordinates
 from ..types import FloatArray
 
 WINDOW = 30
@@ -32,10 +32,10 @@ class PoseCheck:
         self._differences: deque[FloatArray] = deque(maxlen=WINDOW)
         self._motions: deque[FloatArray] = deque(maxlen=WINDOW)
 
-    def add(self, T_found: FloatArray, T_said: FloatArray) -> None:
+    def add(self, T_found: FloatArray, T_prior: FloatArray) -> None:
         """Add the motion of one frame, shape (4, 4), as it was found, and as the poses of the caller have it."""
-        self._differences.append(log_se3(compose(T_found, inverse_rigid(T_said))) / self._sigma)
-        self._motions.append(log_se3(T_found) / self._sigma)
+        self._differences.append(local_coordinates(compose(T_found, inverse_rigid(T_prior))) / self._sigma)
+        self._motions.append(local_coordinates(T_found) / self._sigma)
 
     @property
     def is_contradicted(self) -> bool:

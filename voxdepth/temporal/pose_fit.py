@@ -7,7 +7,7 @@ from numba import float64, int64, void
 from numba.types import Tuple, UniTuple
 
 from ..compiled import READABLE_MATRIX, compiled, compiled_part
-from ..geometry import compose, exp_se3, inverse_rigid, log_se3, solve_symmetric
+from ..geometry import compose, inverse_rigid, local_coordinates, retract, solve_symmetric
 from ..types import FloatArray, Intrinsics
 
 MAX_ITERATIONS = 12
@@ -28,7 +28,7 @@ Lens = tuple[float, float, float, float]
 LENS_TYPE, MATRIX = UniTuple(float64, 4), float64[:, ::1]
 
 
-class KnownMotion(NamedTuple):
+class MotionPrior(NamedTuple):
     """A motion that something else has measured, and its standard deviations."""
 
     T_target_source: FloatArray
@@ -56,7 +56,7 @@ def fit_pose(
     camera: Intrinsics,
     T_initial: FloatArray,
     inlier_px: float,
-    known: KnownMotion | None = None,
+    known: MotionPrior | None = None,
 ) -> PoseFit:
     """Minimise the reprojection error by Gauss-Newton steps with the weights of Geman and McClure.
 
@@ -202,7 +202,7 @@ def _add_known(
         H: Hessian of the points, shape (6, 6); its diagonal is changed in place.
         gradient: Their gradient, shape (6,); changed in place.
     """
-    difference = log_se3(compose(T, T_source_target))
+    difference = local_coordinates(compose(T, T_source_target))
     squared = 0.0
     for i in range(6):
         squared += information[i] * difference[i] * difference[i]
@@ -243,7 +243,7 @@ def _fit(
         # Residuals are large at first because the motion is wrong, which makes the known motion no more certain.
         _add_known(T, T_source_target, information, min(scale_px, inlier_px), H, gradient)
         step = -solve_symmetric(H, gradient)
-        T = compose(exp_se3(step), T)
+        T = compose(retract(step), T)
         length_px = _residual_lengths(points_m, observed_px, T, lens)
         shift_m, turn = max(abs(step[0]), abs(step[1]), abs(step[2])), max(abs(step[3]), abs(step[4]), abs(step[5]))
         if max(shift_m / distance_m, turn) < CONVERGENCE_STEP:

@@ -120,9 +120,6 @@ class Steps:
         self._filler = HoleFiller(self._resolution, config.shadow_factor)
         self._featureless_frames = 0
         compile_all()
-        shape = self._resolution.shape
-        self._working_shapes = (), shape, coarse_shape(shape)
-        """Shapes of what the steps give to one another: a number, an image, and the drift of a memory."""
 
     @property
     def resolution(self) -> WorkingResolution:
@@ -272,7 +269,7 @@ class Steps:
         pixel_class = fused.pixel_class | (working.remembered & np.uint8(PixelClass.REMEMBERED))
         roughness_px = roughness(depth_m, self._resolution)
         confidence = estimate_confidence(
-            disparity_px, pixel_class, fused.weight, fused.magnification, working.probability, roughness_px
+            disparity_px, pixel_class, fused.weight, fused.error_growth, working.probability, roughness_px
         )
         estimate = DisparityEstimate(disparity_px, pixel_class, confidence)
         return Estimates(estimate, self._estimate_full(fused, fills.full, roughness_px))
@@ -306,7 +303,7 @@ class Steps:
         row, col = filled.pixels.T // self._resolution.decimation
         disparity_px = filled.disparity_px[None]
         pixel_class = filled.remembered[None] & np.uint8(PixelClass.REMEMBERED)
-        weight, growth, rough_px = (each[row, col][None] for each in (fused.weight, fused.magnification, roughness_px))
+        weight, growth, rough_px = (each[row, col][None] for each in (fused.weight, fused.error_growth, roughness_px))
         confidence = estimate_confidence(disparity_px, pixel_class, weight, growth, filled.probability[None], rough_px)
         return DisparityEstimate(disparity_px, pixel_class, confidence)
 
@@ -314,10 +311,13 @@ class Steps:
         """Raise a `FrameError` for working images of another size: compiled loops would read beyond their ends."""
         fields = ((group, *field) for group in groups for field in group._asdict().items())
         of_groups = {f"{type(group).__name__}.{name}": image for group, name, image in fields}
+        shape = self._resolution.shape
+        others: dict[str, tuple[int, ...]] = {"Memory.drift_px": coarse_shape(shape), "Measurement.is_exact": ()}
         for name, image in {**of_groups, **images}.items():
-            if np.shape(image) not in self._working_shapes:
-                shape = self._resolution.shape
-                raise FrameError(f"{name} must have the working resolution, shape {shape}, got {np.shape(image)}")
+            if np.shape(image) != (expected := others.get(name, shape)):
+                raise FrameError(
+                    f"{name} must have the shape {expected} for the working resolution {shape}, got {np.shape(image)}"
+                )
 
     def _require_full(self, depth_m: FloatImage) -> None:
         if depth_m.shape != self._camera.shape:

@@ -16,7 +16,7 @@ from voxdepth.errors import ConfigError, FrameError
 from voxdepth.model import Model, changed, explained
 from voxdepth.order import FrameOrder, StampOrder, StampStatus
 from voxdepth.ros import DEPTH_FIELDS, DepthFields, confidence_fields, depth_fields, frame_of, header_of, source_fields
-from voxdepth.types import ASSUMED_BASELINE_M, DepthCorrector, Intrinsics
+from voxdepth.types import ASSUMED_BASELINE_M, DepthCorrector, Intrinsics, close
 from voxdepth.units import Unit
 
 T = TypeVar("T")
@@ -111,7 +111,7 @@ class MessageCorrector:
 
     def prepare(self) -> None:
         """Compile what the corrector needs before the first image comes; one that cannot be made is a `ConfigError`."""
-        _close(self._spec.create(self._typical))
+        close(self._spec.create(self._typical))
 
     def correct(self, gray: Any, depth: Any, info: Any) -> Mapping[str, Mapping[str, Any]]:
         """Correct a frame.
@@ -158,13 +158,8 @@ class MessageCorrector:
     def close(self) -> None:
         """End the threads of the corrector if it has some."""
         if self._camera is not None:
-            _close(self._corrector)
+            close(self._corrector)
         self._camera = None
-
-
-def _close(corrector: DepthCorrector) -> None:
-    if (close := getattr(corrector, "close", None)) is not None:
-        close()
 
 
 class Pairs:

@@ -2,6 +2,6 @@
 
 `suite` runs all `methods` on the `frames` of all sequences: `recordings` reads those of real sensors with their
 `references`, those of holes perhaps from `later_frames`; `scoring` sums the errors of a method by masks and range, and
-`results` keeps its `measurements`. `intervals` says how far results may be chance. `report` shows the numbers that
+`record` keeps its `measurements`. `bootstrap` says how far results may be chance. `report` shows the numbers that
 `quantities` lists.
 """

@@ -15,20 +15,20 @@ from ...corrector_spec import CorrectorFactory, parse_corrector
 from ...errors import PluginError
 from ...plugins import fault_of
 from ...registry import (
-    CORRECTOR_NAMES,
+    BUILTIN_NAMES,
     DEFAULT,
     config_of,
     create_corrector,
     installed_names,
     resolve_config,
 )
-from ...types import CorrectedDepth, DepthCorrector, Intrinsics
+from ...types import CorrectedDepth, DepthCorrector, Intrinsics, close
 from ..errors import ToolError
 from .frames import EvaluationFrame, Frames, Reference
 from .measurements import MetricValue, of_frames
 from .pictures import depth_pictures
 from .record import Scores
-from .scoring import Score
+from .scoring import Scorer
 
 DEFAULT_FILLED = f"{DEFAULT}[fill=all]"
 """The default method, but with a depth at every pixel, for comparisons that need one."""
@@ -76,7 +76,7 @@ def find_method(name: str) -> Method:
         name=name,
         make=partial(create_corrector, corrector, config=config),
         config=None if config is None else config.model_dump(mode="json"),
-        is_foreign=corrector not in CORRECTOR_NAMES,
+        is_foreign=corrector not in BUILTIN_NAMES,
         warm_up_frames=WARM_UP_FRAMES if config is None else config.warm_up_frames,
     )
 
@@ -101,7 +101,7 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     with _instance(method, intrinsics) as corrector:  # The warm-up loads, compiles and caches what is needed.
         for index, frame in enumerate(islice(frames, method.warm_up_frames)):
             _processed(corrector, frame, index)
-    score, times_s = Score(reference, intrinsics), []
+    score, times_s = Scorer(reference, intrinsics), []
     pictures: tuple[str, ...] = ()
     with _instance(method, intrinsics) as corrector:
         start_s = _other_threads_s()
@@ -115,7 +115,7 @@ def run(method: Method, frames: Frames, reference: Reference, intrinsics: Intrin
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s)),
         close=score.close,
-        judged=score.evaluated,
+        judged=score.judged,
         pictures=pictures,
     )
 
@@ -175,8 +175,7 @@ def _instance(method: Method, intrinsics: Intrinsics) -> Iterator[DepthCorrector
 def _close(corrector: DepthCorrector) -> None:
     """End the threads of a corrector that has some."""
     with _method_errors("it cannot be closed"):
-        if (close := getattr(corrector, "close", None)) is not None:
-            close()
+        close(corrector)
 
 
 def _processed(corrector: DepthCorrector, evaluated: EvaluationFrame, index: int) -> tuple[CorrectedDepth, float]:

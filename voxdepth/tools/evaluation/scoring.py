@@ -37,7 +37,7 @@ SETTLED_PSNR, PEAK16_M = Selector("psnr16_mm_settled", range=ALL), 65.535
 SETTLED_RMSE = Selector("rmse_settled", OCCLUDED)
 
 
-class Score:
+class Scorer:
     """Scores the corrected frames of a sequence one by one, by masks; keeps no image but the last."""
 
     def __init__(self, reference: Reference, intrinsics: Intrinsics) -> None:
@@ -50,7 +50,7 @@ class Score:
         self._settled: defaultdict[Selector, Sums] = defaultdict(Sums)
         self.close: tuple[tuple[int, ...], ...] = ()
         """Number of hidden pixels within 20 m that are given a close depth, by frame and tile."""
-        self.evaluated: tuple[tuple[int, ...], ...] = ()
+        self.judged: tuple[tuple[int, ...], ...] = ()
         """Number of all hidden pixels within 20 m with a reference, by frame and tile."""
 
     def add(self, frame: EvaluationFrame, corrected: CorrectedDepth) -> None:
@@ -97,7 +97,7 @@ class Score:
             tuple(tiles.count(self._reference.flipped(mask)).tolist())
             for mask in (evaluated & is_close(depth_m, frame.reference_m), evaluated)
         )
-        self.close, self.evaluated = (*self.close, close), (*self.evaluated, of)
+        self.close, self.judged = (*self.close, close), (*self.judged, of)
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Count how the depth of a pixel changes; without the truth the depth itself, not its error, should stay."""
@@ -114,7 +114,7 @@ class Score:
 
     def _add_settled(self, frame: EvaluationFrame, completed_m: FloatImage) -> None:
         """Score the surfaces of a rendered frame within the paper's peak, and the occluded ones, after the warm-up."""
-        if frame.occluded is not None and len(self.evaluated) > SETTLED_FRAMES:
+        if frame.occluded is not None and len(self.judged) > SETTLED_FRAMES:
             in_16_bits = frame.known() & (frame.reference_m <= np.float32(PEAK16_M))
             self._settled[SETTLED_PSNR] += Sums.of(completed_m, frame.reference_m, in_16_bits)
             self._settled[SETTLED_RMSE] += Sums.of(completed_m, frame.reference_m, frame.occluded & frame.near())
