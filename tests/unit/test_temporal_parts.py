@@ -104,18 +104,6 @@ class TestMeasurement:
         full_px[speckle], full_px[:10] = 2, 1.5  # now the scene is deeper
         np.testing.assert_array_equal(measurement_of(full_px, decimation).disparity_px[working], 2)
 
-    @pytest.mark.parametrize("decimation", [1, 2])
-    def test_surfaces_without_noise_are_exact_unless_they_are_matched_in_whole_pixels(self, decimation: int) -> None:
-        rows, cols = np.indices(CAMERA.shape)
-        slope_px = 6 + cols / 40
-        floor_px = 4 + rows / 20
-        exact = {"wall": constant(6), "floor": floor_px, "slope": slope_px}
-        noise_px = np.random.default_rng(0).normal(0, 0.05, CAMERA.shape)
-        inexact = {"stairs": np.floor(slope_px), "stepped floor": np.floor(floor_px), "noise": slope_px + noise_px}
-        for name, full_px in (exact | inexact).items():
-            new = measurement_of(np.asarray(full_px, np.float32), decimation)
-            assert new.is_exact == (name in exact), name
-
     def test_lonely_pixels_stay(self) -> None:
         # Without a larger surface around there is nothing that contradicts them.
         lonely_px = np.zeros(CAMERA.shape, np.float32)

@@ -22,14 +22,11 @@ LEVELS_PER_PX = np.float32(32)
 MAX_SPECKLE_PX = 16
 """Largest number of working pixels of a speckle."""
 EXACT_STRIDE_PX = 24
-"""Stride of the rows, and of the columns, in which noise is sought."""
+"""Stride of the rows in which noise is sought."""
 EXACT_PX = 0.002
 """Largest second difference of disparity without noise. Of seven real recordings at most half are below 0.025 px."""
 EXACT_SHARE = 0.9
 """Share of the second differences that must be so small in an image without noise."""
-MAX_RISER_PX = float32(1.5)
-"""Largest step between adjacent pixels of a slope that was matched in whole pixels, or finer ones; depth in millimetres
-rounds it."""
 BEYOND_SHARE = 0.9
 """Share of the disparity of the farthest larger surface of the image below which a speckle is beyond the scene."""
 SPECKLE_REACH_PX = 3
@@ -76,28 +73,15 @@ MEASUREMENT_TYPE = named_tuple(Measurement, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE,
 
 @compiled(boolean(FLOAT_IMAGE))
 def is_exact(disparity_px: FloatImage) -> bool:
-    """Return whether most second differences of a disparity image, along rows and columns, are 0: planes without noise.
-
-    They are also 0 on the treads of the stairs that matching in whole pixels makes of a slope. So there must be at
-    least as many slopes as risers, where two equal disparities meet one of the next step.
-    """
-    n_known, n_exact, n_slopes, n_risers = 0, 0, 0, 0
-    for down in range(2):
-        for line in range(0, disparity_px.shape[down], EXACT_STRIDE_PX):
-            for k in range(disparity_px.shape[1 - down] - 2):
-                row, col = (k, line) if down else (line, k)
-                before_px = disparity_px[row, col]
-                at_px = disparity_px[row + down, col + 1 - down]
-                after_px = disparity_px[row + 2 * down, col + 2 - 2 * down]
-                is_known = (before_px > 0) & (at_px > 0) & (after_px > 0)
-                is_even = is_known & (abs(before_px - float32(2) * at_px + after_px) < EXACT_PX)
-                rise_px = abs(before_px - after_px)
-                has_tread = (before_px == at_px) | (at_px == after_px)
-                n_known += is_known
-                n_exact += is_even
-                n_slopes += is_even & (rise_px > 0)
-                n_risers += is_known & ~is_even & has_tread & (rise_px < MAX_RISER_PX)
-    return n_known > 0 and n_exact >= EXACT_SHARE * n_known and n_risers <= n_slopes
+    """Return whether most second differences along the rows of a disparity image are 0, as on planes without noise."""
+    n_known, n_exact = 0, 0
+    for row in range(0, disparity_px.shape[0], EXACT_STRIDE_PX):
+        for col in range(disparity_px.shape[1] - 2):
+            before_px, at_px, after_px = disparity_px[row, col], disparity_px[row, col + 1], disparity_px[row, col + 2]
+            is_known = (before_px > 0) & (at_px > 0) & (after_px > 0)
+            n_known += is_known
+            n_exact += is_known & (abs(before_px - float32(2) * at_px + after_px) < EXACT_PX)
+    return n_known > 0 and n_exact >= EXACT_SHARE * n_known
 
 
 @compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE, BYTE_IMAGE))
