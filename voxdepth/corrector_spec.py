@@ -81,15 +81,15 @@ def _settings(config: Mapping[str, Any], table: str = "") -> Iterator[tuple[str,
         if isinstance(value, Mapping):
             yield from _settings(value, f"{table}{key}.")
         else:
-            yield f"{table}{key}", value if isinstance(value, str) and not _is_json(value) else json.dumps(value)
+            is_plain = isinstance(value, str) and _value_of(value) == value
+            yield f"{table}{key}", value if is_plain else json.dumps(value)
 
 
-def _is_json(text: str) -> bool:
-    try:
-        json.loads(text)
-    except ValueError:
-        return False
-    return True
+def _value_of(text: str) -> Any:
+    """Return the value of a setting: JSON, or else the text itself."""
+    with suppress(ValueError):
+        return json.loads(text)
+    return text
 
 
 def parse_corrector(text: str) -> tuple[str, dict[str, Any]]:
@@ -114,9 +114,7 @@ def parse_corrector(text: str) -> tuple[str, dict[str, Any]]:
         if key in keys:
             raise ConfigError(f"expected every setting once, got {key} twice in {text!r}")
         keys.add(key)
-        given: Any = value
-        with suppress(ValueError):
-            given = json.loads(value)
+        given = _value_of(value)
         for part in reversed(key.split(".")):
             given = {part: given}
         config = changed(config, given)

@@ -189,7 +189,5 @@ def test_doctor_lets_a_damaged_wheel_be_installed_again(monkeypatch: pytest.Monk
 
 
 def test_the_doctor_knows_every_extra_of_users() -> None:
-    extras = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"][
-        "optional-dependencies"
-    ]
-    assert doctor.EXTRAS.keys() == extras.keys() - {"all", "dev", "docs", "release", "test"}
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert doctor.EXTRAS.keys() == project["optional-dependencies"].keys() - {"all", "dev", "docs", "release", "test"}

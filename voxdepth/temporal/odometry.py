@@ -319,9 +319,10 @@ class VisualOdometry:
                 n_inliers=fit.n_inliers,
                 residual_px=fit.median_residual_px,
             )
-        status = TrackingStatus.LOST if self._has_features(image) else TrackingStatus.NO_FEATURES
         if T_followed is not None:
             status = TrackingStatus.OK
+        else:
+            status = TrackingStatus.LOST if self._has_features(image) else TrackingStatus.NO_FEATURES
         return result(status=status, T_frame_keyframe=T_followed, n_tracks=len(keyframe.corners))
 
     def set_keyframe(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:

@@ -175,7 +175,8 @@ def _by_name(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
 def _summary(values: Sequence[Fact]) -> dict[str, int] | dict[str, float]:
     """Return the number of frames for each word, and with and without an event, or the spread of numbers."""
     if isinstance(values[0], bool):
-        return {"yes": sum(map(bool, values)), "no": len(values) - sum(map(bool, values))}
+        n_events = sum(map(bool, values))
+        return {"yes": n_events, "no": len(values) - n_events}
     if isinstance(values[0], str):
         return dict(Counter(map(str, values)))
     return _spread([float(value) for value in values])
