@@ -126,10 +126,6 @@ class Peer(Process):
         """The messages of a topic."""
         return [message for message in self.messages("topic") if message["topic"] == topic]
 
-    def wait_for_messages(self, topic: str, n: int, timeout_s: float = PATIENCE_S) -> list[dict[str, Any]]:
-        """The messages of a topic, as soon as there are so many."""
-        return self.wait_for(lambda _: found if len(found := self.received(topic)) >= n else None, timeout_s)
-
 
 def node_process(namespace: str, *arguments: str, **parameters: Any) -> Process:
     """The node, with parameters; it is made in a namespace."""

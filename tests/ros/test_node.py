@@ -64,26 +64,27 @@ class Wired(NamedTuple):
         return self.listener.received(f"{self.namespace}/voxdepth/{name}")
 
     def corrected(self, *messages: dict[str, Any], **options: Any) -> list[dict[str, Any]]:
-        """Send the messages of a frame, and return the depths that are published then.
+        """Send the messages of a frame, and return the depths that are published then; a frame sent again is late."""
+        n_before = len(self.received())
+        return self.send_until(lambda: self.received()[n_before:], *messages, **options)
 
-        They are sent again where the node does not know the publishers yet; a frame that it has corrected is late then.
-        """
-        n_before, topic = len(self.received()), f"{self.namespace}/voxdepth/depth"
+    def send_until(self, is_so: Callable[[], Any], *messages: dict[str, Any], **options: Any) -> Any:
+        """Send messages, and again where the node does not know their publishers yet, until a condition is true."""
         for _ in range(TRIES):
             self.send(*messages, **options)
             with suppress(AssertionError):
-                return self.listener.wait_for_messages(topic, n_before + 1, PATIENCE_S / TRIES)[n_before:]
-        raise AssertionError(f"nothing was corrected: {self.node.text}")
+                return wait_until(is_so, PATIENCE_S / TRIES)
+        raise AssertionError(f"nothing came of the messages; what the node told:\n{self.node.text[-3000:]}")
+
+    def reported(self) -> dict[str, Any]:
+        """What the node reported last of itself; nothing before it did."""
+        name = f"{self.namespace[1:]}/voxdepth: depth correction"
+        own = [reported for reported in self.listener.received("diagnostics") if reported["name"] == name]
+        return own[-1] if own else {}
 
     def wait_until_reported(self, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """Wait until what the node reported last of itself is so."""
-        name = f"{self.namespace[1:]}/voxdepth: depth correction"
-
-        def found() -> list[dict[str, Any]]:
-            own = [reported for reported in self.listener.received("diagnostics") if reported["name"] == name]
-            return [reported for reported in own[-1:] if is_so(reported)]
-
-        return wait_until(found)[0]
+        return wait_until(lambda: (last := self.reported()) and is_so(last) and last)
 
 
 @contextmanager
@@ -282,27 +283,33 @@ def test_a_camera_info_may_come_late_and_has_the_baseline_of_a_right_camera(came
 def test_topics_that_nobody_publishes_are_reported_with_those_that_there_are(camera: Peer, listener: Peer) -> None:
     node = partial(wired, camera, listener, corrector=ECHO)
     with node() as all_misnamed, node() as one_misnamed, node() as no_camera:
-        no_camera.send(gray(S), depth(S))
-        one_misnamed.send(info(S))
-        # Someone publishes the depth, but the image has another name.
-        one_misnamed.send(depth(S), gray(S, topic="infra1"), wait=False)
-        reported = one_misnamed.node.wait_for_text(f"{one_misnamed.namespace}/infra1")
-        assert f"for image ({one_misnamed.namespace}/image), which nobody publishes: of its type there are " in reported
-        assert "; " not in reported.partition("; no message has come any more")[0], "depth and camera_info have come"
+        name = one_misnamed.namespace
+        image_alone = (
+            f"no message has come yet for image ({name}/image), which nobody publishes: of its type there are "
+        )
+
+        def is_without_image() -> bool:
+            never = one_misnamed.reported().get("message", "").partition("; no message has come any more")[0]
+            return never.startswith(image_alone) and f"{name}/infra1" in never and "; " not in never
+
+        # Someone publishes the depth, but the image has another name; nobody subscribes to that.
+        one_misnamed.send_until(is_without_image, info(S), depth(S), gray(S, topic="infra1"), wait=False)
+        one_misnamed.node.wait_for_text(image_alone)
         assert "no partner" not in one_misnamed.node.text
         reported = all_misnamed.node.wait_for_text("no message has come yet for")
         assert all(
             f"{name} ({all_misnamed.namespace}/{name})" in reported for name in ("image", "depth", "camera_info")
         )
         all_misnamed.wait_until_reported(lambda status: "no message has come yet" in status["message"])
+        left_out = "left out: no camera_info yet"
+        no_camera.send_until(lambda: int(no_camera.reported()["values"][left_out]), gray(S), depth(S))
         reported = no_camera.node.wait_for_text("no message has come yet for camera_info (")
         assert f"({no_camera.namespace}/camera_info), which nobody publishes" in reported
-        no_camera.wait_until_reported(lambda status: status["values"]["left out: no camera_info yet"] == "1")
 
 
 def test_a_defect_of_the_corrector_ends_the_node_with_its_traceback(camera: Peer, listener: Peer) -> None:
     with wired(camera, listener, corrector="tests.ros.correctors:failing") as wires:
-        wires.send(*a_frame(S))
+        wires.send_until(lambda: wires.node.process.poll() is not None, *a_frame(S))
         assert wires.node.ended() == 1
         assert "a defect of the corrector" in wires.node.text
 
