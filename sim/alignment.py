@@ -6,7 +6,7 @@ import numpy as np
 
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
-from .stereo import focal_baseline_px_m, occlusion_mask
+from .stereo import image_focal_baseline_px_m, occlusion_mask
 from .types import CameraImages, InvalidReason
 
 
@@ -53,7 +53,7 @@ def hidden_from_pair(
         offset_m: Distance of the colour camera from the left camera, away from the right camera [m].
         intrinsics: Intrinsics of each camera, with the baseline of left and right.
     """
-    baseline_m = focal_baseline_px_m(intrinsics) / intrinsics.fx_px
+    baseline_m = image_focal_baseline_px_m(intrinsics) / intrinsics.fx_px
     to_right, to_left = (replace(intrinsics, baseline_m=apart_m) for apart_m in (baseline_m + offset_m, offset_m))
     by_right = occlusion_mask(color.depth_m, right.depth_m, to_right)
     return by_right | occlusion_mask(color.depth_m, left.depth_m, to_left)

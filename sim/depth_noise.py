@@ -16,7 +16,7 @@ from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskIm
 
 from .bodies import Surface
 from .seeds import Purpose, stream
-from .stereo import focal_baseline_px_m
+from .stereo import image_focal_baseline_px_m
 from .types import IdImage, InvalidReason, Model
 
 SensorModelName = Literal["truth", "noisy", "fitted", "stereo"]
@@ -99,7 +99,7 @@ class Disparity(NoiseTerm):
 
     def apply(self, image: NoisyDepth) -> None:
         """Disturb valid depths; disparities at or below 0 give infinite depth."""
-        focal_baseline = focal_baseline_px_m(image.intrinsics)
+        focal_baseline = image_focal_baseline_px_m(image.intrinsics)
         noise_px = self.sigma_px * image.rng(Purpose.DISPARITY).standard_normal(image.depth_m.shape)
         valid = image.depth_m > 0
         disparity_px = focal_baseline / np.where(valid, image.depth_m, 1.0) + noise_px

@@ -22,7 +22,7 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .bodies import Surface
 from .seeds import Purpose, stream
-from .stereo import focal_baseline_px_m, pixels
+from .stereo import image_focal_baseline_px_m, pixels
 from .types import CameraImages, InvalidReason
 
 WHOLE_PX_SLOPE = 0.35
@@ -70,7 +70,7 @@ class FittedStereo:
     ) -> None:
         self._shape = intrinsics.shape
         self._decimate = intrinsics.disparity_scale
-        self._focal_baseline_px_m = np.float32(focal_baseline_px_m(intrinsics) * self._decimate)
+        self._focal_baseline_px_m = np.float32(image_focal_baseline_px_m(intrinsics) * self._decimate)
         self._min_disparity_px = self._focal_baseline_px_m / np.float32(max_depth_m)
         self._seed = seed
         weak = [body for body, surface in surfaces.items() if surface.texture < NO_TEXTURE]

@@ -20,7 +20,7 @@ from .decimation import decimated
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .fitted import FittedStereo
 from .seeds import Purpose, stream
-from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask, pixels
+from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, image_focal_baseline_px_m, occlusion_mask, pixels
 from .types import BodyPose, Camera, CameraImages, Capture, Model, RenderedPair, Renderer
 
 if TYPE_CHECKING:
@@ -211,7 +211,9 @@ class DepthSensor:
         elif pair.right is not None:
             occluded = occlusion_mask(left.depth_m, pair.right.depth_m, self.rendered)
         if self._matcher is not None and gray_right is not None:
-            return *self._matcher.measure(gray_left, gray_right, left.depth_m, occluded), occluded
+            depth_m, reason = self._matcher.measure(gray_left, gray_right)
+            self._matcher.explain_holes(depth_m, left.depth_m, occluded, reason)
+            return depth_m, reason, occluded
         depth_m, reason = left.depth_m.copy(), np.zeros(occluded.shape, np.uint8)
         self._apply(self._noise_terms, pair, left, occluded, depth_m, reason)
         return np.minimum(depth_m, np.float32(self._config.max_depth_m)), reason, occluded
@@ -338,7 +340,7 @@ def lit_by_pattern(
     dots = (stream(seed, Purpose.PROJECTOR).random(left.gray.shape) < DOT_SHARE).astype(np.float32)
     dots = np.minimum(2 * gaussian_filter(dots, DOT_SIGMA_PX, mode="mirror"), 1).astype(np.float32)
     col, _ = pixels(left.gray.shape)
-    seen_at = (col + focal_baseline_px_m(intrinsics) / right.depth_m).astype(np.float32)
+    seen_at = (col + image_focal_baseline_px_m(intrinsics) / right.depth_m).astype(np.float32)
     moved = _sampled_along_rows(dots, np.clip(seen_at, 0, dots.shape[1] - 1))
     lit = []
     for images, pattern in ((left, dots), (right, moved)):

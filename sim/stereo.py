@@ -2,15 +2,14 @@
 
 import threading
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import boolean, float32, int16, void
 from pydantic import Field, model_validator
 
-from voxdepth.compiled import BYTE_IMAGE, FLOAT_IMAGE, compile_all, compiled, named_tuple
+from voxdepth.compiled import compile_all, compiled
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .errors import SensorError
@@ -76,7 +75,7 @@ class StereoConfig(Model):
 
         An image with fewer columns raises a `SensorError`.
         """
-        largest_px = focal_baseline_px_m(intrinsics) / self.min_depth_m
+        largest_px = image_focal_baseline_px_m(intrinsics) / self.min_depth_m
         n = 16 * int(np.ceil(largest_px / 16))
         if n >= intrinsics.width_px:
             raise SensorError(
@@ -97,7 +96,7 @@ class StereoMatcher:
         self._config = config
         self._max_depth_m = max_depth_m
         self._n = config.n_disparities(intrinsics)
-        self._focal_baseline_px_m = focal_baseline_px_m(intrinsics)
+        self._focal_baseline_px_m = image_focal_baseline_px_m(intrinsics)
         self._thread_local = threading.local()
 
     @property
@@ -105,20 +104,13 @@ class StereoMatcher:
         """Depth of the largest disparity that is searched."""
         return self._focal_baseline_px_m / (self._n - 1)
 
-    def measure(
-        self, left: GrayImage, right: GrayImage, depth_true_m: FloatImage, occluded: MaskImage
-    ) -> tuple[FloatImage, GrayImage]:
-        """Return depth [m], 0 = invalid, and one `InvalidReason` per pixel, each of shape (H, W).
+    def measure(self, left: GrayImage, right: GrayImage) -> tuple[FloatImage, GrayImage]:
+        """Return depth [m], 0 = invalid, and one `InvalidReason` per pixel as `match` does, each of shape (H, W).
 
-        Args:
-            left: Image of 8 bits of the left camera, shape (H, W).
-            right: Image of the right camera at the same time, shape (H, W).
-            depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W); it only names the reasons for
-                holes.
-            occluded: Pixels that the right camera does not see, shape (H, W); they, too, only name reasons for holes.
+        Both images have 8 bits and were taken at the same time, shape (H, W).
         """
         disparity, reason = self.match(left, right)
-        return self.triangulate(disparity, depth_true_m, occluded, reason), reason
+        return self.triangulate(disparity), reason
 
     def match(self, left: GrayImage, right: GrayImage) -> tuple[Disparity, GrayImage]:
         """Return the left image's disparity [1/16 px], negative = invalid, and an `InvalidReason` per pixel, (H, W).
@@ -138,27 +130,28 @@ class StereoMatcher:
         name_speckles(disparity, reason)
         return disparity, reason
 
-    def triangulate(
-        self, disparity: Disparity, depth_true_m: FloatImage, occluded: MaskImage, reason: GrayImage
-    ) -> FloatImage:
-        """Return the depth `z = f B / d` [m], limited to the largest depth, shape (H, W); 0 for negative disparities.
+    def triangulate(self, disparity: Disparity) -> FloatImage:
+        """Return the depth `z = f B / d` [m] of disparities [1/16 px], at most the largest depth; both of shape (H, W).
 
-        Args:
-            disparity: Of the left image [1/16 px], shape (H, W).
-            depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W); it only names the reasons for
-                holes.
-            occluded: Pixels that the right camera does not see, shape (H, W); they, too, only name reasons for holes.
-            reason: One `InvalidReason` per pixel, shape (H, W); those for holes that the truth explains are changed in
-                place.
+        It is 0 where the disparity is negative.
         """
         depth_m = np.empty(disparity.shape, np.float32)
-        limits = DepthLimits(
-            np.float32(self.min_depth_m),
-            np.float32(self._focal_baseline_px_m / self._max_depth_m),
-            np.float32(self._focal_baseline_px_m),
-        )
-        find_depth(disparity, depth_true_m, occluded, limits, reason, depth_m)
+        min_disparity_px = np.float32(self._focal_baseline_px_m / self._max_depth_m)
+        find_depth(disparity, np.float32(self._focal_baseline_px_m), min_disparity_px, depth_m)
         return depth_m
+
+    def explain_holes(
+        self, depth_m: FloatImage, depth_true_m: FloatImage, occluded: MaskImage, reason: GrayImage
+    ) -> None:
+        """Name the reasons for those holes that the truth explains: `OUT_OF_RANGE` and `OCCLUDED`.
+
+        Args:
+            depth_m: Measured depth, 0 where there is none, shape (H, W).
+            depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W).
+            occluded: Pixels that the right camera does not see, shape (H, W).
+            reason: One `InvalidReason` per pixel, shape (H, W); changed in place.
+        """
+        find_reasons(depth_m, depth_true_m, occluded, np.float32(self.min_depth_m), reason)
 
     def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage, tolerance: float) -> MaskImage:
         """Return whether a pixel has no disparity, or the matched pixel of the right image does not map back to it."""
@@ -260,48 +253,54 @@ def name_speckles(
             reason[row, col] = SPECKLE if (disparity[row, col] < 0) & (why == NONE) else why
 
 
-class DepthLimits(NamedTuple):
-    """What turns disparities into depth."""
-
-    min_depth_m: np.float32
-    """Smallest depth that is searched."""
-    min_disparity_px: np.float32
-    """Disparity of the largest depth."""
-    focal_baseline_px_m: np.float32
-
-
-@compiled(
-    void(int16[:, ::1], FLOAT_IMAGE, boolean[:, ::1], named_tuple(DepthLimits, *[float32] * 3), BYTE_IMAGE, FLOAT_IMAGE)
-)
+@compiled("void(i2[:, ::1], f4, f4, f4[:, ::1])")
 def find_depth(
     disparity: Disparity,
-    depth_true_m: FloatImage,
-    occluded: MaskImage,
-    limits: DepthLimits,
-    # in place
-    reason: GrayImage,
+    focal_baseline_px_m: np.float32,
+    min_disparity_px: np.float32,
     # output
     depth_m: FloatImage,
 ) -> None:
-    """Find the depth of each disparity, and the reasons for holes that the truth explains.
+    """Find the depth of each disparity; it is 0 where the disparity is negative. Images have shape (H, W).
 
     Args:
-        disparity: [1/16 px], negative = invalid, shape (H, W).
-        depth_true_m: True depth, +inf for the sky, shape (H, W).
-        occluded: Pixels that the right camera does not see, shape (H, W).
-        limits: The range of depth, and what turns disparities into it.
-        reason: One `InvalidReason` per pixel, shape (H, W); changed in place.
-        depth_m: Depth, 0 where there is no disparity, shape (H, W); written.
+        disparity: [1/16 px], negative = invalid.
+        focal_baseline_px_m: Product of disparity [px] and depth [m].
+        min_disparity_px: Disparity of the largest depth.
+        depth_m: Depth; written.
     """
     height, width = disparity.shape
     for row in range(height):
         for col in range(width):
-            is_hole, why = disparity[row, col] < 0, reason[row, col]
-            why = OUT_OF_RANGE if is_hole & (depth_true_m[row, col] < limits.min_depth_m) else why
-            reason[row, col] = OCCLUDED if is_hole & occluded[row, col] else why
             disparity_px = np.float32(disparity[row, col]) / SIXTEEN
-            z = limits.focal_baseline_px_m / max(disparity_px, limits.min_disparity_px)
-            depth_m[row, col] = ZERO if is_hole else z
+            z = focal_baseline_px_m / max(disparity_px, min_disparity_px)
+            depth_m[row, col] = ZERO if disparity[row, col] < 0 else z
+
+
+@compiled("void(f4[:, ::1], f4[:, ::1], b1[:, ::1], f4, u1[:, ::1])")
+def find_reasons(
+    depth_m: FloatImage,
+    depth_true_m: FloatImage,
+    occluded: MaskImage,
+    min_depth_m: np.float32,
+    # in place
+    reason: GrayImage,
+) -> None:
+    """Find the reasons for holes that the truth explains; see `StereoMatcher.explain_holes`.
+
+    Args:
+        depth_m: Measured depth, 0 where there is none, shape (H, W).
+        depth_true_m: True depth, +inf for the sky, shape (H, W).
+        occluded: Pixels that the right camera does not see, shape (H, W).
+        min_depth_m: Smallest depth that is searched.
+        reason: One `InvalidReason` per pixel, shape (H, W); changed.
+    """
+    height, width = depth_m.shape
+    for row in range(height):
+        for col in range(width):
+            is_hole, why = depth_m[row, col] == ZERO, reason[row, col]
+            why = OUT_OF_RANGE if is_hole & (depth_true_m[row, col] < min_depth_m) else why
+            reason[row, col] = OCCLUDED if is_hole & occluded[row, col] else why
 
 
 def texture(gray: GrayImage) -> FloatImage:
@@ -312,8 +311,11 @@ def texture(gray: GrayImage) -> FloatImage:
     return cv2.boxFilter(difference, cv2.CV_32F, window).astype(np.float32, copy=False)
 
 
-def focal_baseline_px_m(intrinsics: Intrinsics) -> float:
-    """Return `f B`, the product of disparity [px] and depth [m]; a camera without a baseline is a `SensorError`."""
+def image_focal_baseline_px_m(intrinsics: Intrinsics) -> float:
+    """Return `f B`, the product of disparity [px] and depth [m]; a camera without a baseline is a `SensorError`.
+
+    It is that of pixels of this image; `Intrinsics.focal_baseline_px_m` is that of the images that were matched.
+    """
     if intrinsics.baseline_m is None:
         raise SensorError("a stereo camera needs a baseline, got intrinsics with baseline_m None")
     return intrinsics.fx_px * intrinsics.baseline_m
@@ -326,7 +328,7 @@ def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsi
     the nearest pixel there has a disparity that is larger by more than `OCCLUSION_STEP_PX`. A smaller difference hides
     no whole pixel, and occurs within half a pixel of a slanted surface.
     """
-    focal_baseline = np.float32(focal_baseline_px_m(intrinsics))
+    focal_baseline = np.float32(image_focal_baseline_px_m(intrinsics))
     disparity_px = focal_baseline / left_depth_m
     col, row = pixels(left_depth_m.shape)
     target = np.rint(col - disparity_px)

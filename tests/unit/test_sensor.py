@@ -43,9 +43,7 @@ def test_a_plane_reads_its_depth_and_nothing_is_infinitely_far(renderer: str, di
 
 def test_far_surfaces_and_holes_are_distinguished() -> None:
     matcher = StereoMatcher(CAMERA, StereoConfig(), max_depth_m=40.0)
-    disparity, reason = np.array([[-16, 0, 1, 64]], np.int16), np.zeros((1, 4), np.uint8)
-    truth_m, occluded = np.full((1, 4), 3, np.float32), np.zeros((1, 4), np.bool_)
-    depth = matcher.triangulate(disparity, truth_m, occluded, reason)
+    depth = matcher.triangulate(np.array([[-16, 0, 1, 64]], np.int16))
     np.testing.assert_allclose(depth, [[0, 40, 40, CAMERA.fx_px * BASELINE_M / 4]], rtol=1e-6)
 
 
