@@ -13,11 +13,12 @@ from pydantic import AfterValidator, Field, NonNegativeFloat
 from scipy.ndimage import gaussian_filter
 
 from voxdepth.arithmetic import matmul
+from voxdepth.model import Model
 from voxdepth.types import FloatImage, MaskImage
 
 from .depth_noise import NoiseTerm, NoisyDepth
 from .seeds import Purpose, stream
-from .types import InvalidReason, Model, in_order
+from .types import InvalidReason, in_order
 
 STEP = 0.9
 """A depth of less than this share of another one belongs to a nearer surface."""

@@ -11,11 +11,12 @@ import numpy.typing as npt
 from pydantic import ConfigDict, Field, model_validator
 
 from voxdepth.arithmetic import length, matmul
+from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
 from . import frames
 from .errors import SceneError
-from .types import BodyPose, Model
+from .types import BodyPose
 
 BodyKind = Literal["building", "ground", "mover", "drone"]
 """How a contact with a body is classified. Everything fixed on the ground is a building, trees included."""

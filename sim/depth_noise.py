@@ -12,12 +12,13 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from pydantic import Field, model_validator
 
+from voxdepth.model import Model
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .bodies import Surface
 from .seeds import Purpose, stream
 from .stereo import image_focal_baseline_px_m
-from .types import IdImage, InvalidReason, Model
+from .types import IdImage, InvalidReason
 
 SensorModelName = Literal["truth", "noisy", "fitted", "stereo"]
 SENSOR_MODEL_NAMES: tuple[SensorModelName, ...] = get_args(SensorModelName)

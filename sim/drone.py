@@ -8,11 +8,11 @@ from numba import float64, types, void
 from pydantic import Field
 
 from voxdepth.compiled import compile_all, compiled, compiled_part, named_tuple
+from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
 from .bodies import WindConfig
 from .seeds import Purpose, stream
-from .types import Model
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.ndimage import gaussian_filter
 
+from voxdepth.model import Model
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 from . import frames
@@ -21,7 +22,7 @@ from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .fitted import FittedStereo
 from .seeds import Purpose, stream
 from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, image_focal_baseline_px_m, occlusion_mask, pixels
-from .types import BodyPose, Camera, CameraImages, Capture, Model, RenderedPair, Renderer
+from .types import BodyPose, Camera, CameraImages, Capture, RenderedPair, Renderer
 
 if TYPE_CHECKING:
     from .world import World

@@ -10,10 +10,11 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from voxdepth.compiled import compile_all, compiled
+from voxdepth.model import Model
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .errors import SensorError
-from .types import InvalidReason, Model
+from .types import InvalidReason
 
 Disparity = npt.NDArray[np.int16]
 """Disparity image [1/16 px], shape (H, W); negative = invalid."""

@@ -1,4 +1,4 @@
-"""Plain data of the simulator, and the base of its configuration models."""
+"""Plain data of the simulator."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,19 +7,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 IdImage = npt.NDArray[np.int32]
-
-
-class Model(BaseModel):
-    """A frozen configuration. Unknown keys are errors, and the docstrings of the fields are their help texts."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
 
 
 def in_order(bounds: tuple[Any, Any]) -> tuple[Any, Any]:

@@ -33,7 +33,7 @@ ELSEWHERE = 0.8
 
 
 class Model(BaseModel):
-    """A configuration whose field docstrings are its help texts."""
+    """A frozen configuration. Unknown keys are errors, and the docstrings of the fields are their help texts."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from voxdepth.arithmetic import cos, matmul, sin
+from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
 from ..errors import SceneError
-from ..types import BodyPose, Model
+from ..types import BodyPose
 
 Trajectory = Callable[[float], BodyPose]
 """Pose of the camera's carrier as a function of time [s]."""

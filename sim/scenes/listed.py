@@ -7,9 +7,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from voxdepth.model import Model
+
 from ..bodies import Body, Box, Cylinder, Mover, Scene, SceneSpec, Sphere, Surface, shuttle
 from ..errors import SceneError
-from ..types import Model
 from .layout import PAVED, flat_ground
 
 SHAPES = {("size_m",): Box, ("radius_m", "height_m"): Cylinder, ("radius_m",): Sphere}

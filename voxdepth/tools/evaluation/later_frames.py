@@ -15,7 +15,7 @@ from ...datasets import Dataset
 from ...geometry import back_project, transform
 from ...types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
 from .frames import Reference
-from .references import HeldOut, References, steps
+from .references import ReferenceImages, References, steps
 
 LATER_FRAMES = 6
 """Number of later frames whose depth is moved to a frame."""
@@ -69,7 +69,7 @@ class LaterFrames(References):
         self._frames, self._intrinsics = len(dataset), dataset.intrinsics
         self._view = lru_cache(LATER_FRAMES + 1)(lambda index: view_of(dataset[index], dataset.intrinsics))
 
-    def of(self, index: int, depth_m: FloatImage) -> HeldOut:
+    def of(self, index: int, depth_m: FloatImage) -> ReferenceImages:
         """See `References`."""
         target, moved = self._view(index), []
         for later in map(self._view, range(index + 1, min(index + LATER_FRAMES + 1, self._frames))):
@@ -78,7 +78,7 @@ class LaterFrames(References):
                 moved.append(moved_to(T_target_later, later, self._intrinsics))
         reference_m = agreed(moved, depth_m.shape)
         reference_m[reference_m > self._intrinsics.focal_baseline_px_m / MIN_DISPARITY_PX] = 0
-        return HeldOut(depth_m, consistent(reference_m, depth_m), np.asarray(depth_m == 0))
+        return ReferenceImages(depth_m, consistent(reference_m, depth_m), np.asarray(depth_m == 0))
 
 
 class Moved(NamedTuple):

@@ -36,7 +36,7 @@ MEASURED_SHARE = 0.9
 SEED = 0
 
 
-class HeldOut(NamedTuple):
+class ReferenceImages(NamedTuple):
     """What methods are given of a frame and what they are scored by; shape (H, W) each."""
 
     given_m: FloatImage
@@ -57,7 +57,7 @@ class References(ABC):
     """SHA-256 of the files that references are read from, besides those of the frames."""
 
     @abstractmethod
-    def of(self, index: int, depth_m: FloatImage) -> HeldOut:
+    def of(self, index: int, depth_m: FloatImage) -> ReferenceImages:
         """Return the reference of a frame by its index and its measured depth [m], shape (H, W); 0 = invalid."""
 
 
@@ -80,7 +80,7 @@ class Shadows(References):
         intrinsics = dataset.intrinsics
         self._intrinsics = replace(intrinsics, baseline_m=self.widening * (intrinsics.baseline_m or ASSUMED_BASELINE_M))
 
-    def of(self, index: int, depth_m: FloatImage) -> HeldOut:
+    def of(self, index: int, depth_m: FloatImage) -> ReferenceImages:
         """See `References`."""
         hidden = shadows(depth_m, self._intrinsics)
         return _held_out(depth_m, hidden, hidden)
@@ -107,7 +107,7 @@ class Patches(References):
         self._intrinsics = dataset.intrinsics
         self._patches: list[MaskImage] = []
 
-    def of(self, index: int, depth_m: FloatImage) -> HeldOut:
+    def of(self, index: int, depth_m: FloatImage) -> ReferenceImages:
         """See `References`."""
         measured: MaskImage = depth_m > 0
         step = steps(depth_m, self._intrinsics)
@@ -149,10 +149,12 @@ class TrueHoles(References):
         digests = (sha256(read_bytes(path)).digest() for path in self._truths.files)
         self.digest = sha256(b"".join(digests)).hexdigest()
 
-    def of(self, index: int, depth_m: FloatImage) -> HeldOut:
+    def of(self, index: int, depth_m: FloatImage) -> ReferenceImages:
         """See `References`."""
         truth_m = self._truths.of(index, self._dataset)
-        return HeldOut(depth_m, np.zeros_like(depth_m) if truth_m is None else truth_m, np.asarray(depth_m == 0))
+        return ReferenceImages(
+            depth_m, np.zeros_like(depth_m) if truth_m is None else truth_m, np.asarray(depth_m == 0)
+        )
 
 
 class TrueDepths(Protocol):
@@ -247,10 +249,10 @@ def steps(depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
     return np.asarray(largest_px - smallest_px > STEP_PX + STEP_SHARE * largest_px)
 
 
-def _held_out(depth_m: FloatImage, withheld: MaskImage, scored: MaskImage) -> HeldOut:
+def _held_out(depth_m: FloatImage, withheld: MaskImage, scored: MaskImage) -> ReferenceImages:
     """Withhold the measured depth [m] of pixels, and score methods by some of them."""
     counted = (depth_m > 0) & (scored | ~withheld)
-    return HeldOut(
+    return ReferenceImages(
         given_m=np.where(withheld, np.float32(0), depth_m),
         reference_m=np.where(counted, depth_m, np.float32(0)),
         hidden=scored,
