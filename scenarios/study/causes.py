@@ -62,25 +62,26 @@ class Diagnosed:
     """What the run was flown with again."""
 
 
+TOTALS = ("arm", "flights", "collisions")
 CAUSE_NOTE = (
     "Of flights that were flown again with a probe on board (voxdepth study replay): a row counts the first contact of "
     "each drone. Seen is what the images of the last three seconds showed of the struck place, by most of its pixels; "
-    "the map is that of the drone, a second before."
+    "the map is that of the drone, a second before. What no collision had has no column."
 )
 
 
 def cause_table(found: Mapping[str, Sequence[Diagnosed]]) -> Table:
-    """Count the causes in a row for each arm that has flights."""
-    seen = [cause for cause in Cause if cause is not Cause.DRONE]
-    head = ["arm", "flights", "collisions", f"hit: {Cause.DRONE}", "hit: without texture"]
-    maps = [f"map a second before: {state}" for state in STATES]
-    rows: list[list[Value]] = []
+    """Count the causes in a row for each arm that has flights, and in a column for each cause that a collision had."""
+    rows: list[dict[str, Value]] = []
     for arm, flights in found.items():
         collisions = [one for flight in flights for one in flight.collisions]
-        causes = Counter(one.cause for one in collisions)
-        textureless = sum(one.textureless for one in collisions)
-        held = Counter(one.held_before for one in collisions)
-        row: list[Value] = [arm, len(flights), len(collisions), causes[Cause.DRONE], textureless]
-        rows.append([*row, *(causes[cause] for cause in seen), *(held[state] for state in STATES)])
-    heads = [*head, *(f"seen: {cause}" for cause in seen), *maps]
-    return Table.of("Causes of collisions", heads, rows, note=CAUSE_NOTE)
+        causes, held = Counter(one.cause for one in collisions), Counter(one.held_before for one in collisions)
+        counts = {
+            f"hit: {Cause.DRONE}": causes[Cause.DRONE],
+            "hit: without texture": sum(one.textureless for one in collisions),
+            **{f"seen: {cause}": causes[cause] for cause in Cause if cause is not Cause.DRONE},
+            **{f"map a second before: {state}": held[state] for state in STATES},
+        }
+        rows.append({"arm": arm, "flights": len(flights), "collisions": len(collisions), **counts})
+    heads = [head for head in (rows[0] if rows else TOTALS) if head in TOTALS or any(row[head] for row in rows)]
+    return Table.of("Causes of collisions", heads, [[row[head] for head in heads] for row in rows], note=CAUSE_NOTE)
