@@ -9,13 +9,11 @@ from .processes import Peer
 
 @pytest.fixture(scope="session")
 def camera() -> Iterator[Peer]:
-    peer = Peer("camera")
-    yield peer
-    peer.close()
+    with Peer("camera") as peer:
+        yield peer
 
 
 @pytest.fixture(scope="session")
 def listener() -> Iterator[Peer]:
-    peer = Peer("listener")
-    yield peer
-    peer.close()
+    with Peer("listener") as peer:
+        yield peer

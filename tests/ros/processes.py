@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, STDOUT, Popen, TimeoutExpired
 from threading import Condition, Thread
-from typing import Any
+from typing import Any, Self
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 20.0
@@ -29,7 +29,7 @@ ENVIRONMENT = {
 
 
 class Process:
-    """A program whose output is kept, line by line.
+    """A program whose output is kept, line by line; as a context, it does not outlive its block.
 
     Args:
         arguments: What follows the interpreter.
@@ -50,6 +50,12 @@ class Process:
             with self._changed:
                 self.lines.append(line.rstrip("\n"))
                 self._changed.notify_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     @property
     def text(self) -> str:

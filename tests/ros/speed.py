@@ -27,18 +27,13 @@ def main() -> None:
     parser.add_argument("--encoding", default="32FC1", help="of the depth that is published")
     arguments = parser.parse_args()
     n = round(arguments.rate * arguments.seconds)
-    listener = Peer("listener")
-    node = node_process(NAMESPACE, corrector=arguments.corrector, depth_encoding=arguments.encoding, baseline_m=0.05)
-    try:
+    parameters = {"corrector": arguments.corrector, "depth_encoding": arguments.encoding, "baseline_m": 0.05}
+    with Peer("listener") as listener, node_process(NAMESPACE, **parameters) as node:
         node.wait_for_text("waiting for", GRACE_S)
         listener.request("listens", namespace=NAMESPACE, reliable=True)
         size = arguments.size.split("x")
-        player = Process("-m", "tests.ros.player", NAMESPACE, *size, str(n), str(arguments.rate))
-        assert player.ended(arguments.seconds + GRACE_S) == 0, player.text
-        node.end()
-    finally:
-        node.close()
-        listener.close()
+        with Process("-m", "tests.ros.player", NAMESPACE, *size, str(n), str(arguments.rate)) as player:
+            assert player.ended(arguments.seconds + GRACE_S) == 0, player.text
     sent_s = {message["stamp_ns"]: message["sent_s"] for message in map(json.loads, player.lines)}
     came_s = {message["stamp_ns"]: message["at_s"] for message in listener.received(f"{NAMESPACE}/voxdepth/depth")}
     took_ms = [1000 * (at_s - sent_s[stamp_ns]) for stamp_ns, at_s in came_s.items()]

@@ -91,13 +91,10 @@ class Wired(NamedTuple):
 def wired(camera: Peer, listener: Peer, *arguments: str, reliable: bool = True, **parameters: Any) -> Iterator[Wired]:
     """Start a node; it has a subscriber, and waits for images."""
     namespace = a_namespace()
-    node = node_process(namespace, *arguments, **parameters)
-    try:
+    with node_process(namespace, *arguments, **parameters) as node:
         node.wait_for_text("waiting for", COMPILING_S)
         listener.request("listens", namespace=namespace, reliable=reliable)
         yield Wired(node, camera, listener, namespace)
-    finally:
-        node.close()
 
 
 @pytest.fixture(scope="module")
@@ -203,10 +200,10 @@ def test_at_high_rates_each_depth_has_its_own_image_also_after_one_is_lost(echo:
 
 def test_publishers_of_either_quality_are_received_and_one_that_dies_may_return(echo: Wired) -> None:
     for second, reliable in ((300, False), (301, True)):
-        other = Peer("camera")
-        returned = echo._replace(camera=other)
-        assert returned.corrected(*a_frame(second * S), reliable=reliable)[0]["stamp_ns"] == second * S
-        other.kill()
+        with Peer("camera") as other:
+            returned = echo._replace(camera=other)
+            assert returned.corrected(*a_frame(second * S), reliable=reliable)[0]["stamp_ns"] == second * S
+            other.kill()
     assert echo.corrected(*a_frame(302 * S))[0]["stamp_ns"] == 302 * S
 
 
@@ -321,8 +318,7 @@ def test_the_program_of_the_readme_corrects_two_cameras(camera: Peer, listener: 
     for name, own in zip(("front", "rear"), names, strict=True):
         program = program.replace(f'"{name}"', f'"{own}"')
     (tmp_path / "program.py").write_text(program)
-    node = Process(str(tmp_path / "program.py"))
-    try:
+    with Process(str(tmp_path / "program.py")) as node:
         node.wait_for(lambda lines: sum("waiting for" in line for line in lines) == 2, COMPILING_S)
         for number, name in enumerate(names):
             listener.request("listens", namespace=f"/{name}", reliable=True)
@@ -331,5 +327,3 @@ def test_the_program_of_the_readme_corrects_two_cameras(camera: Peer, listener: 
         assert node.text.count("baseline 0.095 m") == 2
         assert node.end() == 0, node.text
         assert "Traceback" not in node.text
-    finally:
-        node.close()
