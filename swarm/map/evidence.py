@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
 SAMPLED_ROWS = 120
 """Larger images are sampled so that about this number of rows is read."""
@@ -34,9 +34,12 @@ MIN_SURFACE_CONFIDENCE = 0.1
 depth says that something may be near."""
 SURFACE_SHARE = 0.08
 """Quantile of these depths at which a cell shows a surface."""
+DRONE_RADIUS_M = 1.0
+"""Surfaces within this distance of another drone belong to that drone."""
 HOLE_RANGE_M = 40.0
 """Range up to which a hole is free where holes are free space."""
 
+NO_DRONES_M: FloatArray = np.empty((0, 3))
 FloatVector = npt.NDArray[np.float32]
 Holes = Literal["free", "evidenced"]
 
@@ -53,8 +56,9 @@ class Evidence(NamedTuple):
 class InverseSensorModel:
     """Reads from the depth images of one camera what they prove: evidence for the voxels of an occupancy grid.
 
-    With `evidenced` holes, only trusted depth proves free space. With `free` holes, every depth is trusted, and a pixel
-    without depth proves free space up to the largest range, as in EGO-Planner (RA-L 2021).
+    With `evidenced` holes, only trusted depth proves free space: that of enough confidence, and that of other drones
+    where they are known to be. With `free` holes, every depth is trusted, and a pixel without depth proves free space
+    up to the largest range, as in EGO-Planner (RA-L 2021).
 
     Args:
         intrinsics: Camera of the images.
@@ -82,6 +86,11 @@ class InverseSensorModel:
         self._step = int(max(1, min(i.height_px // SAMPLED_ROWS, narrowest_px)))
         self._pixels = self._pixels_of_cells()
         self._n_pixels = np.count_nonzero(self._pixels >= 0, axis=-1)
+        row, col = (np.arange(0, n_px, self._step) for n_px in (i.height_px, i.width_px))
+        self._pixel_rays = np.stack(
+            [*np.meshgrid((col - i.cx_px) / i.fx_px, (row - i.cy_px) / i.fy_px), np.ones((len(row), len(col)))], axis=-1
+        )
+        """Point at depth 1 m of each sampled pixel, camera frame, shape (sampled rows, sampled columns, 3)."""
         y = ((self.row_edges[1:] + self.row_edges[:-1] - 1) / 2 - i.cy_px) / i.fy_px
         x = ((self.col_edges[1:] + self.col_edges[:-1] - 1) / 2 - i.cx_px) / i.fx_px
         self._ray_length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2).astype(np.float32)
@@ -98,8 +107,13 @@ class InverseSensorModel:
         row, col = row_px.astype(np.int64), col_px.astype(np.int64)
         return np.asarray(self.cell_of_row[row] * (self.cell_of_col[-1] + 1) + self.cell_of_col[col])
 
-    def read(self, corrected: CorrectedDepth) -> Evidence:
-        """Return the evidence of an image; where it has no depth and no confidence, nothing is proven."""
+    def read(self, corrected: CorrectedDepth, drones_m: FloatArray = NO_DRONES_M) -> Evidence:
+        """Return the evidence of an image; where it has no depth and no confidence, nothing is proven.
+
+        Args:
+            corrected: The image.
+            drones_m: Positions of the other drones in the image, camera frame, shape (n, 3).
+        """
         depth_m, confidence = (
             image[:: self._step, :: self._step] for image in (corrected.depth_m, corrected.confidence)
         )
@@ -107,7 +121,8 @@ class InverseSensorModel:
             depth_m = np.where(depth_m > 0, depth_m, np.float32(HOLE_RANGE_M))
             confidence = np.ones_like(depth_m)
         shown_m = np.where((depth_m > 0) & (confidence >= np.float32(MIN_SURFACE_CONFIDENCE)), depth_m, NO_DEPTH)
-        trusted_m = np.where(confidence >= self._min_confidence, shown_m, NO_DEPTH)
+        is_known = (confidence >= self._min_confidence) | self._shows_drone(depth_m, drones_m)
+        trusted_m = np.where(is_known, shown_m, NO_DEPTH)
         surface_m, _ = self._quantile(shown_m, SURFACE_SHARE)
         free_m, n_trusted = self._quantile(trusted_m, FREE_SHARE)
         is_trusted = (n_trusted > 0) & (n_trusted >= MIN_TRUSTED_SHARE * self._n_pixels)
@@ -117,6 +132,18 @@ class InverseSensorModel:
         # f B / (f B / z + s): the free depth if the disparity was too small by s.
         free_m /= 1 + free_m * np.float32(self._disparity_error_px / self.camera.focal_baseline_px_m)
         return Evidence(free_m * self._ray_length, surface_m * self._ray_length)
+
+    def _shows_drone(self, depth_m: FloatImage, drones_m: FloatArray) -> MaskImage:
+        """Return the sampled pixels whose depth is that of a drone at one of the positions.
+
+        What moves is doubtful to a corrector that compares images. That the depth agrees with the position confirms it.
+        """
+        shows = np.zeros(depth_m.shape, np.bool_)
+        for drone_m in drones_m:
+            row, col = np.nonzero(np.abs(depth_m - drone_m[2]) < DRONE_RADIUS_M)
+            points_m = depth_m[row, col, None] * self._pixel_rays[row, col]
+            shows[row, col] |= ((points_m - drone_m) ** 2).sum(axis=1) <= DRONE_RADIUS_M**2
+        return shows
 
     def _pixels_of_cells(self) -> npt.NDArray[np.int64]:
         """Return the indices of the sampled pixels of each cell, filled up with -1 to shape (rows, cols, n)."""

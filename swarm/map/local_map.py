@@ -85,13 +85,15 @@ class LocalMap:
         stamp_s = percept.stamp_s
         if stamp_s <= self._mapped_s:
             return
-        T = matmul(percept.T_odom_cam, inverse_rigid(percept.T_world_cam))
+        T_cam_world = inverse_rigid(percept.T_world_cam)
+        T = matmul(percept.T_odom_cam, T_cam_world)
         all_m = transform(T, np.vstack([own_m, others.position_m]))
         at_m, drones_m = all_m[0], all_m[1:]
-        in_image_m = transform(T, others.position_m - (time_s - stamp_s) * others.velocity_m_s)
+        then_m = others.position_m - (time_s - stamp_s) * others.velocity_m_s
+        evidence = self._sensor.read(percept.corrected, transform(T_cam_world, then_m))
         if self._costs is None:
             self._voxels.start(at_m, START_RADIUS_M, stamp_s)
-        self._voxels.update(self._sensor.read(percept.corrected), percept.T_odom_cam, in_image_m, stamp_s)
+        self._voxels.update(evidence, percept.T_odom_cam, transform(T, then_m), stamp_s)
         self._voxels.take(at_m, self._radius_m, self._half_height_m, stamp_s)
         self._voxels.mark_free(drones_m, self._radius_m, self._half_height_m, stamp_s)
         self._mapped_s = stamp_s

@@ -7,19 +7,17 @@ from multiprocessing import get_context
 
 from .data import Data, Made, Maker, MissingDataError
 from .of_experiments import experiments, time_experiments
-from .of_flights import missions, scenes, studies
+from .of_flights import missions, proven, scenes, studies
 from .of_frames import ablations, calibration, cameras, learned, odometry, performance, real, rendered, synthetic
 from .of_installation import installation
 
+OF_FRAMES = (real, learned, ablations, calibration, rendered, synthetic, odometry, cameras)
 MAKERS = {
     "performance": Maker(performance, times=True),
     "missions": Maker(missions, times=True),
     "installation": Maker(installation, times=True),
     "experiments": Maker(experiments, before=time_experiments),
-    **{
-        make.__name__: Maker(make)
-        for make in (real, learned, ablations, calibration, rendered, synthetic, odometry, cameras, scenes, studies)
-    },
+    **{make.__name__: Maker(make) for make in (*OF_FRAMES, proven, scenes, studies)},
 }
 
 

@@ -6,7 +6,7 @@ from scenarios.sensor_pictures import make_gallery
 from scenarios.study.figures import by_arm
 from scenarios.study.report import StudyAnalysis
 from scenarios.study.store import read_study
-from tests import speeds
+from tests import proof, speeds
 from voxdepth.tools.results.table import Column, Table, Value
 
 from .data import ROOT, Data, Made
@@ -44,6 +44,11 @@ def missions(_: Data) -> Made:
             "environments": speeds.steps_of_environments(),
         }
     )
+
+
+def proven(_: Data) -> Made:
+    """How much free space the images of a swarm prove."""
+    return Made({"cells": proof.proven_by_images()})
 
 
 def scenes(data: Data) -> Made:

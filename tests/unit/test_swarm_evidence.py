@@ -126,3 +126,22 @@ def test_where_holes_are_free_space_they_count_as_far_depths_and_every_depth_is_
     far_m[depth_m == 0] = module.HOLE_RANGE_M
     np.testing.assert_array_equal(read, exact().read(measured(far_m)))
     assert read.free_m.min() > 5
+
+
+@pytest.mark.parametrize(
+    ("at_m", "is_free"), [((0.0, 0.0, 4.5), True), ((0.0, 0.0, 5.5), False), ((1.5, 0.0, 4.0), False)]
+)
+def test_doubtful_depth_proves_free_space_where_it_shows_a_drone_that_is_known_to_be_there(
+    at_m: tuple[float, float, float], is_free: bool
+) -> None:
+    """Beside it and behind it, the depth stays doubtful."""
+    sensor = exact()
+    row, col = (len(edges) // 2 for edges in (sensor.row_edges, sensor.col_edges))
+    drone = np.s_[sensor.row_edges[row] : sensor.row_edges[row + 1], sensor.col_edges[col] : sensor.col_edges[col + 1]]
+    depth_m, confidence = flat(8.0), np.ones(CAMERA.shape, np.float32)
+    depth_m[drone], confidence[drone] = 4.0, 0.5
+    free_m, surface_m = sensor.read(measured(depth_m, confidence), np.array([at_m]))
+    along_m = free_m * sensor.rays_cam[..., 2]
+    assert along_m[row, col] == pytest.approx(4.0 if is_free else 0.0, abs=1e-4)
+    assert surface_m[row, col] * sensor.rays_cam[row, col, 2] == pytest.approx(4.0, abs=1e-4)
+    assert np.delete(along_m.ravel(), row * along_m.shape[1] + col) == pytest.approx(8.0, abs=1e-4)

@@ -283,17 +283,30 @@ def test_a_drone_with_nowhere_to_fly_looks_where_it_is_commanded_to() -> None:
     assert abs(flight.flies((2.0, 0, 0), 2.0).yaw_rad) < 0.2
 
 
-def test_surfaces_of_other_drones_are_left_out_where_these_were_when_the_image_was_taken(
+@pytest.mark.parametrize(("at_m", "is_free"), [((4.3, 0.0, 0.0), True), ((6.3, 0.0, 0.0), False)])
+def test_doubtful_depth_of_another_drone_proves_free_space_where_that_drone_is(
+    at_m: tuple[float, ...], is_free: bool
+) -> None:
+    """What moves is doubtful to a corrector, so that a swarm would stop behind its own drones."""
+    flight = Flight(always(measured(flat(4.0), confidence=0.4)))
+    flight.neighbours = neighbours_of({1: Motion(np.array(at_m), np.array([1.0, 0.0, 0.0]))})
+    flight.flies((0, 0, 0), 1.0)
+    assert (flight.decisions[-1].view.state_at(np.array([2.5, 0.0])) == FREE) == is_free
+
+
+def test_surfaces_of_other_drones_are_known_where_these_were_when_the_image_was_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    flight, masked_m = Flight(always(HOLES)).flies((0, 0, 0), 0.1), []
-    voxels = flight.pilot._map._voxels
+    flight, masked_m, in_camera_m = Flight(always(HOLES)).flies((0, 0, 0), 0.1), [], []
+    voxels, sensor = flight.pilot._map._voxels, flight.pilot._map._sensor
     monkeypatch.setattr(voxels, "update", lambda evidence, T, drones_m, time_s: masked_m.append(drones_m))
+    monkeypatch.setattr(sensor, "read", lambda corrected, drones_m: in_camera_m.append(drones_m))
     flight._look()
     flight.neighbours = neighbours_of({1: Motion(np.array([5.0, 0.0, 0.0]), np.array([0.0, 4.0, 0.0]))})
     now = flight._situation()
     flight.pilot.fly(np.zeros(3), replace(now, time_s=now.time_s + 0.25))
     np.testing.assert_allclose(masked_m, [[[5.0, -1.0, 0.0]]], atol=1e-9)
+    np.testing.assert_allclose(in_camera_m, [[[1.0, 0.0, 5.0 - MOUNT_CAM_M[2]]]], atol=1e-9)
 
 
 def test_a_drone_that_is_higher_than_its_map_is_refused() -> None:
