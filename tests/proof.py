@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from scenarios.config import load_run
 from scenarios.flight import fly
 from sim.types import Capture, DroneState
 from sim.world import World
-from swarm.map.evidence import InverseSensorModel
+from swarm.map.evidence import CELL_DEG, InverseSensorModel
 from swarm.pilot import Decision
 from swarm.recorder import Recorder
 from swarm.team import Team
@@ -24,7 +23,10 @@ TOO_FAR_M = 0.3
 """Free space that ends so far behind the nearest surface of a cell is wrong."""
 SHOWN = ("another drone", "beside another drone", "anything else")
 READ = ("raw", "by confidence", "by confidence and positions")
-Cells = npt.NDArray[np.bool_]
+NOTE = (
+    f"A cell covers {CELL_DEG:g} degrees. Raw: of the depth before its correction, all of which counts as sure. Proven "
+    f"too far: the free space ends more than {TOO_FAR_M} m behind the nearest surface that the cell shows."
+)
 
 
 class ProofProbe(Recorder):
@@ -71,8 +73,8 @@ def proven_by_images() -> Table:
     """Return how much free space the images of a swarm prove, from raw depth and from that of the default."""
     probe = ProofProbe()
     fly(load_run("city", 2, {"mission.duration_s": FLOWN_S}), recorder=probe)
-    columns = [Column(f"{what}: {read}", "%", ".1f") for what in ("nothing proven", "too far") for read in READ]
+    columns = [Column(f"{what}: {read}", "%", ".1f") for what in ("nothing proven", "proven too far") for read in READ]
     shares = 100 * np.hstack([probe.unproven, probe.wrong]) / probe.cells[:, None]
     rows = [[*row] for row in zip(SHOWN, probe.cells.tolist(), *shares.T.tolist(), strict=True)]
-    title = f"Directions of 5 degrees in the images of the first {FLOWN_S:g} s of voxdepth run city --seed 2"
-    return Table.of(title, ["shown", Column("cells", number=","), *columns], rows)
+    title = f"Free space in the images of the first {FLOWN_S:g} s of voxdepth run city --seed 2, eight drones"
+    return Table.of(title, ["shown", "cells", *columns], rows, note=NOTE)
