@@ -36,6 +36,7 @@ SURFACE_SHARE = 0.08
 """Quantile of these depths at which a cell shows a surface."""
 DRONE_RADIUS_M = 1.0
 """Surfaces within this distance of another drone belong to that drone."""
+SIDES_M = (-DRONE_RADIUS_M, DRONE_RADIUS_M)
 HOLE_RANGE_M = 40.0
 """Range up to which a hole is free where holes are free space."""
 
@@ -86,11 +87,9 @@ class InverseSensorModel:
         self._step = int(max(1, min(i.height_px // SAMPLED_ROWS, narrowest_px)))
         self._pixels = self._pixels_of_cells()
         self._n_pixels = np.count_nonzero(self._pixels >= 0, axis=-1)
-        row, col = (np.arange(0, n_px, self._step) for n_px in (i.height_px, i.width_px))
-        self._pixel_rays = np.stack(
-            [*np.meshgrid((col - i.cx_px) / i.fx_px, (row - i.cy_px) / i.fy_px), np.ones((len(row), len(col)))], axis=-1
-        )
-        """Point at depth 1 m of each sampled pixel, camera frame, shape (sampled rows, sampled columns, 3)."""
+        col, row = (np.arange(0, n_px, self._step, dtype=np.float64) for n_px in (i.width_px, i.height_px))
+        self._slope_of_col, self._slope_of_row = (col - i.cx_px) / i.fx_px, (row - i.cy_px) / i.fy_px
+        """x/z and y/z of the sampled columns and rows, camera frame."""
         y = ((self.row_edges[1:] + self.row_edges[:-1] - 1) / 2 - i.cy_px) / i.fy_px
         x = ((self.col_edges[1:] + self.col_edges[:-1] - 1) / 2 - i.cx_px) / i.fx_px
         self._ray_length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2).astype(np.float32)
@@ -139,10 +138,14 @@ class InverseSensorModel:
         What moves is doubtful to a corrector that compares images. That the depth agrees with the position confirms it.
         """
         shows = np.zeros(depth_m.shape, np.bool_)
-        for drone_m in drones_m:
-            row, col = np.nonzero(np.abs(depth_m - drone_m[2]) < DRONE_RADIUS_M)
-            points_m = depth_m[row, col, None] * self._pixel_rays[row, col]
-            shows[row, col] |= ((points_m - drone_m) ** 2).sum(axis=1) <= DRONE_RADIUS_M**2
+        for x_m, y_m, z_m in drones_m.tolist():
+            if z_m <= -DRONE_RADIUS_M:
+                continue
+            window = _window(self._slope_of_row, y_m, z_m), _window(self._slope_of_col, x_m, z_m)
+            rows, cols = window
+            z = depth_m[window]
+            dx_m, dy_m, dz_m = z * self._slope_of_col[cols] - x_m, z * self._slope_of_row[rows, None] - y_m, z - z_m
+            shows[window] |= dx_m * dx_m + dy_m * dy_m + dz_m * dz_m <= DRONE_RADIUS_M**2
         return shows
 
     def _pixels_of_cells(self) -> npt.NDArray[np.int64]:
@@ -159,6 +162,15 @@ class InverseSensorModel:
         n = np.count_nonzero(cells < NO_DEPTH, axis=-1)
         nth = np.minimum((share * n).astype(np.intp), n - 1)
         return np.take_along_axis(cells, nth[..., None], axis=-1)[..., 0], n
+
+
+def _window(slopes: FloatArray, at_m: float, depth_m: float) -> slice:
+    """Return the part of ascending slopes under which points within `DRONE_RADIUS_M` of a position may be seen."""
+    if depth_m <= DRONE_RADIUS_M:
+        return np.s_[:]
+    ends = [(at_m + beside_m) / (depth_m + before_m) for beside_m in SIDES_M for before_m in SIDES_M]
+    first, last = np.searchsorted(slopes, [min(ends), max(ends)])
+    return np.s_[int(first) : int(last)]
 
 
 def _edges(n_px: int, focal_px: float) -> npt.NDArray[np.int64]:

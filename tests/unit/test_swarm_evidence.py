@@ -145,3 +145,17 @@ def test_doubtful_depth_proves_free_space_where_it_shows_a_drone_that_is_known_t
     assert along_m[row, col] == pytest.approx(4.0 if is_free else 0.0, abs=1e-4)
     assert surface_m[row, col] * sensor.rays_cam[row, col, 2] == pytest.approx(4.0, abs=1e-4)
     assert np.delete(along_m.ravel(), row * along_m.shape[1] + col) == pytest.approx(8.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, LARGE], ids=["all pixels", "sampled pixels"])
+def test_depth_of_a_drone_is_all_that_is_within_a_metre_of_it(camera: Intrinsics) -> None:
+    """Also of drones beside the image, around the camera and behind it."""
+    rng, sensor = np.random.default_rng(0), exact(camera)
+    for at_m in rng.uniform((-4, -3, -2), (4, 3, 7), (30, 3)):
+        depth_m = (np.abs(at_m[2]) + rng.uniform(-1.2, 1.2, camera.shape)).clip(0).astype(np.float32)
+        row, col = np.indices(camera.shape)
+        x, y = (col - camera.cx_px) / camera.fx_px, (row - camera.cy_px) / camera.fy_px
+        points_m = depth_m[..., None] * np.stack([x, y, np.ones(camera.shape)], axis=-1)
+        is_near = np.linalg.norm(points_m - at_m, axis=-1) <= 1.0
+        found = sensor.read(measured(depth_m, 0.2), at_m[None])
+        np.testing.assert_array_equal(found, sensor.read(measured(depth_m, np.where(is_near, 1.0, 0.2))))
