@@ -21,7 +21,15 @@ from .decimation import decimated
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .fitted import FittedStereo
 from .seeds import Purpose, stream
-from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, image_focal_baseline_px_m, occlusion_mask, pixels
+from .stereo import (
+    NOISE_TEXTURE,
+    StereoConfig,
+    StereoMatcher,
+    find_reasons,
+    image_focal_baseline_px_m,
+    occlusion_mask,
+    pixels,
+)
 from .types import BodyPose, Camera, CameraImages, Capture, RenderedPair, Renderer
 
 if TYPE_CHECKING:
@@ -213,7 +221,7 @@ class DepthSensor:
             occluded = occlusion_mask(left.depth_m, pair.right.depth_m, self.rendered)
         if self._matcher is not None and gray_right is not None:
             depth_m, reason = self._matcher.measure(gray_left, gray_right)
-            self._matcher.explain_holes(depth_m, left.depth_m, occluded, reason)
+            find_reasons(depth_m, left.depth_m, occluded, np.float32(self._matcher.min_depth_m), reason)
             return depth_m, reason, occluded
         depth_m, reason = left.depth_m.copy(), np.zeros(occluded.shape, np.uint8)
         self._apply(self._noise_terms, pair, left, occluded, depth_m, reason)

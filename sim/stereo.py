@@ -141,19 +141,6 @@ class StereoMatcher:
         find_depth(disparity, np.float32(self._focal_baseline_px_m), min_disparity_px, depth_m)
         return depth_m
 
-    def explain_holes(
-        self, depth_m: FloatImage, depth_true_m: FloatImage, occluded: MaskImage, reason: GrayImage
-    ) -> None:
-        """Name the reasons for those holes that the truth explains: `OUT_OF_RANGE` and `OCCLUDED`.
-
-        Args:
-            depth_m: Measured depth, 0 where there is none, shape (H, W).
-            depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W).
-            occluded: Pixels that the right camera does not see, shape (H, W).
-            reason: One `InvalidReason` per pixel, shape (H, W); changed in place.
-        """
-        find_reasons(depth_m, depth_true_m, occluded, np.float32(self.min_depth_m), reason)
-
     def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage, tolerance: float) -> MaskImage:
         """Return whether a pixel has no disparity, or the matched pixel of the right image does not map back to it."""
         # The matcher searches its second image only to the left, which is to the right in mirrored images.
@@ -287,11 +274,11 @@ def find_reasons(
     # in place
     reason: GrayImage,
 ) -> None:
-    """Find the reasons for holes that the truth explains; see `StereoMatcher.explain_holes`.
+    """Find the reasons for those holes that the truth explains: `OUT_OF_RANGE` and `OCCLUDED`.
 
     Args:
         depth_m: Measured depth, 0 where there is none, shape (H, W).
-        depth_true_m: True depth, +inf for the sky, shape (H, W).
+        depth_true_m: True depth of the left camera, +inf for the sky, shape (H, W).
         occluded: Pixels that the right camera does not see, shape (H, W).
         min_depth_m: Smallest depth that is searched.
         reason: One `InvalidReason` per pixel, shape (H, W); changed.

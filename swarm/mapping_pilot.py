@@ -41,7 +41,12 @@ class MappingPilot(Pilot):
         self, config: PilotConfig, control_hz: float, start_yaw_rad: float, airframe: AirframeConfig, camera: Intrinsics
     ) -> None:
         super().__init__(config, control_hz, start_yaw_rad, airframe)
-        sensor = InverseSensorModel(camera, holes=config.holes, min_confidence=config.min_confidence)
+        sensor = InverseSensorModel(
+            camera,
+            holes=config.holes,
+            min_confidence=config.min_confidence,
+            trust_near_drones_m=config.trust_near_drones_m,
+        )
         self._map = LocalMap(config.map, sensor, airframe, config.keep_m)
         self._progress_m, self._progress_s = NOWHERE_M, -np.inf
         """Where and when the drone made progress last, by its odometry."""

@@ -13,7 +13,7 @@ from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
 from .approach import ApproachLimits, clamp_to_limits, neighbour_limits
-from .map.evidence import MIN_CONFIDENCE, MIN_SURFACE_CONFIDENCE, Holes
+from .map.evidence import MIN_CONFIDENCE, MIN_SURFACE_CONFIDENCE, TRUST_NEAR_DRONES_M, Holes
 from .map.voxel_map import MapConfig
 from .types import MapView, Motion, Neighbours, Percept
 
@@ -29,6 +29,9 @@ class PilotConfig(Model):
     free space."""
     min_confidence: float = Field(default=MIN_CONFIDENCE, ge=MIN_SURFACE_CONFIDENCE, le=1)
     """Pixels of at least this confidence are trusted where holes are evidenced; less of it trusts more free space."""
+    trust_near_drones_m: float = Field(default=TRUST_NEAR_DRONES_M, ge=0, le=1)
+    """Measured pixels within this distance of another drone's position are trusted as well, whatever their confidence;
+    with 0 a swarm may stop behind its own drones."""
     yaw_rate_rad_s: float = Field(default=1.5, gt=0)
     """Largest yaw rate."""
     keep_m: float = Field(default=0.3, ge=0)

@@ -55,7 +55,7 @@ class Percept:
 
     stamp_s: float
     T_world_cam: FloatArray
-    """True pose of the camera, shape (4, 4): it places detections."""
+    """True pose of the camera, shape (4, 4): it places other drones, and those that it detects."""
     T_odom_cam: FloatArray
     """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth

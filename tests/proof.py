@@ -34,6 +34,7 @@ class ProofProbe(Recorder):
 
     def __init__(self) -> None:
         self._drones: Sequence[int] = ()
+        self._sensor: InverseSensorModel | None = None
         self._at_m: dict[int, FloatArray] = {}
         """Positions of all drones by the step at which images were taken."""
         self.cells = np.zeros(len(SHOWN), np.int64)
@@ -50,7 +51,7 @@ class ProofProbe(Recorder):
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Read an image as a map does, from raw depth and from corrected depth, without and with known positions."""
-        sensor = InverseSensorModel(capture.intrinsics)
+        sensor = self._sensor = self._sensor or InverseSensorModel(capture.intrinsics)
         others_m = transform(inverse_rigid(capture.T_world_cam), np.delete(self._at_m[step], capture.drone, axis=0))
         measured = (capture.depth_raw_m > 0).astype(np.float32)
         raw = replace(corrected, depth_m=capture.depth_raw_m, confidence=measured)

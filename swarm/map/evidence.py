@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage, Source
 
 SAMPLED_ROWS = 120
 """Larger images are sampled so that about this number of rows is read."""
@@ -34,9 +34,9 @@ MIN_SURFACE_CONFIDENCE = 0.1
 depth says that something may be near."""
 SURFACE_SHARE = 0.08
 """Quantile of these depths at which a cell shows a surface."""
-DRONE_RADIUS_M = 1.0
-"""Surfaces within this distance of another drone belong to that drone."""
-SIDES_M = (-DRONE_RADIUS_M, DRONE_RADIUS_M)
+TRUST_NEAR_DRONES_M = 0.5
+"""Measured depth within this distance of another drone is trusted by default: the radius of a drone, and an error of
+its position as large. There is free space where a drone is."""
 HOLE_RANGE_M = 40.0
 """Range up to which a hole is free where holes are free space."""
 
@@ -57,14 +57,16 @@ class Evidence(NamedTuple):
 class InverseSensorModel:
     """Reads from the depth images of one camera what they prove: evidence for the voxels of an occupancy grid.
 
-    With `evidenced` holes, only trusted depth proves free space: that of enough confidence, and that of other drones
-    where they are known to be. With `free` holes, every depth is trusted, and a pixel without depth proves free space
-    up to the largest range, as in EGO-Planner (RA-L 2021).
+    With `evidenced` holes, only trusted depth proves free space: depth of enough confidence, and measured depth that
+    agrees with the position of another drone. A corrector that compares images doubts what moves, so that by the
+    confidence alone a swarm would stop behind its own drones. With `free` holes, every depth is trusted, and a pixel
+    without depth proves free space up to the largest range, as in EGO-Planner (RA-L 2021).
 
     Args:
         intrinsics: Camera of the images.
         holes: What pixels without trusted depth are.
         min_confidence: Pixels of at least this confidence are trusted.
+        trust_near_drones_m: So are measured pixels within this distance of the position of another drone.
         disparity_error_px: See `DISPARITY_ERROR_PX`; 0 for true depth.
     """
 
@@ -74,10 +76,11 @@ class InverseSensorModel:
         *,
         holes: Holes = "evidenced",
         min_confidence: float = MIN_CONFIDENCE,
+        trust_near_drones_m: float = TRUST_NEAR_DRONES_M,
         disparity_error_px: float = DISPARITY_ERROR_PX,
     ) -> None:
         self._holes_are_free, self._min_confidence = holes == "free", np.float32(min_confidence)
-        self._disparity_error_px = disparity_error_px
+        self._disparity_error_px, self._near_m = disparity_error_px, trust_near_drones_m
         self.camera = i = intrinsics
         self.row_edges = _edges(i.height_px, i.fy_px)
         self.col_edges = _edges(i.width_px, i.fx_px)
@@ -120,8 +123,9 @@ class InverseSensorModel:
             depth_m = np.where(depth_m > 0, depth_m, np.float32(HOLE_RANGE_M))
             confidence = np.ones_like(depth_m)
         shown_m = np.where((depth_m > 0) & (confidence >= np.float32(MIN_SURFACE_CONFIDENCE)), depth_m, NO_DEPTH)
-        is_known = (confidence >= self._min_confidence) | self._shows_drone(depth_m, drones_m)
-        trusted_m = np.where(is_known, shown_m, NO_DEPTH)
+        is_measured = corrected.source[:: self._step, :: self._step] == Source.SENSOR
+        is_sure = (confidence >= self._min_confidence) | (is_measured & self._is_near(depth_m, drones_m))
+        trusted_m = np.where(is_sure, shown_m, NO_DEPTH)
         surface_m, _ = self._quantile(shown_m, SURFACE_SHARE)
         free_m, n_trusted = self._quantile(trusted_m, FREE_SHARE)
         is_trusted = (n_trusted > 0) & (n_trusted >= MIN_TRUSTED_SHARE * self._n_pixels)
@@ -132,21 +136,23 @@ class InverseSensorModel:
         free_m /= 1 + free_m * np.float32(self._disparity_error_px / self.camera.focal_baseline_px_m)
         return Evidence(free_m * self._ray_length, surface_m * self._ray_length)
 
-    def _shows_drone(self, depth_m: FloatImage, drones_m: FloatArray) -> MaskImage:
-        """Return the sampled pixels whose depth is that of a drone at one of the positions.
-
-        What moves is doubtful to a corrector that compares images. That the depth agrees with the position confirms it.
-        """
-        shows = np.zeros(depth_m.shape, np.bool_)
-        for x_m, y_m, z_m in drones_m.tolist():
-            if z_m <= -DRONE_RADIUS_M:
-                continue
-            window = _window(self._slope_of_row, y_m, z_m), _window(self._slope_of_col, x_m, z_m)
-            rows, cols = window
-            z = depth_m[window]
+    def _is_near(self, depth_m: FloatImage, drones_m: FloatArray) -> MaskImage:
+        """Return which sampled pixels show a point within `trust_near_drones_m` of one of the positions."""
+        near = np.zeros(depth_m.shape, np.bool_)
+        for x_m, y_m, z_m in drones_m[drones_m[:, 2] > -self._near_m].tolist():
+            rows, cols = self._window(self._slope_of_row, y_m, z_m), self._window(self._slope_of_col, x_m, z_m)
+            z = depth_m[rows, cols]
             dx_m, dy_m, dz_m = z * self._slope_of_col[cols] - x_m, z * self._slope_of_row[rows, None] - y_m, z - z_m
-            shows[window] |= dx_m * dx_m + dy_m * dy_m + dz_m * dz_m <= DRONE_RADIUS_M**2
-        return shows
+            near[rows, cols] |= dx_m * dx_m + dy_m * dy_m + dz_m * dz_m <= self._near_m**2
+        return near
+
+    def _window(self, slopes: FloatArray, at_m: float, depth_m: float) -> slice:
+        """Return the part of ascending slopes in which points within `trust_near_drones_m` of a position may be."""
+        nearest_m, sides_m = depth_m - self._near_m, (at_m - self._near_m, at_m + self._near_m)
+        if nearest_m <= 0:
+            return np.s_[:]
+        ends = [side_m / end_m for side_m in sides_m for end_m in (nearest_m, depth_m + self._near_m)]
+        return np.s_[int(np.searchsorted(slopes, min(ends))) : int(np.searchsorted(slopes, max(ends), "right"))]
 
     def _pixels_of_cells(self) -> npt.NDArray[np.int64]:
         """Return the indices of the sampled pixels of each cell, filled up with -1 to shape (rows, cols, n)."""
@@ -162,15 +168,6 @@ class InverseSensorModel:
         n = np.count_nonzero(cells < NO_DEPTH, axis=-1)
         nth = np.minimum((share * n).astype(np.intp), n - 1)
         return np.take_along_axis(cells, nth[..., None], axis=-1)[..., 0], n
-
-
-def _window(slopes: FloatArray, at_m: float, depth_m: float) -> slice:
-    """Return the part of ascending slopes under which points within `DRONE_RADIUS_M` of a position may be seen."""
-    if depth_m <= DRONE_RADIUS_M:
-        return np.s_[:]
-    ends = [(at_m + beside_m) / (depth_m + before_m) for beside_m in SIDES_M for before_m in SIDES_M]
-    first, last = np.searchsorted(slopes, [min(ends), max(ends)])
-    return np.s_[int(first) : int(last)]
 
 
 def _edges(n_px: int, focal_px: float) -> npt.NDArray[np.int64]:

@@ -17,7 +17,7 @@ from voxdepth.arithmetic import matmul
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
-from .evidence import DRONE_RADIUS_M, Evidence, InverseSensorModel
+from .evidence import Evidence, InverseSensorModel
 from .frustum import FloatVector, Frustum
 
 Bytes = npt.NDArray[np.uint8]
@@ -51,6 +51,8 @@ MARGIN_M = 2.0
 """The map moves when the drone is this far from its middle."""
 NEAR_M = 4.0
 """Distance within which an image that shows nothing counts."""
+DRONE_RADIUS_M = 1.0
+"""Surfaces within this distance of another drone belong to that drone."""
 MAX_ERROR_M = 0.5
 """Surfaces so far away that their range is less exact than this are not recorded; nothing behind them is free."""
 

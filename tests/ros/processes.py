@@ -107,7 +107,11 @@ class Peer(Process):
 
     def __init__(self, module: str) -> None:
         super().__init__("-m", f"tests.ros.{module}", is_driven=True)
-        self.wait_for_text('"ready"')
+        try:
+            self.wait_for_text('"ready"')
+        except AssertionError:
+            self.kill()
+            raise
 
     def ask_to_end(self) -> None:
         assert self.process.stdin is not None

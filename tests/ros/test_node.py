@@ -77,14 +77,17 @@ class Wired(NamedTuple):
         raise AssertionError(f"nothing came of the messages; what the node told:\n{self.node.text[-3000:]}")
 
     def reported(self) -> dict[str, Any]:
-        """What the node reported last of itself; nothing before it did."""
+        """What the node reported last of itself."""
         name = f"{self.namespace[1:]}/voxdepth: depth correction"
-        own = [reported for reported in self.listener.received("diagnostics") if reported["name"] == name]
-        return own[-1] if own else {}
+
+        def own() -> list[dict[str, Any]]:
+            return [reported for reported in self.listener.received("diagnostics") if reported["name"] == name]
+
+        return wait_until(own)[-1]
 
     def wait_until_reported(self, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """Wait until what the node reported last of itself is so."""
-        return wait_until(lambda: (last := self.reported()) and is_so(last) and last)
+        return wait_until(lambda: is_so(last := self.reported()) and last)
 
 
 @contextmanager
@@ -286,7 +289,7 @@ def test_topics_that_nobody_publishes_are_reported_with_those_that_there_are(cam
         )
 
         def is_without_image() -> bool:
-            never = one_misnamed.reported().get("message", "").partition("; no message has come any more")[0]
+            never = one_misnamed.reported()["message"].partition("; no message has come any more")[0]
             return never.startswith(image_alone) and f"{name}/infra1" in never and "; " not in never
 
         # Someone publishes the depth, but the image has another name; nobody subscribes to that.

@@ -9,7 +9,7 @@ from swarm.map import evidence as module
 from swarm.map.evidence import MIN_CONFIDENCE, Evidence, InverseSensorModel
 from tests.helpers import CAMERA
 from tests.swarm_scenes import flat, measured
-from voxdepth.types import FloatImage, Intrinsics
+from voxdepth.types import FloatImage, Intrinsics, Source
 
 LARGE = Intrinsics.from_hfov(width_px=650, height_px=481, hfov_deg=86, baseline_m=0.095)
 
@@ -128,34 +128,52 @@ def test_where_holes_are_free_space_they_count_as_far_depths_and_every_depth_is_
     assert read.free_m.min() > 5
 
 
+DRONE = np.s_[50:70, 70:90]
+"""Pixels of another drone, in the middle of an image."""
+
+
 @pytest.mark.parametrize(
-    ("at_m", "is_free"), [((0.0, 0.0, 4.5), True), ((0.0, 0.0, 5.5), False), ((1.5, 0.0, 4.0), False)]
+    ("at_m", "source", "confidence", "trusted_m", "is_free"),
+    [
+        ((0.0, 0.0, 4.2), Source.SENSOR, 0.4, 0.5, True),
+        ((0.0, 0.0, 4.7), Source.SENSOR, 0.4, 0.5, False),
+        ((0.7, 0.0, 4.0), Source.SENSOR, 0.4, 0.5, False),
+        ((0.0, 0.0, -4.2), Source.SENSOR, 0.4, 0.5, False),
+        ((0.0, 0.0, 4.2), Source.INPAINTED, 0.4, 0.5, False),
+        ((0.0, 0.0, 4.2), Source.MEMORY, 0.4, 0.5, False),
+        ((0.0, 0.0, 4.2), Source.SENSOR, 0.05, 0.5, False),
+        ((0.0, 0.0, 4.2), Source.SENSOR, 0.4, 0.0, False),
+    ],
+    ids=["there", "behind it", "beside it", "behind the camera", "filled", "remembered", "no surface", "switched off"],
 )
-def test_doubtful_depth_proves_free_space_where_it_shows_a_drone_that_is_known_to_be_there(
-    at_m: tuple[float, float, float], is_free: bool
+def test_doubtful_depth_proves_free_space_where_it_was_measured_at_another_drone(
+    at_m: tuple[float, float, float], source: Source, confidence: float, trusted_m: float, is_free: bool
 ) -> None:
-    """Beside it and behind it, the depth stays doubtful."""
-    sensor = exact()
-    row, col = (len(edges) // 2 for edges in (sensor.row_edges, sensor.col_edges))
-    drone = np.s_[sensor.row_edges[row] : sensor.row_edges[row + 1], sensor.col_edges[col] : sensor.col_edges[col + 1]]
-    depth_m, confidence = flat(8.0), np.ones(CAMERA.shape, np.float32)
-    depth_m[drone], confidence[drone] = 4.0, 0.5
-    free_m, surface_m = sensor.read(measured(depth_m, confidence), np.array([at_m]))
+    """A wall that is filled at the range of a drone which it hides proves nothing."""
+    sensor = InverseSensorModel(CAMERA, disparity_error_px=0, trust_near_drones_m=trusted_m)
+    row, col = sensor.cell_of_row[60], sensor.cell_of_col[80]
+    image = measured(flat(8.0))
+    image.depth_m[DRONE], image.confidence[DRONE], image.source[DRONE] = 4.0, confidence, source
+    free_m, _ = sensor.read(image, np.array([at_m]))
     along_m = free_m * sensor.rays_cam[..., 2]
     assert along_m[row, col] == pytest.approx(4.0 if is_free else 0.0, abs=1e-4)
-    assert surface_m[row, col] * sensor.rays_cam[row, col, 2] == pytest.approx(4.0, abs=1e-4)
-    assert np.delete(along_m.ravel(), row * along_m.shape[1] + col) == pytest.approx(8.0, abs=1e-4)
+    assert along_m[0] == pytest.approx(8.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LARGE], ids=["all pixels", "sampled pixels"])
-def test_depth_of_a_drone_is_all_that_is_within_a_metre_of_it(camera: Intrinsics) -> None:
+def test_every_measured_point_near_a_drone_is_trusted_and_no_other_one(camera: Intrinsics) -> None:
     """Also of drones beside the image, around the camera and behind it."""
     rng, sensor = np.random.default_rng(0), exact(camera)
-    for at_m in rng.uniform((-4, -3, -2), (4, 3, 7), (30, 3)):
-        depth_m = (np.abs(at_m[2]) + rng.uniform(-1.2, 1.2, camera.shape)).clip(0).astype(np.float32)
-        row, col = np.indices(camera.shape)
-        x, y = (col - camera.cx_px) / camera.fx_px, (row - camera.cy_px) / camera.fy_px
-        points_m = depth_m[..., None] * np.stack([x, y, np.ones(camera.shape)], axis=-1)
-        is_near = np.linalg.norm(points_m - at_m, axis=-1) <= 1.0
-        found = sensor.read(measured(depth_m, 0.2), at_m[None])
+    row, col = np.indices(camera.shape)
+    rays = np.stack(
+        [(col - camera.cx_px) / camera.fx_px, (row - camera.cy_px) / camera.fy_px, np.ones(camera.shape)], -1
+    )
+    n_near = 0
+    for drones_m in rng.uniform((-4, -3, -2), (4, 3, 7), (30, 2, 3)):
+        depth_m = (np.abs(drones_m[0, 2]) + rng.uniform(-0.3, 0.6, camera.shape)).clip(0).astype(np.float32)
+        near = [np.linalg.norm(depth_m[..., None] * rays - at_m, axis=-1) <= 0.5 for at_m in drones_m]
+        is_near = np.logical_or(*near)
+        found = sensor.read(measured(depth_m, 0.2), drones_m)
         np.testing.assert_array_equal(found, sensor.read(measured(depth_m, np.where(is_near, 1.0, 0.2))))
+        n_near += np.count_nonzero(found.free_m)
+    assert n_near > 20, "some cells prove free space"

@@ -288,7 +288,9 @@ def test_doubtful_depth_of_another_drone_proves_free_space_where_that_drone_is(
     at_m: tuple[float, ...], is_free: bool
 ) -> None:
     """What moves is doubtful to a corrector, so that a swarm would stop behind its own drones."""
-    flight = Flight(always(measured(flat(4.0), confidence=0.4)))
+    image = measured(flat(8.0))
+    image.depth_m[50:70, 70:90], image.confidence[50:70, 70:90] = 4.0, 0.4
+    flight = Flight(always(image))
     flight.neighbours = neighbours_of({1: Motion(np.array(at_m), np.array([1.0, 0.0, 0.0]))})
     flight.flies((0, 0, 0), 1.0)
     assert (flight.decisions[-1].view.state_at(np.array([2.5, 0.0])) == FREE) == is_free
