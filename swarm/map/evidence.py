@@ -59,7 +59,7 @@ class InverseSensorModel:
 
     With `evidenced` holes, only trusted depth proves free space: depth of enough confidence, and measured depth that
     agrees with the position of another drone. A corrector that compares images doubts what moves, so that by the
-    confidence alone a swarm would stop behind its own drones. With `free` holes, every depth is trusted, and a pixel
+    confidence alone a swarm may stop behind its own drones. With `free` holes, every depth is trusted, and a pixel
     without depth proves free space up to the largest range, as in EGO-Planner (RA-L 2021).
 
     Args:

@@ -287,7 +287,7 @@ def test_a_drone_with_nowhere_to_fly_looks_where_it_is_commanded_to() -> None:
 def test_doubtful_depth_of_another_drone_proves_free_space_where_that_drone_is(
     at_m: tuple[float, ...], is_free: bool
 ) -> None:
-    """What moves is doubtful to a corrector, so that a swarm would stop behind its own drones."""
+    """What moves is doubtful to a corrector, so that a swarm might stop behind its own drones."""
     image = measured(flat(8.0))
     image.depth_m[50:70, 70:90], image.confidence[50:70, 70:90] = 4.0, 0.4
     flight = Flight(always(image))
