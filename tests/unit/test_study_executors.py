@@ -47,13 +47,13 @@ def test_a_number_that_is_not_finite_is_a_failure_of_its_run_and_named(
 @pytest.mark.slow
 def test_workers_that_raise_die_or_hang_take_nothing_but_their_run_with_them() -> None:
     specs = expand(study(arm("a"), arm("dies"), arm("raises"), arm("hangs"), arm("b"), seeds=1))
-    done = {one.key: one for one in Processes(2, 3.0, fake).run(specs)}
+    done = {one.key: one for one in Processes(2, 10.0, fake).run(specs)}
     assert len(done) == len(specs), "each once"
     failures = {spec.arm: one for spec in specs if isinstance(one := done[spec.key], Failure)}
     assert {name: one.kind for name, one in failures.items()} == {"dies": "died", "raises": "error", "hangs": "timeout"}
     assert "its worker process ended without a message" in failures["dies"].text
     assert "ZeroDivisionError" in failures["raises"].text
-    assert "stopped at its time limit of 3 s" in failures["hangs"].text
+    assert "stopped at its time limit of 10 s" in failures["hangs"].text
     assert all(done[spec.key] == fake(spec) for spec in (specs[0], specs[-1]))
     assert not multiprocessing.active_children()
 
