@@ -24,8 +24,9 @@ TOO_FAR_M = 0.3
 SHOWN = ("another drone", "beside another drone", "anything else")
 READ = ("raw", "by confidence", "by confidence and positions")
 NOTE = (
-    f"A cell covers {CELL_DEG:g} degrees. Raw: of the depth before its correction, all of which counts as sure. Proven "
-    f"too far: the free space ends more than {TOO_FAR_M} m behind the nearest surface that the cell shows."
+    f"A cell covers {CELL_DEG:g} degrees. Raw: of the depth before its correction, all of which counts as sure. The "
+    "positions of the other drones are true ones; in flight they come by radio and camera. Proven too far: the free "
+    f"space ends more than {TOO_FAR_M} m behind the nearest surface that the cell shows."
 )
 
 

@@ -80,7 +80,8 @@ class InverseSensorModel:
         disparity_error_px: float = DISPARITY_ERROR_PX,
     ) -> None:
         self._holes_are_free, self._min_confidence = holes == "free", np.float32(min_confidence)
-        self._disparity_error_px, self._near_m = disparity_error_px, trust_near_drones_m
+        self._disparity_error_px = disparity_error_px
+        self._near_m = 0.0 if self._holes_are_free else trust_near_drones_m  # All is trusted then, without a search.
         self.camera = i = intrinsics
         self.row_edges = _edges(i.height_px, i.fy_px)
         self.col_edges = _edges(i.width_px, i.fx_px)
